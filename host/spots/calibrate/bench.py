@@ -84,7 +84,7 @@ class Bench:
 
     @property
     def window(self) -> int:
-        """Number of samples in a reading of a press."""
+        """Number of samples in a short reading of a press; a long reading averages several."""
         return samples_of("", self.reader.info["exposure_us"])
 
     def take(
@@ -138,7 +138,7 @@ class Bench:
         raise SpotsError(f"{trouble}; {given_up}")
 
     def release(self) -> None:
-        """Ask for the release of the strip, and wait until it is released.
+        """Ask the presser to release the strip, and wait until the strip is released.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The calibration file: a board's calibration lines, with their residuals, marks and re-zeros.
+"""The calibration file: a board's calibration lines, and residuals, marks and re-zeros.
 
 The file is TOML. The section ``[end]`` has a CRC-32 of all text before it, so that `load` detects a
 file that was cut short or changed.
@@ -73,9 +73,9 @@ class Joint(_Struct, kw_only=True):
     zero_deg : float
         Angle at position 0, in degrees.
     deg_per_um : float
-        Slope of the line, in degrees per um.
+        Slope of the angle, in degrees per um of position.
     r2 : float
-        R squared of the line.
+        R squared of this line for all measured points.
     resolution_deg : float
         Standard deviation of the angle while the joint does not move, in degrees.
     accuracy_deg : float
@@ -129,8 +129,8 @@ class Rezero(_Struct, kw_only=True):
     place_um : tuple of float, length n
         Distances of the n pressed marks from the sensor's end, in um.
     shifts : tuple of tuple of float, shape (n, 6)
-        log2 of the counts at the re-zero minus log2 at the calibration. Rows are marks, columns are
-        channels.
+        log2 of the counts at the re-zero minus log2 of the counts at the calibration. Rows are
+        marks, columns are channels.
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
     """

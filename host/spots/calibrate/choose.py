@@ -26,7 +26,7 @@ _PLACES = 41
 
 @dataclass(frozen=True)
 class Choice:
-    """The best plan (choice of six channels), and the expected noise of the position with it.
+    """The best plan (choice of six channels), and the expected noise of the position.
 
     Attributes
     ----------
@@ -102,8 +102,8 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 def _merge(plans, measured, full_scale):
     """Return the usable diodes, the positions in um, and log2 of these diodes' counts.
 
-    The counts of the second pass are scaled to the force of the first pass.
-    The arguments are those of `choose`.
+    The counts of the second pass are scaled to the force of the first pass. The arguments are
+    those of `choose`.
     """
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {
@@ -126,10 +126,10 @@ def _merge(plans, measured, full_scale):
 
 
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the smallest possible standard deviation of n positions in um, shape (n,).
+    """Return the smallest possible standard deviation at each of n positions, in um, shape (n,).
 
     `slopes` are the derivatives of the logarithms of the channels with respect to position, in
-    1/um; `variance` holds the variances of these logarithms. Both have shape (n, c).
+    1/um; `variance` contains the variances of these logarithms. Both have shape (n, c).
     """
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)

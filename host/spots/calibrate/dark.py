@@ -1,4 +1,4 @@
-"""``spots dark``: asks a person to unplug an LED that is always on, and takes the dark frame."""
+"""``spots dark``: takes the dark frame of a board whose LED a person must unplug."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def dark_command(options: argparse.Namespace) -> None:
 
 
 def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
-    """Ask a person to unplug the LED, take the dark frame, and store it on the board.
+    """Take the dark frame after a person has unplugged the LED, and store it on the board.
 
     Parameters
     ----------

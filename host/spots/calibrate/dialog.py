@@ -67,7 +67,7 @@ class Dialog(Protocol):
         """Show where to press next."""
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show a reading, its fault (`trouble`), and the progress to a steady press (0 to 1)."""
+        """Show a reading, why the press is unsteady (`trouble`), and the steady share (0 to 1)."""
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
         """Show that a press was taken."""

@@ -3,7 +3,7 @@
 At knots along the strip, the calibration lines contain three weighted sums of the channels' logs:
 for the position, the force and the misfit. Three sums do not determine six channels at one
 position. But the weights differ between segments, and one smooth curve per channel must match the
-sums of all segments. Weak regularisation towards straight curves determines the rest.
+sums of all segments. Weak regularisation towards straight curves makes them unique.
 """
 
 from __future__ import annotations

@@ -62,8 +62,8 @@ def fit(
     conditions : Conditions
         Board and settings of the presses.
     misfit : numpy.ndarray, shape (n, 6), optional
-        Measured minus fitted logs of the presses; large values widen the tolerance of a touch's
-        misfit. If not given, the values of `along` at strain 0.
+        Measured minus fitted log2 of the counts of n presses. The larger these errors, the larger
+        the errors that the board tolerates. If not given, the errors of `along` at strain 0.
 
     Returns
     -------
@@ -73,7 +73,7 @@ def fit(
     Raises
     ------
     SpotsError
-        If the readings are too noisy or not monotone.
+        If the readings are too noisy, or do not change monotonically with position or force.
     """
     curves = {strain: Curves(p.position_um, p.logs) for strain, p in sorted(along.items())}
     rest = curves[0]
@@ -171,7 +171,7 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
 
 
 def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best weights of the six channels for the position, and those for the force."""
+    """Return the best weights of the channels in a part of the strip: for position, for force."""
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
     # With the mean slope of the part, the mean error of the force in the part is 0.
     slope = curve.logs(part[1]) - curve.logs(part[0])
@@ -202,14 +202,14 @@ def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
 
 
 def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return the generalised least-squares weights that estimate unknowns from the channels' logs.
+    """Return generalised least-squares weights to estimate unknowns from log2 of the counts.
 
     Parameters
     ----------
     design : numpy.ndarray, shape (c, n)
-        Derivatives of the logs of c channels with respect to n unknowns.
+        Derivatives of log2 of the counts of c channels with respect to n unknowns.
     information : numpy.ndarray, shape (c,)
-        Reciprocal of the variance of each channel's log.
+        Reciprocal of the variance of log2 of each channel's counts.
 
     Returns
     -------

@@ -38,7 +38,8 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     session : Session
         Presses taken so far; the new presses are added.
     count, least : int
-        Number of presses by hand that is enough; repeated presses reduce it, but not below `least`.
+        `count` presses by hand are enough; repeated presses reduce this number, but at most to
+        `least`.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
 

@@ -29,7 +29,7 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     session : Session
         Presses of the session. An unfinished joint or strain is ignored.
     say : callable
-        ``say(line)`` shows a message, if a joint cannot be included in the calibration.
+        ``say(line)`` shows a message if the joint cannot be included in the calibration.
 
     Returns
     -------

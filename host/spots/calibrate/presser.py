@@ -1,4 +1,4 @@
-"""Asks for the presses of a session: from a person, or in a subclass from a machine."""
+"""Asks a person for the presses of a session; subclasses ask a machine."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ class Presser:
         Parameters
         ----------
         wanted : Wanted
-            The position; the force of `wanted` is the largest allowed force.
+            Press at the position; the force of this press is the largest allowed force.
         reader : SpectrumReader
             Reads the counts of the channels.
 
@@ -140,7 +140,7 @@ class Presser:
         Returns
         -------
         Wanted
-            A press of kind ``joint`` with the present angle of the joint and the direction.
+            Press of kind ``joint`` with the joint's present angle and the direction of the turn.
         """
         way = "up" if direction > 0 else "down"
         angle = self._number(

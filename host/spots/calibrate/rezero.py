@@ -1,4 +1,4 @@
-"""``spots rezero``: corrects the drift of a calibration with new presses at its marks.
+"""``spots rezero``: corrects the drift of a calibration with new presses at marked positions.
 
 File and board get the new calibration together at the end; on error, both keep the old one.
 """
@@ -51,7 +51,7 @@ def rezero(
     force_mN: float | None = None,
     joint: bool = False,
 ) -> file.CalibrationFile:
-    """Ask for presses at the marks, and return the corrected calibration; change no file.
+    """Ask for presses at the marks, and return the corrected calibration; write no file.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def rezero(
     quick : bool
         Whether to press the middle mark only. This corrects LED and filters, but not the dye.
     force_mN : float, optional
-        Force of each press in mN, read from a scale. If given, the forces are corrected, too.
+        Force of each press in mN, read from a scale. If given, force is recalibrated, too.
     joint : bool
         Whether to use the marks of the joint instead of those that a person presses.
 

@@ -295,6 +295,6 @@ def presses(points: list[Point]) -> Presses:
 
 
 def settings(conditions: Conditions) -> str:
-    """Return the arguments of the board's command ``set`` for the settings of a calibration."""
+    """Return arguments of the board's command ``set`` that set the settings in `conditions`."""
     c = conditions
     return f"plan={','.join(c.plan)} gain={c.gain} exposure_us={c.exposure_us} led_mA={c.led_mA}"

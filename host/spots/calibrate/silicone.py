@@ -1,8 +1,9 @@
 """Fits the board's compensation of hysteresis and creep to a recording of known forces.
 
-The compensated force is linear in the unknown gain and weights. It is the gain times the force that
-the board read without compensation, minus weighted play operators of that force (hysteresis), minus
-weighted low-pass filters of the true force (creep). See `spots_device.silicone`.
+The compensated force is the gain times the force that the board read without compensation, minus
+play operators of that force times weights (hysteresis), minus low-pass filters of the true force
+times shares (creep). The gain, weights and shares are unknown; the force is linear in them.
+See `spots_device.silicone`.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Compensated(NamedTuple):
     line : str
         Line ``silicone`` to add to the lines of a calibration.
     sigma : numpy.ndarray, shape (7,)
-        Standard deviations of the gain, the 3 weights and the 3 shares, in the units of `line`.
+        Standard deviations of the gain, 3 weights of plays and 3 shares of creep, as in `line`.
     before_mN, after_mN : float
         Mean absolute error of the recorded forces without and with compensation.
     """
@@ -45,7 +46,7 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
     """Fit the compensation of hysteresis and creep to a recording.
 
     The recording should have one press of a minute, then presses at other places with different
-    speeds and largest forces. The silicone recovers in pauses; a new place needs no recovery.
+    speeds and maximum forces. The silicone recovers in pauses; a new place needs no recovery.
     Without recovery, the fit would mistake creep of an earlier press for hysteresis.
 
     Parameters
@@ -100,7 +101,7 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
 
 
 def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
-    """Return the terms that the gain, the weights and the shares multiply, shape (n, 7)."""
+    """Return the terms of the force without their gain, weights and shares, shape (n, 7)."""
     radii, taus_s = np.array(PLAYS_MN, float), np.array(TAUS_MS) / 1000
     plays, crept = np.zeros(len(radii)), np.zeros(len(taus_s))
     rows = np.zeros((len(time_s), 1 + len(radii) + len(taus_s)))

@@ -115,7 +115,7 @@ class SpectrumReader:
         return Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
 
     def samples(self, count: int) -> tuple[np.ndarray, bool]:
-        """Return new dark-subtracted samples, shape (count, 6), and whether any was saturated."""
+        """Return new dark-subtracted samples, shape (count, 6), and whether one was saturated."""
         limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
         frames = self._frames(count, _is_lit, limit_s)
         if len(frames) < count:

@@ -282,7 +282,7 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take presses at angles of a joint, upwards, then downwards; add the joint to the file."""
+        """Take presses at angles of a joint, upwards and then downwards; store its calibration."""
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board

@@ -51,7 +51,7 @@ class Sizes:
     dark_share : float
         Force at which the strip begins to give light, as a share of the least force of the presses.
     misfit : float
-        Standard deviation of a channel's log from the model, in log2 units.
+        Standard deviation of a channel's log2(counts) from the model, in log2 units.
     """
 
     place_um: float = 300.0
@@ -148,7 +148,7 @@ class Surface:
         )
 
     def _rows(self, place_um, force_mN) -> np.ndarray:
-        """Return the derivatives of the logs by each coefficient, shape (n, 6, coefficients)."""
+        """Return derivatives of log2(counts) by the coefficients, shape (n, 6, coefficients)."""
         place = chebyshev.chebvander(2 * np.asarray(place_um) / self.length_um - 1, _PLACE - 1)
         force = chebyshev.chebvander(self._share(force_mN), _FORCE)[:, 1:]
         force *= (np.asarray(force_mN) > 0)[:, None]
@@ -173,7 +173,7 @@ class Surface:
         return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
 
     def _own(self, place_um, force_mN, counts) -> np.ndarray:
-        """Return the covariance of the six logs due to the errors of a press, shape (n, 6, 6)."""
+        """Return covariances of six log2(counts) due to errors of each press, shape (n, 6, 6)."""
         noise = self._noise.log_variance(counts) / self._samples
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         slopes = self._slopes(place_um) * self.sizes.place_um
@@ -223,7 +223,7 @@ class Surface:
         Returns
         -------
         misfit : numpy.ndarray, shape (n,)
-            Squared Mahalanobis distance between the six measured and expected logs.
+            Squared Mahalanobis distance between the six measured and expected log2(counts).
         off_um : numpy.ndarray, shape (n,)
             Position estimated from the counts, minus the measured position, in um.
         off_share : numpy.ndarray, shape (n,)
@@ -278,7 +278,7 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return two matrices that convert errors of the coefficients: to places, and to forces."""
+        """Return two matrices: from errors of the coefficients to errors of place, and of force."""
         rows = self._rows(place_um, force_mN)
         light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))
         light = (rows * light[:, :, None]).sum(axis=1) / self._rises(force_mN)[:, None]
@@ -307,7 +307,7 @@ class Surface:
         return (place_um, sigma(places)), (force_mN, sigma(forces))
 
     def next_press(self, dark_mN: float) -> tuple[float, float]:
-        """Return the place in um and the force in mN of the press that reduces the errors most.
+        """Return the place in um and the force in mN of the press that reduces `errors` most.
 
         Parameters
         ----------

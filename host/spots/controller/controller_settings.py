@@ -90,7 +90,7 @@ class _Button(toml.Strict, tag_field="when"):
 
 
 class Pressed(_Button, tag="pressed"):
-    """A button that is down while a touch that began in the button's zone is hard enough.
+    """A button that is down while a touch, which began in the button's zone, presses hard enough.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ _WAITING_MAX = 16
 
 
 class Controller:
-    """Computes from the readings of a strip the gamepad states to send.
+    """Computes the states of a gamepad from the readings of a strip.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Controller:
         Parameters
         ----------
         touch : Touch
-            The next reading. Only differences of its `t_us` to other readings are used.
+            The next reading. Its `t_us` is used only to compute times between readings.
         now_s : float
             Time at which the reading arrived, in seconds, by the same clock as in `tick`.
 
@@ -91,7 +91,7 @@ class Controller:
     def tick(self, now_s: float) -> State | None:
         """Update the timeouts, and return the state to send now, as `take` does.
 
-        Call this regularly, even if no readings arrive.
+        Call `tick` regularly, even if no readings arrive.
         """
         self._expire(now_s)
         buttons = 0
@@ -170,8 +170,8 @@ class _Axis:
 def usable(touch: Touch) -> bool:
     """Return whether a reading is accurate enough for a controller.
 
-    The reading is trusted, or its only doubt is `TWO_FIT` (the spectrum could be that of two
-    presses), as on a drifted strip. See docs/drift.md.
+    Such a reading is trusted, or has the flags `TWO_FIT`: its spectrum fits one press well enough,
+    but the strip has drifted, or two fingers touch the strip. See docs/drift.md.
     """
     return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
 

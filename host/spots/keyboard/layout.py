@@ -126,7 +126,7 @@ def load(name: str | Path) -> KeyLayout:
     Raises
     ------
     SpotsError
-        If the file does not exist or is invalid; the text names line, key and remedy.
+        If the file does not exist or is invalid; the message names line, key and remedy.
     """
     return compiled(*toml.find(name, FOLDER, "layout"))
 
@@ -296,7 +296,7 @@ def _line_of(text: str, value: str) -> str:
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return where a TOML text has the key of a msgspec error, as ``, line 7``; empty if nowhere."""
+    """Return where a text has the TOML key of a msgspec error, as ``, line 7``; else empty."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
     for name in (part for pair in reversed(names) for part in pair if part):
         for number, line in enumerate(text.splitlines(), 1):

@@ -32,7 +32,7 @@ class Usage(NamedTuple):
     name : str
         Name in the HID Usage Tables, in capitals with underscores.
     linux : str
-        Name to which Linux's HID driver maps the key, as in input-event-codes.h.
+        Name of the key's code in Linux's input-event-codes.h, as Linux's HID driver assigns it.
     pynput : str or None
         Character of the key, or name of a member of ``pynput.keyboard.Key``; None if pynput has no
         such key.
@@ -66,7 +66,7 @@ _BY_CHARACTER = {
 
 
 def usage_of(name: str) -> tuple[int, int]:
-    """Return the HID usage page and the usage of the key with a name.
+    """Return the HID usage page and the usage of a key.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def usage_of(name: str) -> tuple[int, int]:
     Raises
     ------
     SpotsError
-        If no key has this name; the text suggests similar names.
+        If no key has this name; the message suggests similar names.
     """
     found = _BY_NAME.get(name.upper()) or _BY_CHARACTER.get(name.lower())
     if found is None:

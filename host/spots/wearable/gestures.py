@@ -1,7 +1,7 @@
 """Classifies touches on a strip that is worn on the body as gestures, each with a confidence.
 
-On an arm that bends and stretches, positions and forces are less accurate than on a desk. So no
-limit depends on the position on the strip, but only on the touch's movement, duration and force.
+On an arm that bends and stretches, positions and forces are less accurate than on a desk. So the
+limits of a gesture concern the movement, duration and force of a touch, but not its position.
 """
 
 import math
@@ -291,7 +291,7 @@ class _Path:
         return _below(max(self.spread_um, 1), _STILL_UM)
 
     def arrived_s(self) -> float:
-        """Return the last time in seconds at which the finger was not yet near its last position."""
+        """Return the last time in s at which the finger was not yet near its last position."""
         away_s = (
             time_s
             for time_s, x_um in reversed(self._lately)

@@ -220,7 +220,7 @@ class _Health:
         self.show()
 
     def show(self) -> None:
-        """Show the values in the web UI, if half a second has passed since the last time."""
+        """Show the values in the web UI, if half a second has passed since the last update."""
         if not self._pace.due(time.monotonic()):
             return
         latest, stats = self._latest, self._board.stats

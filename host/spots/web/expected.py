@@ -1,4 +1,4 @@
-"""Expected spectra by a board's calibration; the web UI draws them over the measured counts."""
+"""Computes the spectra that a board's calibration expects, for the counts in the web UI."""
 
 from spots_device.calibration import CalibrationError
 from spots_device.decode import DARK_SAMPLES
@@ -23,9 +23,9 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     Returns
     -------
     dict or None
-        ``from_um`` and ``step_um``: first position and spacing; ``logs``: log2 of the counts at
-        each position; ``dark``: dark counts per sample. None if this program does not know the
-        board's calibration, or if the calibration is invalid.
+        ``from_um`` and ``step_um``: first position and spacing; ``logs``: spectrum at each
+        position, as from `expected`; ``dark``: dark counts per sample. None if this program does not
+        know the board's calibration, or if the calibration is invalid.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:

@@ -34,7 +34,7 @@ class Feel:
     info : dict
         The board's reply to ``hello``. Without a calibration only the readings are shown.
     layout : KeyLayout
-        Key layout. If the board is a keyboard itself, the layout only locates its keys.
+        Key layout; gives only the zones of the keys if the board itself is a keyboard.
     state : PageState
         State that gets the parts ``touch``, ``keys``, ``stick``, ``untrusted`` and the events.
     """

@@ -30,7 +30,7 @@ class Check(msgspec.Struct, tag_field="do", tag="check", forbid_unknown_fields=T
 
 
 class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=True):
-    """Request of a browser: replace the layout `base` (a checksum); `loses` lists keys to lose."""
+    """Request of a browser: replace the layout `base` (checksum); only `loses` may be lost."""
 
     text: _Text
     base: Annotated[str, msgspec.Meta(max_length=8)]
@@ -88,7 +88,7 @@ class LayoutEditor(Orders):
         return answer
 
     def attend(self, board: Board) -> bool:
-        """Handle the requests; return whether the layout may have changed."""
+        """Handle all waiting requests; return whether the layout may have changed."""
         if not self._attended:
             self._attended = True
             self._show(board.info)

@@ -1,8 +1,8 @@
 """State of the web UI: the newest value of each part, and the last events in order.
 
-One thread writes, and any number of clients read. For each client, only two numbers are
-stored (a `Cursor`), so a slow client needs no memory. A client misses values that were overwritten
-before the client read them.
+One thread writes, and any number of clients read. Only two numbers (a `Cursor`) are stored for each
+client, so a slow client needs no memory. A client misses values that were overwritten before the
+client read them.
 """
 
 import threading
@@ -80,8 +80,8 @@ class PageState:
         cursor : Cursor
             Cursor for the next call.
         news : dict
-            Changed parts by name. If there are new events, ``events`` is their list. If unread events
-            were dropped, ``missed`` is the number of dropped events.
+            Changed parts by name; with new events, also ``events``, a list of them. If events
+            were dropped unread, ``missed`` is the number of these.
         """
         with self._lock:
             news = {
