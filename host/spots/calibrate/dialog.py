@@ -76,7 +76,7 @@ class Dialog(Protocol):
         """Show the progress after a press of a session by hand."""
 
     def say(self, text: str) -> None:
-        """Show a message."""
+        """Show a message to the person."""
 
     def ask(self, question: str) -> str:
         """Block until a person answers a question, and return the answer."""

@@ -130,7 +130,7 @@ class Guide:
         self.say(f"expected error: position {progress.sigma_um / 1000:.2f} mm{force}{thin}")
 
     def say(self, text: str) -> None:
-        """Show a message."""
+        """Show a message to the person."""
         text = printable(text)
         self._messages.append(text)
         if self._live is None:

@@ -157,8 +157,8 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the shifts of three marks, corrected for presses that missed their mark.
 
-    A drift of LED, filters or dye shifts the logs as if all marks had moved, each in proportion to
-    its distance from the sensor. Any other movement of the marks is an error of the presses.
+    A drift of LED, filters or dye changes the counts as if the marks had moved by distances that
+    depend linearly on their positions. Any other movement of the marks is an error of the presses.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]

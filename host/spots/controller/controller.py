@@ -67,7 +67,7 @@ class Watcher(Protocol):
         state : State
             State that the gamepad gets.
         now_s : float
-            Present time in seconds, by the link's clock.
+            Present time in seconds, from `Board.now_s`.
         """
 
 
@@ -83,13 +83,13 @@ def play(
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. Its ``baseline`` setting is switched on.
+        Board with a calibrated strip. This function switches its ``baseline`` setting on.
     controller : Controller
         Controller that computes the states.
     gamepad : Gamepad
         Gamepad that gets the states. The caller must close the gamepad, which releases all inputs.
     seconds : float, optional
-        Time after which this function ends, in seconds by the link's clock; no limit if not given.
+        Time after which this function ends, in seconds of `Board.now_s`; no limit if not given.
     watchers : sequence of Watcher, optional
         Observers of the readings and the states.
 

@@ -176,7 +176,7 @@ class Keyboard(Output):
         yield USAGES[key]
 
     def _check(self, one: Usage) -> None:
-        """Raise SpotsError if the device has no such key."""
+        """Raise SpotsError if the device does not have the key `one`."""
 
     def _set(self, one: Usage, pressed: bool) -> None:
         raise NotImplementedError

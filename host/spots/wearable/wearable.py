@@ -110,11 +110,11 @@ def play(
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. Its ``baseline`` setting is switched on.
+        Board with a calibrated strip. This function switches its ``baseline`` setting on.
     on_gesture : callable
         ``on_gesture(gesture)`` is called with each gesture.
     seconds : float or None
-        Time after which this function ends, in seconds by the link's clock; no limit if None.
+        Time after which this function ends, in seconds of `Board.now_s`; no limit if None.
     drawing : bool
         Whether to show a live picture on a terminal.
     mapping : Mapping

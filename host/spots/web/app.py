@@ -1,7 +1,7 @@
 """The web application: static files, a WebSocket for the state, and requests if allowed.
 
 Messages that a browser sends on the WebSocket only acknowledge the server's messages. A request to
-change something is a POST, and needs the token. A browser acknowledges each message after drawing
+change something is a POST, and needs the access token. A browser acknowledges each message after drawing
 it, and then gets the newest state. So old states never wait in a queue or in a socket.
 """
 
@@ -64,7 +64,7 @@ class PageApp:
     guard : Guard
         Access control for all requests.
     orders : dict of Orders, optional
-        Handlers of the requests that a browser with the token may send, by path.
+        Handlers of the requests that a browser with the access token may send, by path.
 
     Attributes
     ----------

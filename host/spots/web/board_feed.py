@@ -215,7 +215,7 @@ class _Health:
         self._pace = Pace(_HEALTH_PER_S)
 
     def took(self, now_s: float, latency_s: float) -> None:
-        """Count a reading, with its arrival time (by the link's clock) and latency, in seconds."""
+        """Count a reading, with its arrival time (from `Board.now_s`) and latency, in seconds."""
         self._latest.append((now_s, latency_s))
         self.show()
 

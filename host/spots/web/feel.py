@@ -67,7 +67,7 @@ class Feel:
         touch : Touch
             The next reading of the strip.
         now_s : float
-            Time at which the reading arrived, in seconds by the link's clock.
+            Time at which the reading arrived, in seconds, from `Board.now_s`.
         fingers : sequence of float, optional
             Positions of the fingers that the board reported for this reading, in um.
         """

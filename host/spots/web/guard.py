@@ -17,7 +17,7 @@ _PORT_MAX = 65_535
 
 
 class Guard:
-    """Refuses requests with a foreign ``Host`` or ``Origin`` header, or without the token.
+    """Refuses requests with a foreign ``Host`` or ``Origin`` header, or without a needed token.
 
     Another website can make a browser send requests to this server, even under the website's own
     domain name (DNS rebinding). The browser then sends that domain name in ``Host`` and the website

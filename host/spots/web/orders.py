@@ -15,7 +15,7 @@ _WAITING_MAX = 8
 
 
 class Orders:
-    """Queue of requests from browsers with the token; a subclass handles them.
+    """Queue of requests from browsers with the access token; a subclass handles them.
 
     Parameters
     ----------

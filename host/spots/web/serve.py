@@ -49,8 +49,8 @@ class Server:
     port : int
         TCP port to listen on; 0 for any free port.
     orders : dict of Orders, optional
-        Handlers of the requests that a browser with the token may send, by path. Pass the same
-        objects to the reader of the board.
+        Handlers of the requests that a browser with the access token may send, by path. Pass
+        the same objects to the reader of the board.
 
     Attributes
     ----------
