@@ -33,9 +33,10 @@ class Choice:
     plan : tuple of str
         Names of the six channels.
     sigma_um : float
-        Least possible standard deviation of one sample's position in um, averaged over the strip.
+        Least possible standard deviation of the position from one sample with this plan, in um,
+        averaged over the strip.
     present_sigma_um : float
-        The same for the plan of the first pass; infinite if one of its channels is unusable.
+        The same with the plan of the first pass; infinite if one of its channels is unusable.
     """
 
     plan: tuple[str, ...]

@@ -29,8 +29,8 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     ----------
     kind : str
         Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero,
-        ``hand`` for a press by hand, whose place and force a person reads. The other kinds are those
-        of ``spots calibrate``.
+        ``hand`` for a press by hand, whose place and force a person reads. The other kinds are
+        steps of ``spots calibrate``.
     place_um : float
         Distance from the sensor's end in um, measured on the stretched strip.
     force_mN : float

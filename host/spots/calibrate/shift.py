@@ -83,7 +83,7 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield the start of each segment in um: all segments of one strain, then those of the next.
+    """Yield the start of each segment in um: all of one strain, then all of the next strain.
 
     `rows` are the statements of a calibration, as pairs of name and list of integers.
     """

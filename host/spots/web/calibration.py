@@ -83,7 +83,7 @@ class PageCalibration(Orders):
         self._show(length_um=length_um)
 
     def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
-        """Return the request in a browser's message; raise a ValueError if it is invalid."""
+        """Return the request in a browser's message; raise a ValueError if invalid."""
         return DECODER.decode(body)
 
     def attend(self, board: Board) -> bool:

@@ -1,4 +1,4 @@
-"""Computes the spectra that a board's calibration expects, for the counts in the web UI."""
+"""Computes the spectra that a board's calibration expects; the web UI shows these spectra."""
 
 from spots_device.calibration import CalibrationError
 from spots_device.decode import DARK_SAMPLES

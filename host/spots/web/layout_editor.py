@@ -30,7 +30,10 @@ class Check(msgspec.Struct, tag_field="do", tag="check", forbid_unknown_fields=T
 
 
 class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=True):
-    """Request of a browser: replace the layout `base` (checksum); only `loses` may be lost."""
+    """Request of a browser: replace the layout with checksum `base`.
+
+    `loses` lists the actions that the new layout may lack.
+    """
 
     text: _Text
     base: Annotated[str, msgspec.Meta(max_length=8)]
@@ -76,7 +79,7 @@ class LayoutEditor(Orders):
         self._show(None)
 
     def decode(self, body: bytes) -> Check | Push | Clear:
-        """Return the request in a browser's message; raise a ValueError if it is invalid."""
+        """Return the request in a browser's message; raise a ValueError if invalid."""
         return _DECODER.decode(body)
 
     def submit(self, request: Check | Push | Clear) -> Future:

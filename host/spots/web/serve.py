@@ -45,7 +45,7 @@ class Server:
         State of the web UI to serve.
     address : str
         IP address of this machine to listen on. Unless this is a loopback address, every browser
-        needs the token.
+        needs the access token.
     port : int
         TCP port to listen on; 0 for any free port.
     orders : dict of Orders, optional
@@ -55,7 +55,7 @@ class Server:
     Attributes
     ----------
     url : str
-        Address to open in a browser, with the token if there is one.
+        Address to open in a browser, with the access token if there is one.
 
     Raises
     ------
