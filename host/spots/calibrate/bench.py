@@ -22,9 +22,9 @@ _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
 # Limit for a finger, whose tremor looks like slow drift in readings of 100 ms.
 _FINGER_DRIFT_MAX = 0.05
-_TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
+_TREMBLE_MAX = 6.0  # largest ratio of the variance of a steady press to that of the noise
 _SIGMAS = 5.0
-_OUTLIER = 0.3  # log2: largest difference from the light that the neighbours suggest
+_OUTLIER = 0.3  # log2: largest difference from the light expected from other presses
 _VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
 CONTINUES = "the presses taken so far are stored; run the same command again to continue"
 

@@ -13,7 +13,7 @@ from ..link.connect import open_named
 from .guide import Guide
 
 _TIMEOUT_S = 60.0
-_MOST = 0.05  # largest dark count as a share of full scale; more is light
+_MOST = 0.05  # largest dark count as a share of full scale; more is ambient light
 
 
 def dark_command(options: argparse.Namespace) -> None:

@@ -1,4 +1,4 @@
-"""Interface that a calibration session uses to talk to a person, in a terminal or a browser."""
+"""Interface of a calibration session to a person, who uses a terminal or a browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The display of a calibration session: where to press next, and whether the press is steady."""
+"""Shows a calibration session: where to press next, and whether the press is steady."""
 
 from __future__ import annotations
 

@@ -180,7 +180,7 @@ class Session:
         self.points.append(taken)
 
     def undo(self) -> Point | None:
-        """Remove the last point, and return it; None if there is no point."""
+        """Remove and return the last point; return None if the session has no point."""
         if self.points:
             self.remove(last := self.points[-1])
             return last

@@ -2,7 +2,7 @@
 
 The compensated force is the gain times the force that the board read without compensation, minus
 play operators of that force times weights (hysteresis), minus low-pass filters of the true force
-times shares (creep). The gain, weights and shares are unknown; the force is linear in them.
+times shares (creep). The force is linear in the gain, the weights and the shares, which are fitted.
 See `spots_device.silicone`.
 """
 

@@ -103,7 +103,7 @@ class SpectrumReader:
         self.board.command("stream spectrum")
 
     def restore(self) -> None:
-        """Restore the board's setting ``average``, unless the board is disconnected."""
+        """Reset the board's ``average`` to its earlier value, unless the board is disconnected."""
         if self._average != 1:
             with suppress(SpotsError):
                 self.board.command(f"set average={self._average}")
@@ -151,7 +151,7 @@ class SpectrumReader:
         return np.array([frame.position_um for frame in frames], dtype=float)
 
     def _frames(self, count: int, is_wanted: Callable[[Frame], bool], limit_s: float) -> list:
-        """Return up to `count` wanted frames whose exposure begins now or later."""
+        """Return up to `count` frames that `is_wanted` accepts and that are exposed from now on."""
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
         found = (f for f in self.board.frames(limit_s) if is_wanted(f) and f.time_s >= begun_s)
         return list(islice(found, count))

@@ -121,7 +121,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
 
 
 def missing_step(session: Session) -> str | None:
-    """Return the command that the session still needs before a calibration can be made, or None."""
+    """Return the command that takes the presses still needed for a calibration; None if none is."""
     if len(session.of("hand")) >= COUNTS["rough"][1]:
         return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):
@@ -282,7 +282,7 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take presses at angles of a joint, upwards and then downwards; store its calibration."""
+        """Take presses at angles of a joint, upwards and then downwards; calibrate the joint."""
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board
@@ -333,7 +333,7 @@ class _Steps:
         self.bench.guide.begin(title, count, plan, length_um or self.bench.length_um)
 
     def _series(self, title: str, row: list[Wanted], length_um: float | None = None) -> None:
-        """Take those presses of `row` that the session does not have; `title` names the series."""
+        """Take the presses of `row` that the session does not have yet; `title` names the row."""
         self._begin(title, len(row), length_um)
         for wanted in row:
             if self.session.has(wanted, self.bench.reader.conditions.plan):

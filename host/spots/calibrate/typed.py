@@ -60,5 +60,5 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
 
 
 def grams(force_mN: float) -> str:
-    """Return a force as text in grams, as on a kitchen scale, and in N, as on a force gauge."""
+    """Return a force as text in g (for a kitchen scale) and in N: ``120 g (1.18 N)``."""
     return f"{force_mN / _STANDARD_GRAVITY:.0f} g ({force_mN / 1000:.3g} N)"

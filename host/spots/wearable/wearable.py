@@ -69,7 +69,7 @@ class Mapping:
                 raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
-        """Press and release the key of a gesture, if its confidence is high enough.
+        """Press and release the key of a gesture if the gesture's confidence is high enough.
 
         Parameters
         ----------

@@ -28,7 +28,7 @@ from .pace import PagePace
 from .state import PageState
 
 STATIC = Path(__file__).parent / "static"
-# By name, so that no name from a request reaches the file system.
+# Files by name: no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
 _FILES["usages.txt"] = USAGES_FILE
 _CLIENTS_MAX = 64

@@ -79,7 +79,7 @@ class BoardReader:
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread that reads the board."""
         self._say(SEARCHING, "")
         self._thread.start()
 
@@ -148,7 +148,7 @@ class BoardReader:
                 feel.tick(board.now_s())
                 health.show()
                 if any(one.attend(board) for one in self._orders):
-                    left = ()  # the board is still there
+                    left = ()  # the board is still connected
                     return
                 # A pause in a recording is part of the recording.
                 paused = isinstance(board, Replay) and not board.ended

@@ -225,7 +225,7 @@ class PageCalibration(Orders):
             return None
         logs = np.log2(np.maximum([p.counts for p in known], 1))
         way = logs[-1] - logs[0]
-        way -= way.mean()  # the brightness cancels
+        way -= way.mean()  # removes the brightness
         colours = logs @ way
         order = np.argsort(colours)
         places_um = np.array([p.place_um for p in known])

@@ -28,8 +28,8 @@ class Guard:
     address : str
         IP address that the server listens on.
     token : str or None
-        Secret that commands need. If `address` is not a loopback address, all requests need the
-        token. If the token is None, all commands are refused.
+        Access token: a secret that commands need. If `address` is not a loopback address, all
+        requests need the token. If the token is None, all commands are refused.
     """
 
     def __init__(self, address: str, token: str | None):
@@ -61,7 +61,7 @@ class Guard:
         return check
 
     def may_command(self, request: web.Request) -> bool:
-        """Return whether a request may send commands: its cookie contains the token."""
+        """Return whether a request may send commands: its cookie contains the access token."""
         return self._is_token(request.cookies.get(_cookie(request), ""))
 
     def _knows(self, request: web.Request) -> bool:
