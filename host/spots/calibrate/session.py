@@ -160,7 +160,7 @@ class Session:
                 ) from None
 
     def add(self, taken: Point) -> None:
-        """Append a point to the file, and wait until it is on disk.
+        """Append a point to the file, and wait until the point is on disk.
 
         Raises
         ------

@@ -46,8 +46,8 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
     """Fit the compensation of hysteresis and creep to a recording.
 
     The recording should have one press of a minute, then presses at other places with different
-    speeds and maximum forces. The silicone recovers in pauses; a new place needs no recovery.
-    Without recovery, the fit would mistake creep of an earlier press for hysteresis.
+    speeds and maximum forces, and with pauses. The fit would otherwise mistake creep that is left
+    from earlier presses for hysteresis.
 
     Parameters
     ----------
@@ -58,8 +58,8 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
     read_mN : array_like, shape (n,)
         Forces that the board read without compensation, in mN.
     place : array_like, shape (n,)
-        Place of the press in any unit. At each change of this number, the silicone at the new place
-        must have recovered from earlier presses, so places are at least 8 mm apart.
+        Place of the press in any unit. The fit assumes that a new place has no creep of earlier
+        presses, so places must be at least 8 mm apart.
 
     Returns
     -------

@@ -251,7 +251,7 @@ class Surface:
         return np.array(pairs).transpose(1, 0, 2)
 
     def presses(self, place_um, force_mN) -> Presses:
-        """Return presses with the counts that this fit expects; they contain no noise.
+        """Return presses without noise, with the counts that this fit expects.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Classifies touches on a strip that is worn on the body as gestures, each with a confidence.
+"""Detects gestures, each with a confidence, on a strip that is worn on the body.
 
 On an arm that bends and stretches, positions and forces are less accurate than on a desk. So the
 limits of a gesture concern the movement, duration and force of a touch, but not its position.
@@ -50,8 +50,8 @@ class Gesture(NamedTuple):
         Confidence from 0 to 1: 0.5 if a measured value is at a limit of the gesture, more if all
         values are far from their limits.
     position_um, distance_um : int
-        Position where the touch began, and distance from there to its end, in um; a positive
-        distance is away from the sensor.
+        Position where the touch began, and distance from there to the last position, in um;
+        a positive distance is away from the sensor.
     force_mN : int
         Largest force of the touch, in mN.
     time_s : float

@@ -77,7 +77,7 @@ class Orders:
         return answer
 
     def _next(self) -> tuple[Any, Future] | None:
-        """Return the next request whose client still waits, with its future; None if there is none."""
+        """Return the next request whose client still waits, and its future; None if no more."""
         while True:
             try:
                 asked = self._asked.get_nowait()
