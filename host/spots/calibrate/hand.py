@@ -88,7 +88,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
 
 
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
-    """Return the data from a session by hand to which a calibration is fitted.
+    """Compute the data that the fit of a calibration needs, from a session by hand.
 
     Parameters
     ----------

@@ -29,7 +29,8 @@ def fit_joint(points: list[Point]) -> Joint:
     Raises
     ------
     SpotsError
-        If the points are too few, have equal angles, or have positions that are not monotone.
+        If there are too few points, if two points of one direction have equal angles, or if the
+        position does not rise or fall steadily with the angle.
     """
     ways = [[p for p in points if p.direction == way] for way in (1, -1)]
     if min(len(way) for way in ways) < ANGLES_MIN:

@@ -4,7 +4,7 @@ A file contains layers, and a layer contains keys. A key is either one action, t
 table of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
 ``slide_plus`` (away from the sensor). An action is the name of a computer's key with modifiers
 (``LEFT_SHIFT+A``), or selects a layer: ``layer NAME``, ``toggle NAME`` or ``once NAME``. Key names
-are those of `usages`.
+are those of `outputs.usages`.
 """
 
 import re

@@ -24,7 +24,7 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     -------
     dict or None
         ``from_um`` and ``step_um``: first position and spacing; ``logs``: spectrum at each
-        position, as from `expected`; ``dark``: dark counts per sample. None if this program does
+        position, see `expect.expected`; ``dark``: dark counts per sample. None if this program does
         not know the board's calibration, or if the calibration is invalid.
     """
     lines = board.calibration

@@ -159,7 +159,7 @@ def serve(
     on_start: Callable[[str], None] = lambda url: None,
     orders: Mapping[str, Orders] = NOTHING,
 ) -> None:
-    """Serve the web UI until Ctrl-C or SIGTERM; print its address first.
+    """Print the address of the web UI, then serve the web UI until Ctrl-C or SIGTERM.
 
     Parameters
     ----------
