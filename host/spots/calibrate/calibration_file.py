@@ -248,7 +248,7 @@ def load(path: Path) -> CalibrationFile:
 
 
 def send(board: Board, calibration: CalibrationFile) -> str:
-    """Upload a calibration to a board and store it there.
+    """Upload a calibration to a board, and store the calibration on the board.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class Dialog(Protocol):
     """Interface of a session to a person; the session calls it from the session's own thread.
 
     `watch` and `ask` may raise `UndoError`. They may raise `SpotsError` to end the session. Presses
-    taken so far are stored, so a later session with the same file continues from them.
+    taken so far are stored; a later session with the same file continues after these presses.
     """
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:

@@ -73,7 +73,7 @@ def calibrate(
     strain_percent : float or None
         Strain in per cent, for the kind ``strain``.
     options : argparse.Namespace
-        ``plan``: names of channels, or None. ``keep_settings``: keep gain and LED current if true.
+        ``plan``: channel names, or None. ``keep_settings``: whether to keep gain and LED current.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The 1-Euro filter: a low-pass filter whose cutoff frequency rises with speed.
+"""The 1-Euro filter: a low-pass filter whose cutoff frequency rises with the signal's speed.
 
 Casiez, Roussel and Vogel, 1 Euro Filter: a simple speed-based low-pass filter for noisy input in
 interactive systems, CHI 2012, algorithms 1 and 2.
