@@ -1,1 +1,1 @@
-"""Calibration: converts presses at known positions and forces to the integers of the board."""
+"""Calibration of a board, computed from presses at known positions with known forces."""

@@ -1,4 +1,4 @@
-"""Takes presses of a strip: waits until a press is steady, reads it, and validates it."""
+"""Reads presses of a strip: waits until a press is steady, then reads and validates its counts."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from .spectra import Reading, SpectrumReader, mean
 
 TRIES = 5
 _WINDOW_S = 0.24
-_LONG_S = {"mark": 3.0, "hand": 0.75}  # duration of a reading of a press with a finger, by kind
+_LONG_S = {"mark": 3.0, "hand": 0.75}  # duration of a reading of a finger's press, by kind
 _WINDOW_MIN = 8  # samples
 _DRIFT_MAX = 0.01  # log2: 0.7 % of the light
-# The same for presses with a finger, whose tremor looks like slow drift in readings of 100 ms.
+# Limit for a finger, whose tremor looks like slow drift in readings of 100 ms.
 _FINGER_DRIFT_MAX = 0.05
-_TREMBLE_MAX = 6.0  # variance of a steady press over the variance of the noise
+_TREMBLE_MAX = 6.0  # largest ratio of the variance of a steady press to that of the noise
 _SIGMAS = 5.0
-_OUTLIER = 0.3  # log2: largest difference from the light that the neighbours suggest
+_OUTLIER = 0.3  # log2: largest difference from the light expected from other presses
 _VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
 CONTINUES = "the presses taken so far are stored; run the same command again to continue"
 
 
 class BadPressError(Exception):
-    """Raised if a press is not valid; the text gives the reason."""
+    """Raised if a press is not valid; the message gives the reason."""
 
 
 class TooDarkError(BadPressError):
-    """Raised if a channel has no light during a press."""
+    """Raised if a channel receives no light during a press."""
 
 
 def samples_of(kind: str, exposure_us: int) -> int:
-    """Return the number of samples in a reading of a press.
+    """Return how many samples a reading of a press needs.
 
     Parameters
     ----------
@@ -50,6 +50,7 @@ def samples_of(kind: str, exposure_us: int) -> int:
     Returns
     -------
     int
+        Number of samples.
     """
     return max(_WINDOW_MIN, round(_LONG_S.get(kind, _WINDOW_S) * 1e6 / exposure_us))
 
@@ -65,13 +66,13 @@ class Bench:
     presser : Presser
         Person or machine that presses the strip.
     guide : Dialog
-        Shows what to do, and the progress.
+        Shows the person what to do, and the progress.
     length_um : float
         Length of the strip at rest, in um.
     path : Path
         Calibration file of the strip.
     spent : int
-        Number of requests for a press that gave no press by hand.
+        Number of requested presses that are not stored as presses by hand.
     """
 
     reader: SpectrumReader
@@ -83,7 +84,7 @@ class Bench:
 
     @property
     def window(self) -> int:
-        """Number of samples in a reading of a press."""
+        """Number of samples in a short reading of a press; a long reading averages several."""
         return samples_of("", self.reader.info["exposure_us"])
 
     def take(
@@ -93,18 +94,18 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = CONTINUES,
     ) -> Reading:
-        """Ask for a press until it is valid; the strip is still pressed on return.
+        """Ask for a press until the press is valid; on return, the strip is still pressed.
 
         Parameters
         ----------
         wanted : Wanted
-            The press. If its kind is ``choose``, channels may be saturated or dark.
+            The press to ask for. If its kind is ``choose``, channels may be saturated or dark.
         noise : Noise, optional
-            Noise of the sensor, if it is known.
+            Noise of the sensor; None if unknown.
         judge : callable
             ``judge(reading)`` raises `BadPressError` if the reading does not fit the press.
         given_up : str
-            End of the error message that follows the last failed attempt.
+            End of the error message after the last failed attempt.
 
         Returns
         -------
@@ -116,7 +117,7 @@ class Bench:
         SpotsError
             If no attempt gave a valid press.
         BadPressError
-            If a press by hand is not valid; the strip is released.
+            If the kind is ``hand`` and the press is not valid. The strip is then released.
         """
         self.guide.want(wanted)
         for _ in range(TRIES):
@@ -137,12 +138,12 @@ class Bench:
         raise SpotsError(f"{trouble}; {given_up}")
 
     def release(self) -> None:
-        """Ask for the release of the strip, and wait until it is released.
+        """Ask the presser to release the strip, and wait until the strip is released.
 
         Raises
         ------
         SpotsError
-            If the strip stays bright.
+            If the strip stays bright after the request.
         """
         peak = self.reader.read(2).counts.max()
         self.presser.release()
@@ -157,7 +158,7 @@ class Bench:
         )
 
     def _held(self, noise: Noise | None, kind: str) -> Reading:
-        """Wait for a steady press, and return its reading, or raise `BadPressError`."""
+        """Wait for a steady press and return its reading; raise `BadPressError` if invalid."""
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason: BadPressError = TooDarkError("no press is seen")
         long = -(-samples_of(kind, self.reader.info["exposure_us"]) // self.window)

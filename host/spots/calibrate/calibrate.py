@@ -1,4 +1,4 @@
-"""``spots calibrate``: guided sessions for position, force, strain and joint."""
+"""``spots calibrate``: guided sessions that calibrate position, force, strain and joint."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ def calibrate_command(options: argparse.Namespace) -> None:
 def opened(
     options: argparse.Namespace, made: Session | CalibrationFile, path: Path
 ) -> Iterator[Bench]:
-    """Open the board that `options` selects, for the person or machine that presses its strip.
+    """Open the board that `options` selects, with the person or machine that presses its strip.
 
     Parameters
     ----------
     options : argparse.Namespace
-        ``port``, ``length_mm`` (length of the strip, or None), and options of a simulator.
+        ``port``, ``length_mm`` (length of the strip, or None), and the simulator's options.
     made : Session or CalibrationFile
         Session or calibration of the strip.
     path : Path
@@ -59,7 +59,7 @@ def opened(
     Yields
     ------
     Bench
-        The board is closed on exit.
+        Board, strip and presser. The board is closed on exit.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The calibration file: a board's calibration lines, with their residuals, marks and re-zeros.
+"""The calibration file: a board's calibration lines, and residuals, marks and re-zeros.
 
 The file is TOML. The section ``[end]`` has a CRC-32 of all text before it, so that `load` detects a
 file that was cut short or changed.
@@ -45,7 +45,7 @@ class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Residual(_Struct, kw_only=True):
-    """Error of the calibrated board at the presses of the calibration.
+    """Errors of the calibrated board at the presses of the calibration, for one strain.
 
     Attributes
     ----------
@@ -73,18 +73,18 @@ class Joint(_Struct, kw_only=True):
     zero_deg : float
         Angle at position 0, in degrees.
     deg_per_um : float
-        Slope of the line, in degrees per um.
+        Slope of the angle, in degrees per um of position.
     r2 : float
-        R squared of the line.
+        R squared of this line for all measured points.
     resolution_deg : float
-        Standard deviation of a reading at rest, in degrees.
+        Standard deviation of the angle while the joint does not move, in degrees.
     accuracy_deg : float
-        Mean absolute error in degrees, at angles that were not used for the line.
+        Mean absolute error of the angle in degrees, at points that were not used for the fit.
     backlash_deg : float
-        Mean difference between the two directions, in degrees.
+        Mean difference of the angle between the two directions of turning, in degrees.
     low, high : tuple of (float, float) or None
-        Lowest and highest calibrated position in um, each with the standard deviation of a reading
-        at this position, in degrees. Between the two positions, the logarithm of the standard
+        Lowest and highest calibrated position in um, each with the standard deviation of the angle
+        at this position, in degrees. Between these two positions, the logarithm of the standard
         deviation is linear in the position.
     """
 
@@ -106,9 +106,9 @@ class Marks(_Struct, kw_only=True):
     place_um : tuple of float, length 3
         Distances of the marks from the sensor's end in um, ascending.
     force_mN : float
-        Force of each press in mN; 0 for a joint, whose indenter always presses.
+        Force of each press in mN; 0 for a joint, whose indenter presses all the time.
     logs : tuple of tuple of float, shape (3, 6)
-        log2 of the dark-subtracted counts, by mark and channel.
+        log2 of the dark-subtracted counts; one row for each mark, one column for each channel.
     angle_deg : tuple of float, length 3, or None
         Angles of the joint at the marks, in degrees; None for marks that a person presses.
     """
@@ -129,7 +129,8 @@ class Rezero(_Struct, kw_only=True):
     place_um : tuple of float, length n
         Distances of the n pressed marks from the sensor's end, in um.
     shifts : tuple of tuple of float, shape (n, 6)
-        log2 of the counts at the re-zero minus log2 at the calibration, by mark and channel.
+        log2 of the counts at the re-zero minus log2 of the counts at the calibration. Rows are
+        marks, columns are channels.
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
     """
@@ -150,9 +151,9 @@ class CalibrationFile(_Struct, kw_only=True):
     board, plan, gain, exposure_us, led_mA
         Board and settings of the calibration, see `spots_device.calibration.Conditions`.
     lines : tuple of str
-        Calibration lines for the board, see `spots_device.calibration`.
+        Calibration lines that the board uses, see `spots_device.calibration`.
     original : tuple of str
-        Lines before the first re-zero; empty without a re-zero.
+        Calibration lines before the first re-zero; empty if there was no re-zero.
     residuals : list of Residual
         Errors at the presses of the calibration, one entry for each strain.
     joint : Joint or None
@@ -160,9 +161,9 @@ class CalibrationFile(_Struct, kw_only=True):
     marks : Marks or None
         Marks for ``spots rezero``; None in files of older versions.
     joint_marks : Marks or None
-        End stops and a middle stop of the joint; None without a joint.
+        Marks at the end stops and a middle stop of the joint; None without a joint.
     rezeros : list of Rezero
-        All re-zeros, oldest first. `lines` contains the correction of the last one.
+        All re-zeros, oldest first. `lines` contains the correction of the last re-zero only.
     """
 
     date: datetime
@@ -247,7 +248,7 @@ def load(path: Path) -> CalibrationFile:
 
 
 def send(board: Board, calibration: CalibrationFile) -> str:
-    """Upload a calibration to a board and store it there.
+    """Upload a calibration to a board, and store the calibration on the board.
 
     Parameters
     ----------
@@ -291,7 +292,7 @@ def _checked(path: Path, body: str) -> CalibrationFile:
 
 
 def _text(calibration: CalibrationFile) -> str:
-    """Return the file without its section ``[end]``."""
+    """Return the text of the calibration file without its section ``[end]``."""
     rows = []
     for name, value in msgspec.to_builtins(calibration).items():
         if not value and name in _COMMENTS:

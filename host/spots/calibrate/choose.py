@@ -1,7 +1,7 @@
-"""Chooses the six of nine diodes that resolve positions best, from two passes along the strip.
+"""Chooses the six of the sensor's nine diodes that give the least noise of the position.
 
-The board reads six diodes at a time, so two passes that share three diodes read all nine. The
-shared diodes show how much the force differs between the passes.
+The board reads six diodes at a time, so two passes along the strip read all nine. Three diodes are
+read in both passes; they show how much the force differs between the passes.
 """
 
 from __future__ import annotations
@@ -26,16 +26,17 @@ _PLACES = 41
 
 @dataclass(frozen=True)
 class Choice:
-    """The best plan, and its expected noise of the position.
+    """The best plan (choice of six channels), and the expected noise of the position.
 
     Attributes
     ----------
     plan : tuple of str
         Names of the six channels.
     sigma_um : float
-        Least possible standard deviation of one sample's position in um, averaged over the strip.
+        Least possible standard deviation of the position from one sample with this plan, in um,
+        averaged over the strip.
     present_sigma_um : float
-        Standard deviation with the channels of the first pass; infinite if a channel is unusable.
+        The same with the plan of the first pass; infinite if one of its channels is unusable.
     """
 
     plan: tuple[str, ...]
@@ -44,9 +45,10 @@ class Choice:
 
 
 def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return two plans that share three diodes and together have all nine.
+    """Return two plans of six diodes; they share three diodes and together contain all nine.
 
-    The first plan is `present` if all its diodes are in `DIODES`, else `DEFAULT_PLAN`.
+    The first plan is `present`, the board's plan, if all its diodes are in `DIODES`; else it is
+    `DEFAULT_PLAN`.
     """
     first = present if set(present) <= set(DIODES) else DEFAULT_PLAN
     others = [diode for diode in DIODES if diode not in first]
@@ -54,22 +56,22 @@ def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choice:
-    """Return the best plan.
+    """Return the plan with the least expected noise of the position.
 
     Parameters
     ----------
     plans : pair of tuple of str
         Plans of the two passes, see `passes`.
     measured : pair of Presses
-        Readings of the two passes. Both have firm presses with one force at the same positions,
-        and one full press.
+        Readings of the two passes. Both contain presses with one firm force at the same positions,
+        and one press with the full force.
     full_scale : float
-        Largest count of a channel.
+        Largest count that a channel can have.
 
     Returns
     -------
     Choice
-        The plan, and its expected noise.
+        The best plan, and its expected noise.
 
     Raises
     ------
@@ -100,9 +102,10 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Return usable diodes, positions in um, and log2 of their counts at the first pass's force.
+    """Return the usable diodes, the positions in um, and log2 of these diodes' counts.
 
-    The arguments are those of `choose`.
+    The counts of the second pass are scaled to the force of the first pass. The arguments are
+    those of `choose`.
     """
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {
@@ -125,10 +128,10 @@ def _merge(plans, measured, full_scale):
 
 
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the smallest possible standard deviation of n positions in um, shape (n,).
+    """Return the smallest possible standard deviation at each of n positions, in um, shape (n,).
 
     `slopes` are the derivatives of the logarithms of the channels with respect to position, in
-    1/um; `variance` holds the variances of these logarithms. Both have shape (n, c).
+    1/um; `variance` contains the variances of these logarithms. Both have shape (n, c).
     """
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)

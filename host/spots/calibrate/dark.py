@@ -1,4 +1,4 @@
-"""``spots dark``: asks a person to unplug an LED that is always on, and takes the dark frame."""
+"""``spots dark``: takes the dark frame of a board whose LED a person must unplug."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..link.connect import open_named
 from .guide import Guide
 
 _TIMEOUT_S = 60.0
-_MOST = 0.05  # largest dark count as a share of full scale; more is light
+_MOST = 0.05  # largest dark count as a share of full scale; more is ambient light
 
 
 def dark_command(options: argparse.Namespace) -> None:
@@ -26,7 +26,7 @@ def dark_command(options: argparse.Namespace) -> None:
 
 
 def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
-    """Ask a person to unplug the LED, take the dark frame, and store it on the board.
+    """Take the dark frame after a person has unplugged the LED, and store it on the board.
 
     Parameters
     ----------
@@ -38,12 +38,12 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
     Returns
     -------
     list of int
-        Dark counts of the six channels, each the sum of `spots_device.decode.DARK_SAMPLES` samples.
+        Dark counts of the six channels, summed over `spots_device.decode.DARK_SAMPLES` samples.
 
     Raises
     ------
     SpotsError
-        If the board switches its LED itself, or is disconnected.
+        If the board can switch its LED off itself, or is disconnected.
     """
     state = board.command("get")
     if state["led"] != "always":

@@ -1,4 +1,4 @@
-"""Interface that a calibration session uses to talk to a person, in a terminal or a browser."""
+"""Interface of a calibration session to a person, who uses a terminal or a browser."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from .spectra import Reading
 
 
 class UndoError(Exception):
-    """Raised by `watch` and `ask` to drop the last press, and to ask for that press again."""
+    """Raised by `watch` and `ask` if the person wants to drop the last press and repeat it."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a session in which a person presses, after a fit to its n presses.
+    """State of a session by hand, after a fit to the n presses of the session.
 
     Attributes
     ----------
@@ -26,17 +26,17 @@ class Progress:
     force_mN : numpy.ndarray, shape (n,)
         Forces of the presses in mN, as the person read them; 0 if unknown.
     off_um : numpy.ndarray, shape (n,)
-        Position by the fit minus `place_um`.
+        Position computed by the fit, minus `place_um`, in um.
     off_share : numpy.ndarray, shape (n,)
-        Force by the fit divided by `force_mN`, minus 1; 0 if the force is unknown.
+        Force computed by the fit, divided by `force_mN`, minus 1; 0 if the force is unknown.
     sigma_um : float
-        Expected standard deviation of a position, in um; the mean over the strip.
+        Expected standard deviation of a position in um, averaged over the strip.
     sigma_share : float
-        Expected relative standard deviation of a force; the mean over the forces.
+        Expected relative standard deviation of a force, averaged over the forces.
     thin : tuple of str
         Ranges of position and force that have too few presses, as text.
     done, total : int
-        Presses taken, and presses of the whole session.
+        Number of presses taken so far, and number of presses of the whole session.
     """
 
     place_um: np.ndarray
@@ -51,32 +51,32 @@ class Progress:
 
 
 class Dialog(Protocol):
-    """Shows a session and asks its questions; called from the thread of the session.
+    """Interface of a session to a person; the session calls it from the session's own thread.
 
     `watch` and `ask` may raise `UndoError`. They may raise `SpotsError` to end the session. Presses
-    that were taken are stored, so a later session with the same file continues.
+    taken so far are stored; a later session with the same file continues after these presses.
     """
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
-        """Begin a series of `total` presses of a strip, with the names of the channels."""
+        """Begin a series of `total` presses; `plan` has the names of the channels."""
 
     def skip(self, count: int = 1) -> None:
-        """Add `count`, which may be negative, to the presses taken in the progress display."""
+        """Increase the displayed number of presses taken by `count`, which may be negative."""
 
     def want(self, wanted: Wanted) -> None:
         """Show where to press next."""
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show a reading, `trouble` if it is not steady, and progress to a steady press, 0 to 1."""
+        """Show a reading, why the press is unsteady (`trouble`), and the steady share (0 to 1)."""
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
         """Show that a press was taken."""
 
     def fitted(self, progress: Progress) -> None:
-        """Show the progress after each press of a session in which a person presses."""
+        """Show the progress after a press of a session by hand."""
 
     def say(self, text: str) -> None:
-        """Show a message."""
+        """Show a message to the person."""
 
     def ask(self, question: str) -> str:
         """Block until a person answers a question, and return the answer."""

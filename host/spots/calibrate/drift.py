@@ -1,6 +1,6 @@
-"""Names the probable causes of a drift: a redder LED, a paler dye, more blue light.
+"""Reports the probable causes of a drift: a redder LED, a paler dye, more blue light.
 
-Different causes can shift the channels alike. A shift of the filters looks like a shift of the LED
+Different causes can change the channels alike. A shift of the filters looks like a shift of the LED
 in the opposite direction; a tilted coupling looks like a small shift of the LED.
 """
 
@@ -12,9 +12,10 @@ from .choose import DIODES
 
 # DS000504, table of optical characteristics.
 _CENTRE_NM = dict(zip(DIODES, (415, 445, 480, 515, 555, 590, 630, 680)))
-_BLUE_NM = 500  # above it, the phosphor emits the light of a white LED
+_BLUE_NM = 500  # above this wavelength, the phosphor emits the light of a white LED
 _PHOSPHOR_FWHM_NM = 130.0  # of usual white LEDs
-# Least change that is reported, and its text. This change moves a press on 85 mm by about 0.1 mm.
+# Least change that is reported, and its text. The change shifts positions on an 85 mm strip by
+# about 0.1 mm.
 _WORDS = (
     (0.25, "dye {:.1f} % paler", "dye {:.1f} % darker"),
     (0.05, "LED {:.2f} nm redder", "LED {:.2f} nm bluer"),
@@ -28,19 +29,19 @@ def described(place_um, logs, shifts, plan) -> str:
     Parameters
     ----------
     place_um : sequence of float, length n
-        Distances of the n marks from the sensor's end in um, ascending. One mark alone cannot show
-        a drift of the dye.
+        Distances of the n marks from the sensor's end in um, ascending. A drift of the
+        dye can be detected only with two marks or more.
     logs : array_like, shape (n, 6)
-        log2 of the dark-subtracted counts at the calibration.
+        log2 of the dark-subtracted counts at the calibration. Rows are marks, columns are channels.
     shifts : array_like, shape (n, 6)
-        log2 of the counts now minus `logs`.
+        log2 of the present counts, minus `logs`.
     plan : sequence of str
         Names of the six channels.
 
     Returns
     -------
     str
-        Causes with their sizes, or ``no drift``.
+        Causes of the drift with their sizes, or ``no drift``.
     """
     known = [i for i, name in enumerate(plan) if name in _CENTRE_NM]
     nm = np.array([_CENTRE_NM[plan[i]] for i in known])
@@ -48,7 +49,7 @@ def described(place_um, logs, shifts, plan) -> str:
     near = logs[0]
     if len(place_um) > 1:  # extrapolated to the sensor's end: the light without the dye
         near = near - (logs[1] - logs[0]) * place_um[0] / (place_um[1] - place_um[0])
-    # A paler dye absorbs less in proportion to what it absorbs, which grows along the strip.
+    # A paler dye absorbs less by the same share everywhere; the absorption grows along the strip.
     absorbed = _centred(near - logs)
     grows = absorbed - absorbed.mean(axis=0)
     paler = float((grows * shifts).sum() / max((grows**2).sum(), 1e-12))

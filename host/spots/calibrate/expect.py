@@ -1,9 +1,9 @@
 """Computes the spectrum of a press at each position from a calibration.
 
-At knots along the strip, the calibration lines have three weighted sums of the channels' logs: for
-the position, the force and the misfit. Three sums do not determine six channels at one position.
-But the weights differ between segments, and one smooth curve per channel must match the sums of all
-segments. Weak regularisation towards straight curves determines the rest.
+At knots along the strip, the calibration lines contain three weighted sums of log2(counts): for the
+position, the force and the misfit. Three sums do not determine six channels at one position. But
+the weights differ between segments, and one smooth curve per channel must match the sums of all
+segments. Weak regularisation towards straight curves makes the solution unique.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from spots_device.smux import CHANNELS
 _DEGREE = 7
 _PLACES = 65
 _ONE_Q12 = 1 << 12
-# Rounding errors of the sums in log2 units, because the lines have integers only.
+# Rounding errors of the sums in log2 units; the lines contain integers only.
 _SUM_SIGMA, _MISFIT_SIGMA = 5e-5, 1e-4
 # Expected size of the Chebyshev coefficient of degree n, times n squared.
 _COEFFICIENT_SIGMA = 3.0
@@ -39,8 +39,8 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
     position_um : numpy.ndarray, shape (n,)
         Evenly spaced positions along the strip, in um.
     logs : numpy.ndarray, shape (n, 6)
-        log2 of the dark-subtracted counts minus the brightness that the board computes. Errors are
-        at most 3 % of the counts of the brightest channel.
+        log2 of the dark-subtracted counts, minus the brightness that the board computes (also in
+        log2 units). Errors are at most 3 % of the counts of the brightest channel.
 
     Raises
     ------

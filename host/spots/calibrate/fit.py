@@ -2,8 +2,8 @@
 
 L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper, L_i is locally linear
 in the position and in the logarithm of the brightness. Generalised least squares with the noise
-of each channel gives the best linear estimate of both. The two rows of this estimate are the
-weights of a segment of the strip.
+of each channel gives the best linear estimates of these two quantities. In each segment of the
+strip, the estimate of each quantity is a weighted sum of the L_i.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # limit of the sum of the weig
 PLACES_MIN = 12
 FORCES_MIN = 10
 _NOISE_PLACES = 21
-# A touch begins at the least force for which no position has a larger standard deviation. The limit
-# is a share of the length: of ten keys in a row, each is then more than three deviations wide.
+# A touch begins at the least force at which no position has a standard deviation above the limit.
+# The limit is a share of the length: each of ten keys in a row is then over three deviations wide.
 _TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 36
 _TOUCH_ABOVE_DARK = 1.15  # a touch begins at least at this multiple of the dead zone
 _TOUCH_HYSTERESIS = 0.7
@@ -52,17 +52,18 @@ def fit(
     Parameters
     ----------
     along : dict of int to Presses
-        Presses with one firm force along the whole strip, by strain in ppm. Strain 0 is required.
-        Positions are measured on the stretched strip. No channel is dark or saturated.
+        Presses with one firm force along the whole strip; the key is the strain in ppm. Strain 0 is
+        required. Positions are measured on the stretched strip. No channel is dark or saturated.
     pressed : Presses
-        Presses with different forces at a few positions of the strip at rest; the same forces at
-        all positions.
+        Presses with different forces at a few positions of the strip at rest. The forces are the
+        same at all positions.
     noise : Noise
         Noise of the sensor at these conditions.
     conditions : Conditions
         Board and settings of the presses.
     misfit : numpy.ndarray, shape (n, 6), optional
-        Errors of the logs of presses, which widen the tolerance. If not given, those of `along`.
+        Measured minus fitted log2 of the counts of n presses. The larger these errors, the larger
+        the errors that the board tolerates. If not given, the errors of `along` at strain 0.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def fit(
     Raises
     ------
     SpotsError
-        If the readings are too noisy or not monotone.
+        If the readings are too noisy, or do not change monotonically with position or force.
     """
     curves = {strain: Curves(p.position_um, p.logs) for strain, p in sorted(along.items())}
     rest = curves[0]
@@ -98,7 +99,7 @@ def fit(
             "the position is too noisy at every force: raise exposure, gain or LED current"
         )
     begin = max(forces[np.argmax(sigma_um <= limit_um)], _TOUCH_ABOVE_DARK * forces[0])
-    # At most half of the way back to the dead zone, so that weak other light does not hold a touch.
+    # At most halfway down to the dead zone, so that weak ambient light does not prolong a touch.
     end = max(_TOUCH_HYSTERESIS * begin, (forces[0] + begin) / 2)
     lines.append(_statement("touch", (begin, end)))
     # The largest misfit of a single press is added to the noise.
@@ -117,7 +118,7 @@ def fit(
 
 
 class Curves:
-    """log2 of the counts along the strip, smoothed channel by channel.
+    """Smooth curves of log2 of the counts along the strip, one curve for each channel.
 
     Parameters
     ----------
@@ -140,11 +141,11 @@ class Curves:
         self._curves = [Chebyshev.fit(position_um, log, degree) for log in logs.T]
 
     def logs(self, x_um) -> np.ndarray:
-        """Return log2 of the counts at each of `x_um`; shape (..., c) for c channels."""
+        """Return log2 of the counts at positions `x_um`; shape (..., c) for c channels."""
         return np.stack([curve(np.asarray(x_um, float)) for curve in self._curves], axis=-1)
 
     def slopes(self, x_um) -> np.ndarray:
-        """Return the derivative of log2(counts) by position, in 1/um, at each of `x_um`."""
+        """Return the derivatives of log2(counts) by position, in 1/um, at positions `x_um`."""
         return np.stack([curve.deriv()(x_um) for curve in self._curves], axis=-1)
 
 
@@ -170,9 +171,9 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
 
 
 def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the six channels' best weights for position, and for force, in a part of the strip."""
+    """Return the best weights of the channels in a part of the strip: for position, for force."""
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
-    # With the slope over the whole part, the mean error of the force in the part is 0.
+    # With the mean slope of the part, the mean error of the force in the part is 0.
     slope = curve.logs(part[1]) - curve.logs(part[0])
     design = np.stack([np.ones_like(slope), slope / np.abs(slope).max()], axis=1)
     force, position = estimators(design, information)
@@ -201,29 +202,29 @@ def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
 
 
 def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Return the generalised least-squares weights.
+    """Return generalised least-squares weights to estimate unknowns from log2 of the counts.
 
     Parameters
     ----------
     design : numpy.ndarray, shape (c, n)
-        Derivatives of the logs of c channels by n unknowns.
+        Derivatives of log2 of the counts of c channels with respect to n unknowns.
     information : numpy.ndarray, shape (c,)
-        1/variance of the log of each channel.
+        Reciprocal of the variance of log2 of each channel's counts.
 
     Returns
     -------
     numpy.ndarray, shape (n, c)
-        One row of weights for each unknown.
+        Weights of the channels; one row for each unknown.
     """
     weighted = design * information[:, None]
     return np.linalg.solve(design.T @ weighted, weighted.T)
 
 
 def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest standard deviations of position in um, and of misfit in log2 units.
+    """Return the largest standard deviations along the strip: position in um, misfit in log2 units.
 
-    `dimmer` are n brightnesses relative to the firm press, in log2 units; results have shape (n,).
-    `parts` are the segments, and `test` the weights of the misfit.
+    `dimmer` contains n brightnesses relative to the firm press, in log2 units; both results have
+    shape (n,). `parts` contains the weights of each segment, and `test` those of the misfit.
     """
     places = np.linspace(*rest.ends_um, _NOISE_PLACES)
     variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
@@ -251,9 +252,9 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
 
 
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the table of force by brightness: ascending forces in mN, and brightnesses in Q20.
+    """Return the table from brightness to force: ascending forces in mN, and brightnesses in Q20.
 
-    `firm` is the brightness of the firm presses along the strip (`rest`), in Q20.
+    `rest` has the curves of the firm presses along the strip; `firm` is their brightness in Q20.
     """
     lit = pressed.lit_everywhere()
     brightness = np.array(
@@ -266,9 +267,9 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
         raise SpotsError("the brightness does not rise with the force: check strip, LED, gain")
-    # A least-squares spline of straight lines: its errors are balanced, but chords of a curve would
-    # all err to one side. Half of the knots are evenly spaced in brightness, for the touch; the
-    # density of the others suits the curvature, so that all spans have the same error.
+    # A least-squares spline of straight lines: its errors are balanced, but chords would all have
+    # errors of one sign. Half of the knots are evenly spaced in brightness, for the start of a
+    # touch. The density of the other knots suits the curvature, so all spans have the same error.
     fine = np.geomspace(forces[0], forces[-1], _FORCE_STEPS)
     curve = monotone(np.log(forces), means, np.log(fine))
     even = np.linspace(curve[0], curve[-1], _FORCE_STEPS // 10)

@@ -1,4 +1,4 @@
-"""The display of a calibration session: where to press next, and whether the press is steady."""
+"""Shows a calibration session: where to press next, and whether the press is steady."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _LOW = 24  # lines of a terminal that has room for one message
 
 
 class Guide:
-    """A dialog: a picture on a terminal, plain lines elsewhere. Use it in a ``with`` block.
+    """A `Dialog` that draws a picture on a terminal, else prints lines; use it in a ``with`` block.
 
     Parameters
     ----------
     console : rich.console.Console, optional
-        Where to draw; standard output if not given.
+        Console to draw on; standard output if not given.
     stdin : file, optional
         Source of the answers; standard input if not given.
     """
@@ -77,7 +77,7 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Add `count`, which may be negative, to the presses taken in the progress display."""
+        """Increase the displayed number of presses taken by `count`, which may be negative."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
@@ -100,7 +100,7 @@ class Guide:
         trouble : str or None
             Reason why the press is not steady; None for a steady press.
         steady : float
-            Number of steady readings divided by the number that a press needs, 0 to 1.
+            Number of steady readings so far, divided by the number that a press needs (0 to 1).
         """
         self._bars = bars(self._plan, reading.counts.tolist(), _BAR_COUNTS)
         self._bars.add_row("held", "", Text(bar(steady), style="green"))
@@ -123,14 +123,14 @@ class Guide:
         self.say(f"{self._done}/{self._total}  {wanted}: {counts}")
 
     def fitted(self, progress: Progress) -> None:
-        """Show the expected accuracy after each press, and where more presses are needed."""
+        """Show the accuracy expected after the last press, and where more presses are needed."""
         self._done, self._total = progress.done, progress.total
         thin = f"; few presses {', '.join(progress.thin)}" if progress.thin else ""
         force = f", force {progress.sigma_share:.1%}" if progress.force_mN.any() else ""
         self.say(f"expected error: position {progress.sigma_um / 1000:.2f} mm{force}{thin}")
 
     def say(self, text: str) -> None:
-        """Show a message."""
+        """Show a message to the person."""
         text = printable(text)
         self._messages.append(text)
         if self._live is None:

@@ -1,4 +1,4 @@
-"""Calibration by hand: asks a person for the press that improves the present fit most."""
+"""Calibration by hand: asks a person for the presses that improve the fit most."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .typed import grams
 _KINDS = ("hand", "position", "force", "mark")
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
-# Presses that are not stored: for the exposure, for the choice of channels, and repeated ones. Each
-# further one replaces a press by hand, so a session has at most 12 or 45 presses in all.
+# Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
+# further such press replaces a press by hand, so a session has at most 12 or 45 presses in all.
 _OTHERS = {True: 2, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
 _MISFIT_MAX = 50.0  # chi-squared of six channels; 1e-8 of good presses exceed it
-_REMOVALS = 0.2  # largest share of removed presses; with more, the strip does not follow the model
+_REMOVALS = 0.2  # largest share of removed presses; above it, the model does not fit the strip
 _HARDER = 1.4
 _END_UM = 2000.0  # a press nearer to an end is partly beside the strip
 _THIN = 1.5  # ratio of the error at a place or force to the mean error
@@ -29,23 +29,24 @@ _ALONG, _FORCES = 33, 30
 
 
 def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool) -> None:
-    """Ask a person for presses until the session has `count` presses, or many were repeated.
+    """Ask a person for presses by hand until the session has enough of them.
 
     Parameters
     ----------
     bench : Bench
         Board, strip and presser.
     session : Session
-        Presses taken so far; new ones are added.
+        Presses taken so far; the new presses are added.
     count, least : int
-        Number of presses; least number if many presses were repeated.
+        `count` presses by hand are enough; repeated presses reduce this number, but at most to
+        `least`.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
 
     Raises
     ------
     SpotsError
-        If no force gives light, or a press stays invalid.
+        If no force lights all channels, or a press is invalid at every attempt.
     """
     guide, plan = bench.guide, bench.reader.conditions.plan
     guide.begin("presses by hand", count, plan, bench.length_um)
@@ -87,7 +88,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
 
 
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
-    """Return the data for the fit of a calibration, from a session by hand.
+    """Compute the data that the fit of a calibration needs, from a session by hand.
 
     Parameters
     ----------
@@ -136,7 +137,7 @@ def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_
 
 
 def _surface(session: Session, length_um: float, start: Surface | None = None) -> Surface | None:
-    """Return the fit of all presses of a session, or None while they are too few."""
+    """Return the fit of all presses of a session, or None if there are too few presses."""
     taken = presses([p for kind in _KINDS for p in session.of(kind) if min(p.counts) > 1])
     if len(taken.force_mN) < len(_FIRST):
         return None
@@ -147,7 +148,7 @@ def _surface(session: Session, length_um: float, start: Surface | None = None) -
 
 
 def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
-    """Remove the press that fits the others worst, if it is an outlier."""
+    """Remove the worst outlier of the presses by hand; return False if there is no outlier."""
     misfit, taken = surface.misfits[0], surface.taken
     worst = int(np.argmax(misfit))
     at = taken.position_um[worst], taken.force_mN[worst]

@@ -1,4 +1,4 @@
-"""The calibration of a joint: the straight line that converts position on the strip to angle."""
+"""Calibration of a joint: a straight line that converts positions on the strip to angles."""
 
 from __future__ import annotations
 
@@ -9,27 +9,28 @@ from .calibration_file import Joint, Marks
 from .session import Point
 
 ANGLES_MIN = 4  # in each direction
-_LEAST_UM = 0.1  # least standard deviation of a reading, which is in whole um
+_LEAST_UM = 0.1  # lower limit of standard deviations, because readings are in whole um
 
 
 def fit_joint(points: list[Point]) -> Joint:
-    """Fit a straight line to the points of both directions, and compute its errors.
+    """Fit a straight line to the points of both directions of turning, and compute its errors.
 
     Parameters
     ----------
     points : list of Point
         Points of the joint, in the order of the session. For `Joint.accuracy_deg`, a line is
-        fitted to every second point of each direction; the other points give the error.
+        fitted to every second point of each direction; the other points give this error.
 
     Returns
     -------
     Joint
-        The line, and its errors.
+        The line, and the errors of its angles.
 
     Raises
     ------
     SpotsError
-        If the points are too few, have equal angles, or have positions that are not monotone.
+        If there are too few points, if two points of one direction have equal angles, or if the
+        position does not rise or fall steadily with the angle.
     """
     ways = [[p for p in points if p.direction == way] for way in (1, -1)]
     if min(len(way) for way in ways) < ANGLES_MIN:
@@ -74,12 +75,12 @@ def fit_joint(points: list[Point]) -> Joint:
 
 
 def joint_marks(points: list[Point]) -> Marks:
-    """Return three points of the upward turn as marks: lowest, middle and highest angle.
+    """Return the marks of a joint: the lowest, middle and highest angle of the upward turn.
 
     Parameters
     ----------
     points : list of Point
-        Points of the joint, of which at least `ANGLES_MIN` were taken upwards.
+        Points of the joint; at least `ANGLES_MIN` of them have direction 1 (upwards).
     """
     way = sorted((p for p in points if p.direction > 0), key=lambda p: p.angle_deg)
     stops = sorted((way[0], way[len(way) // 2], way[-1]), key=lambda p: p.position_um)

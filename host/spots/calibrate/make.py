@@ -1,4 +1,4 @@
-"""Makes the calibration file of a session from its presses."""
+"""Computes the content of a calibration file from the presses of a session."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from .joint import fit_joint, joint_marks
 from .presses import FIRM_MN, MARKS, Noise, Presses
 from .session import Session, presses
 
-_DECODED_SAMPLES = 64  # mean counts are rounded only after multiplication by this
+_DECODED_SAMPLES = 64  # mean counts are multiplied by this number before they are rounded
 
 
 def make(session: Session, say: Callable[[str], None] = print) -> file.CalibrationFile:
-    """Return the calibration from the presses of a session.
+    """Compute a calibration from the presses of a session.
 
     Parameters
     ----------
     session : Session
         Presses of the session. An unfinished joint or strain is ignored.
     say : callable
-        ``say(line)`` shows why the calibration has no joint.
+        ``say(line)`` shows a message if the joint cannot be included in the calibration.
 
     Returns
     -------
@@ -96,7 +96,7 @@ def _joint(session: Session, say: Callable[[str], None]) -> dict:
     try:
         return {"joint": fit_joint(turned), "joint_marks": joint_marks(turned)}
     except SpotsError as error:
-        # The strip is calibrated without its joint, and the joint may be unfinished.
+        # The joint may be unfinished; the calibration of the strip does not need the joint.
         say(f"the joint is left out: {error}")
         return {}
 

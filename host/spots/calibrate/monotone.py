@@ -22,8 +22,8 @@ def monotone(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
     """
     step = np.diff(x)
     secant = np.diff(y) / step
-    # The slope at a point is a weighted harmonic mean of its two secants. At an end it is that of
-    # the parabola through the next two points, within the limits of a curve that rises.
+    # The slope at a point is a weighted harmonic mean of its two secants. At an end, it is the
+    # slope of the parabola through the three nearest points, limited so that the curve rises.
     before, after = 2 * step[1:] + step[:-1], step[1:] + 2 * step[:-1]
     inner = (before + after) / (before / secant[:-1] + after / secant[1:])
     bend = step[[0, -1]] * np.diff(secant)[[0, -1]] / (step[[0, -1]] + step[[1, -2]])

@@ -1,4 +1,4 @@
-"""What presses the strip in a session: a person, or a machine (in a subclass)."""
+"""Asks a person for the presses of a session; subclasses ask a machine."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _ANGLE_MAX_DEG = 3600.0
 
 
 class Presser:
-    """A person who presses with a ruler and a scale; a machine's subclass overrides all methods.
+    """A person who presses, with ruler and scale; a subclass for a machine overrides all methods.
 
     Parameters
     ----------
     guide : Dialog
-        Shows the requests, and reads the answers.
+        Shows the requests to the person, and reads the answers.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Presser:
         self._guide = guide
 
     def stretch(self, strain_ppm: int, length_um: float) -> None:
-        """Stretch the strip to a length, without a press.
+        """Stretch the strip to a length, while nothing presses the strip.
 
         Parameters
         ----------
@@ -64,16 +64,16 @@ class Presser:
             self._guide.say(f"press at {wanted} and hold")
 
     def release(self) -> None:
-        """End the press."""
+        """End the press that `press` began."""
         self._guide.say("release")
 
     def read_off(self, wanted: Wanted, length_um: float) -> Wanted | None:
-        """Ask for the true place and force of a press by hand.
+        """Ask for the true place and force of a press by hand, as ruler and scale showed them.
 
         Parameters
         ----------
         wanted : Wanted
-            The press that was asked for. If its force is 0, only the place is asked for.
+            The press that was requested. If its force is 0, the question is only for the place.
         length_um : float
             Length of the strip in um.
 
@@ -110,7 +110,7 @@ class Presser:
         Parameters
         ----------
         wanted : Wanted
-            Press at the position, with the largest allowed force.
+            Press at the position; the force of this press is the largest allowed force.
         reader : SpectrumReader
             Reads the counts of the channels.
 
@@ -119,7 +119,7 @@ class Presser:
         float
             The least force in mN.
         """
-        # The limits detect a number in grams, and a strip on which a firm press is too dark.
+        # The limits reject a number in grams, and a strip on which a firm press is too dark.
         return 1000 * self._number(
             f"press at {wanted.place_um / 1000:.1f} mm with the least force that lights every "
             "channel; what does the scale show, in N? ",
@@ -140,7 +140,7 @@ class Presser:
         Returns
         -------
         Wanted
-            The angle that the joint now has, in degrees, and the direction of the turn.
+            Press of kind ``joint`` with the joint's present angle and the direction of the turn.
         """
         way = "up" if direction > 0 else "down"
         angle = self._number(

@@ -1,4 +1,4 @@
-"""Readings of held presses as arrays, and the noise of the sensor."""
+"""Readings of steady presses as arrays, and the noise of the sensor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _REWEIGHTINGS = 4
 
 @dataclass(frozen=True)
 class Presses:
-    """Readings of n held presses with c channels, as arrays.
+    """Readings of n steady presses with c channels, as arrays.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Presses:
     variance : numpy.ndarray, shape (n, c)
         Variance of the counts of one sample, without the noise that all channels share.
     saturated : numpy.ndarray of bool, shape (n,)
-        Whether a channel was saturated.
+        Whether at least one channel was saturated, for each press.
     """
 
     position_um: np.ndarray
@@ -46,16 +46,16 @@ class Presses:
         return np.log2(self.counts)
 
     def keep(self, rows) -> Presses:
-        """Return the presses that `rows` selects: a boolean mask or a list of indices."""
+        """Return the presses that `rows` (a boolean mask or a list of indices) selects."""
         return Presses(*(array[rows] for array in vars(self).values()))
 
     def channels(self, columns) -> Presses:
-        """Return the channels that `columns` selects: a boolean mask or a list of indices."""
+        """Return all presses with the channels that `columns` (a mask or indices) selects."""
         counts, variance = self.counts[:, columns], self.variance[:, columns]
         return replace(self, counts=counts, variance=variance)
 
     def lit_everywhere(self) -> Presses:
-        """Return the presses whose force lights all channels at every position."""
+        """Return the presses with forces that light all channels at every position."""
         dark = self.force_mN[~(self.counts > 1).all(axis=1)]
         return self.keep(self.force_mN > (dark.max() if len(dark) else -1))
 
@@ -63,13 +63,13 @@ class Presses:
 def own_variance(samples: np.ndarray) -> np.ndarray:
     """Return the variance of each channel, without the noise that all channels share.
 
-    The difference of the logarithms of two channels contains the noise of these two only. Least
-    squares over all pairs of channels separates the variances.
+    The difference of the logarithms of two channels contains the noise of these two channels only.
+    Least squares over all pairs of channels separates the variances.
 
     Parameters
     ----------
     samples : numpy.ndarray, shape (n, c)
-        Dark-subtracted counts of one held press: n samples of c channels, all greater than 0.
+        Dark-subtracted counts of one steady press: n samples of c channels, all greater than 0.
 
     Returns
     -------
@@ -87,14 +87,14 @@ def own_variance(samples: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Noise:
-    """Variance of a count of one sample: a constant part, and shot noise.
+    """Noise of the sensor: the variance of one sample's count is a constant part plus shot noise.
 
     Attributes
     ----------
     constant : float
         Constant part of the variance, in counts**2.
     per_count : float
-        Variance per dark-subtracted count, in counts.
+        Shot noise: variance divided by the dark-subtracted count, in counts.
     """
 
     constant: float
@@ -111,10 +111,10 @@ class Noise:
         found = cls(ROUNDING_VARIANCE, 0.0)
         for _ in range(_REWEIGHTINGS):
             # The error of a measured variance is proportional to the true variance. Weights from
-            # measured variances would favour low ones, so the previous round gives the weights.
+            # measured variances would favour low variances; so the previous round gives weights.
             weight = 1 / found.variance(counts)
             solution = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
-            # A held press hides part of the rounding; the rounding variance is the lower limit.
+            # A steady press hides part of the rounding; the rounding variance is the lower limit.
             found = cls(max(float(solution[0]), ROUNDING_VARIANCE), max(float(solution[1]), 0.0))
         return found
 

@@ -1,6 +1,6 @@
-"""``spots rezero``: corrects the drift of a calibration with new presses at its marks.
+"""``spots rezero``: corrects the drift of a calibration with new presses at marked positions.
 
-The file and the board change together at the end; on error both are unchanged.
+File and board get the new calibration together at the end; on error, both keep the old one.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def rezero(
     force_mN: float | None = None,
     joint: bool = False,
 ) -> file.CalibrationFile:
-    """Ask for presses at the marks, and return the corrected calibration; change no file.
+    """Ask for presses at the marks, and return the corrected calibration; write no file.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def rezero(
     quick : bool
         Whether to press the middle mark only. This corrects LED and filters, but not the dye.
     force_mN : float, optional
-        Force of each press in mN, read from a scale, to correct the force too.
+        Force of each press in mN, read from a scale. If given, force is recalibrated, too.
     joint : bool
-        Whether a joint presses the strip, at the stops of the joint.
+        Whether to use the marks of the joint instead of those that a person presses.
 
     Returns
     -------
@@ -76,8 +76,8 @@ def rezero(
     Raises
     ------
     SpotsError
-        If the calibration has no marks, is of another board or other settings, or if the presses at
-        a mark disagree.
+        If the calibration has no marks or was made on another board or at other settings, or if the
+        presses at a mark disagree.
     """
     marks = made.joint_marks if joint else made.marks
     if marks is None:
@@ -142,7 +142,7 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
     Raises
     ------
     SpotsError
-        If the file or the board cannot be written. Both then have the calibration `made` again.
+        If the file or the board cannot be written. The calibration `made` is then restored in both.
     """
     file.save(new, bench.path)
     try:
@@ -155,10 +155,10 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 
 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
-    """Return the shifts of three marks, corrected for presses beside their mark.
+    """Return the shifts of three marks, corrected for presses that missed their mark.
 
-    A drift of LED, filters or dye shifts the logs as if all marks had moved, each in proportion to
-    its distance from the sensor. Any other movement of the marks is an error of the presses.
+    A drift of LED, filters or dye changes the counts as if the marks had moved by distances that
+    depend linearly on their positions. Any other movement of the marks is an error of the presses.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]
@@ -168,9 +168,9 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
 
 
 def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
-    """Ask for presses of a mark until `presses` of them agree; return each channel's mean shift.
+    """Ask for presses at a mark until `presses` of them agree; return each channel's mean shift.
 
-    `log` is log2 of the counts at this mark at the calibration.
+    `log` is log2 of the counts of this mark at the time of the calibration.
     """
     logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])

@@ -29,11 +29,12 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     ----------
     kind : str
         Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero,
-        ``hand`` for a session whose places and forces a person reads.
+        ``hand`` for a press by hand, whose place and force a person reads. The other kinds are
+        steps of ``spots calibrate``.
     place_um : float
         Distance from the sensor's end in um, measured on the stretched strip.
     force_mN : float
-        Force in mN; 0 in a press by hand if it is unknown.
+        Force in mN; 0 if the force is unknown.
     strain_ppm : int
         Strain of the strip: elongation over length at rest, in ppm.
     angle_deg : float or None
@@ -64,7 +65,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     counts, variance, saturated
         Reading of the press, see `spectra.Reading`.
     position_um, position_sigma_um : float or None
-        Mean and standard deviation in um of the positions that the calibrated board reported; None
+        Mean and standard deviation of the positions that the calibrated board reported, in um; None
         without a joint.
     length_um : float or None
         Length of the strip at rest in um; None for a joint and in files of older versions.
@@ -94,7 +95,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) -> Point:
-    """Return a press with its reading and the present time.
+    """Return the `Point` of a press, with its reading and the present time.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
     conditions : Conditions
         Board and settings of the reading.
     **measured
-        Other fields of `Point`.
+        Further fields of `Point`, such as ``length_um``.
 
     Returns
     -------
@@ -123,13 +124,13 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
 
 
 class Session:
-    """A session file and its points.
+    """A session file, with the points (presses) in it.
 
     Parameters
     ----------
     path : Path
-        Name of the file, which need not exist. An incomplete last line is ignored; `add` replaces
-        it.
+        Name of the file, which need not exist. An incomplete last line is ignored, and replaced by
+        `add`.
 
     Raises
     ------
@@ -159,7 +160,7 @@ class Session:
                 ) from None
 
     def add(self, taken: Point) -> None:
-        """Append a point to the file, and wait until it is on disk.
+        """Append a point to the file, and wait until the point is on disk.
 
         Raises
         ------
@@ -179,14 +180,14 @@ class Session:
         self.points.append(taken)
 
     def undo(self) -> Point | None:
-        """Remove the last point, and return it; None if there is no point."""
+        """Remove and return the last point; return None if the session has no point."""
         if self.points:
             self.remove(last := self.points[-1])
             return last
         return None
 
     def remove(self, point: Point) -> None:
-        """Remove a point from the file, which is replaced atomically.
+        """Remove a point from the session; the file is replaced atomically.
 
         Raises
         ------
@@ -201,7 +202,7 @@ class Session:
             self.removed.append(point)
 
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
-        """Return the points of one kind at one strain.
+        """Return the points of one kind of press at one strain.
 
         Parameters
         ----------
@@ -218,14 +219,14 @@ class Session:
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 
     def has(self, wanted: Wanted, plan: tuple[str, ...]) -> bool:
-        """Return whether the session already has a press.
+        """Return whether the session already has a point for a press.
 
         Parameters
         ----------
         wanted : Wanted
-            The press.
+            The press to look for.
         plan : tuple of str
-            Channels of the reading.
+            Channels that the reading must have.
 
         Returns
         -------
@@ -240,7 +241,7 @@ class Session:
 
     @property
     def length_um(self) -> float | None:
-        """Length of the strip at rest in um, or None if the session does not have it."""
+        """Length of the strip at rest in um; None if the session does not contain the length."""
         known = [p.length_um for p in self.points if p.length_um is not None]
         if known:
             return known[-1]
@@ -250,7 +251,7 @@ class Session:
 
     @property
     def conditions(self) -> Conditions | None:
-        """Board and settings of the session; None if it has no point.
+        """Board and settings of the session; None if the session has no point.
 
         The channels can still change while all points are of the kind ``choose``.
         """
@@ -263,7 +264,7 @@ class Session:
         return all(p.kind == "choose" for p in self.points)
 
     def check(self, present: Conditions) -> None:
-        """Check that the board and its settings are those of the session.
+        """Check that the present board and settings are those of the session.
 
         Raises
         ------
@@ -295,6 +296,6 @@ def presses(points: list[Point]) -> Presses:
 
 
 def settings(conditions: Conditions) -> str:
-    """Return the arguments of the board's command ``set`` for the settings of a calibration."""
+    """Return arguments of the board's command ``set`` that set the settings in `conditions`."""
     c = conditions
     return f"plan={','.join(c.plan)} gain={c.gain} exposure_us={c.exposure_us} led_mA={c.led_mA}"

@@ -32,7 +32,8 @@ def shifted(lines, place_um, shifts) -> list[str]:
         Distances of the n marks from the sensor's end, in um. The shift is a polynomial of
         degree n - 1 in the position.
     shifts : array_like, shape (n, 6)
-        log2 of the counts now minus log2 at the calibration, by mark and channel.
+        log2 of the present counts minus log2 of the counts at the calibration. Rows are marks,
+        columns are channels.
 
     Returns
     -------
@@ -82,7 +83,7 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield the position in um at which each segment starts, for one strain after the other.
+    """Yield the start of each segment in um: all of one strain, then all of the next strain.
 
     `rows` are the statements of a calibration, as pairs of name and list of integers.
     """

@@ -1,7 +1,8 @@
 """Fits the board's compensation of hysteresis and creep to a recording of known forces.
 
-The compensated force is linear in the unknown weights: gain times the force that the board read
-without compensation, minus play operators of that force, minus low-pass filters of the true force.
+The compensated force is the gain times the force that the board read without compensation, minus
+play operators of that force times weights (hysteresis), minus low-pass filters of the true force
+times shares (creep). The force is linear in the gain, the weights and the shares, which are fitted.
 See `spots_device.silicone`.
 """
 
@@ -19,7 +20,7 @@ TAUS_MS = (400, 4000, 40_000)
 _LEAST_MN = 300.0  # weaker forces are in the dead zone, or nearly
 _READINGS_MIN = 300
 _PRIOR = 0.1  # expected size of a weight
-_NOISE_MN = 20.0  # of the forces of the recording: errors of the scale, and of the model
+_NOISE_MN = 20.0  # standard deviation of recorded forces: errors of the scale and of the model
 
 
 class Compensated(NamedTuple):
@@ -28,9 +29,9 @@ class Compensated(NamedTuple):
     Attributes
     ----------
     line : str
-        Line ``silicone`` to add to a calibration.
+        Line ``silicone`` to add to the lines of a calibration.
     sigma : numpy.ndarray, shape (7,)
-        Standard deviations of gain, weights and shares, in units of the line.
+        Standard deviations of the gain, 3 weights of plays and 3 shares of creep, as in `line`.
     before_mN, after_mN : float
         Mean absolute error of the recorded forces without and with compensation.
     """
@@ -42,11 +43,11 @@ class Compensated(NamedTuple):
 
 
 def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
-    """Fit hysteresis and creep to a recording.
+    """Fit the compensation of hysteresis and creep to a recording.
 
-    The recording should have a press held for a minute, then loads at different speeds and up to
-    different forces at other places. At rests and at a new place, the silicone recovers; old creep
-    would be mistaken for a part of the hysteresis.
+    The recording should have one press of a minute, then presses at other places with different
+    speeds and maximum forces, and with pauses. The fit would otherwise mistake creep that is left
+    from earlier presses for hysteresis.
 
     Parameters
     ----------
@@ -57,8 +58,8 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
     read_mN : array_like, shape (n,)
         Forces that the board read without compensation, in mN.
     place : array_like, shape (n,)
-        Place of the press in any unit. A place must be fresh when its number first appears, so
-        places are at least 8 mm apart.
+        Place of the press in any unit. The fit assumes that a new place has no creep of earlier
+        presses, so places must be at least 8 mm apart.
 
     Returns
     -------
@@ -78,13 +79,13 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
             f"and unload the strip again, for at least {_READINGS_MIN} readings"
         )
     columns = _columns(time_s, force_mN, read_mN, place)[pressed]
-    # A prior: the identity, from which each weight deviates by `_PRIOR`.
+    # A prior: a gain of 1 and other weights of 0, from which each deviates by about `_PRIOR`.
     unit = np.eye(columns.shape[1])
     off = force_mN[pressed] - read_mN[pressed]
     information = columns.T @ columns / _NOISE_MN**2 + unit / _PRIOR**2
     change = np.linalg.solve(information, columns.T @ off / _NOISE_MN**2)
     after = off - columns @ change
-    # Successive errors of the model are alike: each second of the recording counts once.
+    # Successive errors are correlated: each second of the recording counts as one measurement.
     seconds = max(np.ptp(time_s[pressed]), 1.0)
     spread = np.linalg.inv(information) * np.mean(after**2) / _NOISE_MN**2
     sigma = np.sqrt(np.diag(spread) * max(pressed.sum() / seconds, 1.0))
@@ -100,7 +101,7 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
 
 
 def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
-    """Return what the board multiplies by gain, weights of plays, and shares of creep."""
+    """Return the terms of the force without their gain, weights and shares, shape (n, 7)."""
     radii, taus_s = np.array(PLAYS_MN, float), np.array(TAUS_MS) / 1000
     plays, crept = np.zeros(len(radii)), np.zeros(len(taus_s))
     rows = np.zeros((len(time_s), 1 + len(radii) + len(taus_s)))

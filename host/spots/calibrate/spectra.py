@@ -1,4 +1,4 @@
-"""Dark-subtracted counts of a held press, read from any board."""
+"""Reads the dark-subtracted counts of a steady press from a board."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _TIMEOUT_S = 10.0  # more than any dark frame takes
 
 @dataclass(frozen=True)
 class Reading:
-    """Statistics of the samples of a held press.
+    """Statistics of the samples of a steady press.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Reading:
     drift : float
         Change of the brightness from the first half of the samples to the second, in log2 units.
     saturated : bool
-        Whether a channel was saturated.
+        Whether at least one channel was saturated.
     """
 
     counts: np.ndarray
@@ -45,12 +45,12 @@ class Reading:
 
     @property
     def dark(self) -> bool:
-        """Whether a channel has less than one count."""
+        """Whether the mean of at least one channel is less than one count."""
         return bool((self.counts < 1).any())
 
 
 def mean(readings: list[Reading]) -> Reading:
-    """Return the mean of successive readings of a press; their numbers of samples are equal."""
+    """Return the mean of successive readings of a press that have equal numbers of samples."""
     return Reading(
         np.mean([r.counts for r in readings], axis=0),
         np.mean([r.variance for r in readings], axis=0),
@@ -60,14 +60,14 @@ def mean(readings: list[Reading]) -> Reading:
 
 
 class SpectrumReader:
-    """Reads single samples from a board. Call `set_up` again after a change of settings.
+    """Reads single samples from a board. Call `set_up` again if the board's settings change.
 
     The board's setting ``average`` is 1 until `restore` is called.
 
     Parameters
     ----------
     board : Board
-        The board. Its strip must not be pressed during `set_up`.
+        The board. Its strip must not be pressed during `set_up`, which the constructor calls.
     """
 
     def __init__(self, board: Board):
@@ -76,7 +76,7 @@ class SpectrumReader:
         self.set_up()
 
     def set_up(self, line: str = "", dark_s: float = 0.0) -> None:
-        """Change settings, then read all settings and the dark frame.
+        """Change settings of the board, then read all its settings and take the dark frame.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class SpectrumReader:
         self.board.command("stream spectrum")
 
     def restore(self) -> None:
-        """Restore the board's setting ``average``, unless the board is disconnected."""
+        """Reset the board's ``average`` to its earlier value, unless the board is disconnected."""
         if self._average != 1:
             with suppress(SpotsError):
                 self.board.command(f"set average={self._average}")
@@ -115,7 +115,7 @@ class SpectrumReader:
         return Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
 
     def samples(self, count: int) -> tuple[np.ndarray, bool]:
-        """Return new dark-subtracted samples, shape (count, 6), and whether any was saturated."""
+        """Return new dark-subtracted samples, shape (count, 6), and whether one was saturated."""
         limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
         frames = self._frames(count, _is_lit, limit_s)
         if len(frames) < count:
@@ -131,7 +131,7 @@ class SpectrumReader:
         count : int
             Number of positions.
         timeout_s : float
-            Longest time to wait for them, in s.
+            Longest time to wait for the positions, in s.
 
         Returns
         -------
@@ -151,7 +151,7 @@ class SpectrumReader:
         return np.array([frame.position_um for frame in frames], dtype=float)
 
     def _frames(self, count: int, is_wanted: Callable[[Frame], bool], limit_s: float) -> list:
-        """Return up to `count` wanted frames whose exposure begins now or later."""
+        """Return up to `count` frames that `is_wanted` accepts and that are exposed from now on."""
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
         found = (f for f in self.board.frames(limit_s) if is_wanted(f) and f.time_s >= begun_s)
         return list(islice(found, count))

@@ -45,7 +45,7 @@ _DARK_SHARE = 0.85
 _LEAST_MARGIN = 1.05  # the least force is increased by this factor
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
-DARK_S = 2.5  # exposure of the marks' dark frames: less is noisier, more cools the LED
+DARK_S = 2.5  # exposure of dark frames of the marks: less gives more noise, more cools the LED
 
 
 def calibrate(
@@ -56,22 +56,24 @@ def calibrate(
     strain_percent: float | None,
     options: argparse.Namespace,
 ) -> None:
-    """Take the missing presses of one kind; then, if the session is complete, store a calibration.
+    """Take the missing presses of one kind; if the session is then complete, store a calibration.
 
     Parameters
     ----------
     bench : Bench
         Board, strip and presser.
     session : Session
-        Presses taken so far; new ones are added.
+        Presses taken so far; the new presses are added.
     kind : str
-        ``fine`` or ``rough`` by hand; ``position``, ``strain``, ``force`` or ``joint``.
+        ``fine`` (with a scale) or ``rough`` (without) for presses by hand; or ``position``,
+        ``strain``, ``force`` or ``joint``.
     count : int
-        Presses by hand, positions, forces, or angles in each direction; 0 for the default.
+        Number of presses by hand, positions or forces, or of angles in each direction; 0 for the
+        default.
     strain_percent : float or None
         Strain in per cent, for the kind ``strain``.
     options : argparse.Namespace
-        ``plan``: names of channels, or None. ``keep_settings``: keep gain and LED current if true.
+        ``plan``: channel names, or None. ``keep_settings``: whether to keep gain and LED current.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
 
 
 def missing_step(session: Session) -> str | None:
-    """Return the command that the session needs before a calibration can be made, or None."""
+    """Return the command that takes the presses still needed for a calibration; None if none is."""
     if len(session.of("hand")) >= COUNTS["rough"][1]:
         return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):
@@ -132,7 +134,7 @@ def missing_step(session: Session) -> str | None:
 
 @dataclass(frozen=True)
 class _Steps:
-    """The steps of a session, in their order."""
+    """Steps of a calibration session, in the order in which they run."""
 
     bench: Bench
     session: Session
@@ -280,7 +282,7 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take presses at angles of a joint, up and down; add the joint to the calibration file."""
+        """Take presses at angles of a joint, upwards and then downwards; calibrate the joint."""
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board
@@ -331,7 +333,7 @@ class _Steps:
         self.bench.guide.begin(title, count, plan, length_um or self.bench.length_um)
 
     def _series(self, title: str, row: list[Wanted], length_um: float | None = None) -> None:
-        """Take those presses of `row` that the session does not have; `title` names the series."""
+        """Take the presses of `row` that the session does not have yet; `title` names the row."""
         self._begin(title, len(row), length_um)
         for wanted in row:
             if self.session.has(wanted, self.bench.reader.conditions.plan):
@@ -356,7 +358,7 @@ class _Steps:
             _JUDGES[wanted.kind](others, wanted, reading.counts, noise, self.bench.window)
 
     def _noise(self) -> Noise | None:
-        """Return the noise of the sensor, or None while there are too few presses."""
+        """Return the noise of the sensor, or None if there are too few presses to estimate it."""
         known = [p for p in self.session.points if p.kind != "choose"]
         if len(known) < _NOISE_POINTS:
             return None
@@ -368,5 +370,5 @@ class _Steps:
 
 
 def _along(length_um: float, count: int) -> list[float]:
-    """Return `count` positions from end to end of a strip in um, rounded to 0.1 mm for a ruler."""
+    """Return `count` positions in um from end to end of a strip, rounded to 0.1 mm for a ruler."""
     return np.round(np.linspace(0, length_um, count), -2).tolist()

@@ -1,4 +1,4 @@
-"""Fits a strip's light to presses whose positions and forces were measured with errors.
+"""Fits a model of a strip's light to presses whose positions and forces have errors.
 
 The model of log2 of the counts of channel c is ``s_c(x) + g(F)``: by Eq. 1 of the paper, place and
 force act on the logarithm separately. `s_c` and `g` are Chebyshev series whose coefficients have a
@@ -23,22 +23,22 @@ from .presses import FIRM_MN, FULL_MN, Noise, Presses
 
 _PLACE, _FORCE = 8, 7  # number of coefficients of s_c and g
 _RATIO = 0.3  # ratio of the expected coefficients of successive degrees
-_WIDE = 30.0  # log2; expected size of a coefficient about which nothing is known
+_WIDE = 30.0  # log2; expected size of a coefficient that is completely unknown
 _UNKNOWN = 4.0  # log2; standard deviation of the light of a press with an unknown force
 _STILL = 1 / 12  # counts**2; errors of dark frame and rounding, which more samples do not reduce
 _ROUNDS = 3
 _SWEEPS = 4
-_LIT = 1.0  # log2; least counts of the dimmest channel in a press that a person is asked for
-_FAR = 0.9  # share of the length; a force that is asked for must light all channels here
+_LIT = 1.0  # log2; least count of the dimmest channel in a press that a person must make
+_FAR = 0.9  # share of the length; each force to ask for must light all channels at this position
 _LEAST_MN = 20.0  # least force that a kitchen scale shows
 _LEAST_RELATIVE_MN = 100.0  # least force of a calibration without a scale
-_LOWER = 0.6  # least force to ask for, as a share of the least force so far
+_LOWER = 0.6  # least force to ask for, as a share of the least force of the presses so far
 _ABOVE_DARK = 1.15
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Expected sizes of the errors and of the coefficients.
+    """Expected sizes of the errors and coefficients of the model, see the module docstring.
 
     Attributes
     ----------
@@ -47,11 +47,11 @@ class Sizes:
     force_share : float
         Relative standard deviation of the forces that a person reads.
     bend, rise : float
-        Expected coefficients of degree 2 of `s_c` and `g`, in log2 units.
+        Expected sizes of the coefficients of degree 2 of `s_c` and of `g`, in log2 units.
     dark_share : float
-        Force at which the light begins, as a share of the least force of the presses.
+        Force at which the strip begins to give light, as a share of the least force of the presses.
     misfit : float
-        Standard deviation of a channel from the model, in log2 units.
+        Standard deviation of a channel's log2(counts) from the model, in log2 units.
     """
 
     place_um: float = 300.0
@@ -73,16 +73,16 @@ _GRIDS = {
 
 
 class Surface:
-    """The counts of a strip as a function of position and force, fitted to presses.
+    """Model of the counts of a strip as a function of position and force, fitted to presses.
 
     Parameters
     ----------
     presses : Presses
-        Readings of n presses; a force of 0 is unknown.
+        Readings of n presses; a force of 0 means that the force is unknown.
     noise : Noise
-        Noise of a sample.
+        Noise of one sample.
     samples : int
-        Number of samples of a reading.
+        Number of samples in each reading.
     length_um : float
         Length of the strip in um.
     sizes : Sizes
@@ -93,7 +93,7 @@ class Surface:
     Attributes
     ----------
     evidence : float
-        Natural logarithm of the probability of the readings, up to a constant.
+        Natural logarithm of the probability of the readings in this model, plus a constant.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class Surface:
         )
 
     def _rows(self, place_um, force_mN) -> np.ndarray:
-        """Return the derivatives of the logs by the coefficients, shape (n, 6, coefficients)."""
+        """Return derivatives of log2(counts) by the coefficients, shape (n, 6, coefficients)."""
         place = chebyshev.chebvander(2 * np.asarray(place_um) / self.length_um - 1, _PLACE - 1)
         force = chebyshev.chebvander(self._share(force_mN), _FORCE)[:, 1:]
         force *= (np.asarray(force_mN) > 0)[:, None]
@@ -173,7 +173,7 @@ class Surface:
         return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
 
     def _own(self, place_um, force_mN, counts) -> np.ndarray:
-        """Return the covariance of the logs due to errors of each press, shape (n, 6, 6)."""
+        """Return covariances of six log2(counts) due to errors of each press, shape (n, 6, 6)."""
         noise = self._noise.log_variance(counts) / self._samples
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         slopes = self._slopes(place_um) * self.sizes.place_um
@@ -186,7 +186,7 @@ class Surface:
         )
 
     def logs(self, place_um, force_mN) -> np.ndarray:
-        """Return the logarithms of the counts for presses.
+        """Return log2 of the expected counts of presses.
 
         Parameters
         ----------
@@ -201,12 +201,12 @@ class Surface:
         return self._rows(place_um, force_mN) @ self._mean
 
     def without(self, press: int) -> Surface:
-        """Return the surface of all presses but one."""
+        """Return the surface fitted to all presses except the one with index `press`."""
         kept = self.taken.keep(np.arange(len(self.taken.force_mN)) != press)
         return Surface(kept, self._noise, self._samples, self.length_um, self.sizes, self)
 
     def find(self, counts: np.ndarray) -> tuple[float, float]:
-        """Return position in um and force in mN whose expected counts are most like `counts`."""
+        """Return position in um and force in mN whose expected counts are nearest to `counts`."""
         place_um = np.linspace(0, self.length_um, 101)
         force_mN = np.geomspace(self.least_mN, self.most_mN, 101)
         off = np.log2(counts) - self.logs(place_um, np.full_like(place_um, FIRM_MN))
@@ -218,16 +218,16 @@ class Surface:
 
     @cached_property
     def misfits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Comparison of each press with the fit to all others.
+        """Comparison of each press with the fit to all other presses.
 
         Returns
         -------
         misfit : numpy.ndarray, shape (n,)
-            Squared Mahalanobis distance of the six logs.
+            Squared Mahalanobis distance between the six measured and expected log2(counts).
         off_um : numpy.ndarray, shape (n,)
             Position estimated from the counts, minus the measured position, in um.
         off_share : numpy.ndarray, shape (n,)
-            Force estimated from the counts divided by the measured force, minus 1.
+            Force estimated from the counts, divided by the measured force, minus 1; 0 if unknown.
         """
         p = self.taken
         rows = self._rows(p.position_um, p.force_mN)
@@ -251,7 +251,7 @@ class Surface:
         return np.array(pairs).transpose(1, 0, 2)
 
     def presses(self, place_um, force_mN) -> Presses:
-        """Return presses with the counts of this fit, without noise.
+        """Return presses without noise, with the counts that this fit expects.
 
         Parameters
         ----------
@@ -267,7 +267,7 @@ class Surface:
         return Presses(place_um, force_mN, counts, self._noise.variance(counts), saturated)
 
     def _grid(self, places: int, dark_mN: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions and forces that light all channels, even forces below measured ones."""
+        """Return positions in um and forces in mN of a grid of presses that light all channels."""
         low_mN = max(_LOWER * self.least_mN, _LEAST_MN, _ABOVE_DARK * dark_mN)
         forces_mN = np.geomspace(low_mN, FULL_MN, 12)
         far_um = np.full_like(forces_mN, _FAR * self.length_um)
@@ -278,21 +278,21 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return matrices that convert errors of the coefficients to errors of place and force."""
+        """Return two matrices: from errors of the coefficients to errors of place, and of force."""
         rows = self._rows(place_um, force_mN)
         light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))
         light = (rows * light[:, :, None]).sum(axis=1) / self._rises(force_mN)[:, None]
         return (rows * place[:, :, None]).sum(axis=1), light
 
     def errors(self):
-        """Return the expected errors of the fit.
+        """Return the expected errors of the positions and forces that the fit gives.
 
         Returns
         -------
         places : tuple of (numpy.ndarray, numpy.ndarray)
             Places in um, and the standard deviation of each place in um.
         forces : tuple of (numpy.ndarray, numpy.ndarray)
-            Forces in mN, and the relative standard deviation of each force. Empty without forces.
+            Forces in mN, and the relative standard deviation of each; empty if no force is known.
         """
 
         def sigma(targets):
@@ -307,12 +307,12 @@ class Surface:
         return (place_um, sigma(places)), (force_mN, sigma(forces))
 
     def next_press(self, dark_mN: float) -> tuple[float, float]:
-        """Return place in um and force in mN of the press that reduces the errors most.
+        """Return the place in um and the force in mN of the press that reduces `errors` most.
 
         Parameters
         ----------
         dark_mN : float
-            Largest force at which a channel had no light, or 0.
+            Largest force so far at which a channel had no light, in mN; 0 if none.
         """
         place, force = self._grid(11, dark_mN)
         places, forces = self._targets(place, force)
@@ -338,7 +338,7 @@ def fitted(
     length_um: float,
     sizes: Sizes | None = None,
 ) -> Surface:
-    """Return the fit whose assumed sizes of errors make the readings most probable.
+    """Fit surfaces with different sizes of errors; return the one with the largest evidence.
 
     Parameters
     ----------

@@ -27,12 +27,12 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
     Returns
     -------
     place_um, force_mN : float or None
-        None for what was not typed.
+        Position in um and force in mN; None if not typed.
 
     Raises
     ------
     SpotsError
-        If a unit is missing or unknown, or a value is not possible.
+        If a unit is missing or unknown, or a value is impossible for a press by a finger.
     """
     place_um = force_mN = None
     at = 0
@@ -60,5 +60,5 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
 
 
 def grams(force_mN: float) -> str:
-    """Return a force in mN as text: in g as on a kitchen scale, and in N as on a force gauge."""
+    """Return a force as text in g (for a kitchen scale) and in N: ``120 g (1.18 N)``."""
     return f"{force_mN / _STANDARD_GRAVITY:.0f} g ({force_mN / 1000:.3g} N)"

@@ -22,7 +22,7 @@ from .controller_setup import set_up
 from .gamepad_engine import Controller
 from .stick import picture
 
-_TICK_S = 0.005  # largest delay of a state that follows from a timeout
+_TICK_S = 0.005  # largest delay of a state that a timeout changes
 _READINGS_BRIDGED = 1.5
 
 
@@ -46,7 +46,7 @@ def controller_command(options: argparse.Namespace) -> None:
 
 
 class Watcher(Protocol):
-    """Observer of readings and gamepad states while `play` runs."""
+    """Observer of the readings and gamepad states of `play`."""
 
     def read(self, touch: Touch, state: State) -> None:
         """Handle a reading.
@@ -56,18 +56,18 @@ class Watcher(Protocol):
         touch : Touch
             The reading.
         state : State
-            State of the controller after the reading.
+            State that the controller computed from this reading.
         """
 
     def sent(self, state: State, now_s: float) -> None:
-        """Handle a state that is sent to the gamepad.
+        """Handle a state just before it is sent to the gamepad.
 
         Parameters
         ----------
         state : State
             State that the gamepad gets.
         now_s : float
-            Present time in seconds, by the link's clock.
+            Present time in seconds, from `Board.now_s`.
         """
 
 
@@ -83,13 +83,13 @@ def play(
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. Its ``baseline`` setting is switched on.
+        Board with a calibrated strip. This function switches its ``baseline`` setting on.
     controller : Controller
         Controller that computes the states.
     gamepad : Gamepad
         Gamepad that gets the states. The caller must close the gamepad, which releases all inputs.
     seconds : float, optional
-        Time after which to end, in seconds by the link's clock; no limit if not given.
+        Time after which this function ends, in seconds of `Board.now_s`; no limit if not given.
     watchers : sequence of Watcher, optional
         Observers of the readings and the states.
 
@@ -116,7 +116,7 @@ def play(
 def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     """Return a controller for the strip of a board.
 
-    ``release_ms`` is increased if necessary, so that one failed reading does not end a touch.
+    If necessary, ``release_ms`` is increased, so that one failed reading does not end a touch.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def controller_for(board: Board, settings: ControllerSettings) -> Controller:
 
 
 class ControllerView:
-    """Draws a controller while `play` runs; a `Watcher`.
+    """Draws the state of a controller while `play` runs; a `Watcher`.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class ControllerView:
     settings : ControllerSettings
         Settings of the controller, for the number of buttons.
     display : rich.live.Live or None
-        Live display to update; None if only `picture` is used.
+        Live display to update; None if the caller uses only `picture`.
     """
 
     def __init__(

@@ -15,16 +15,16 @@ DEFAULT = Path(__file__).parent / "data" / "controller.toml"
 Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Force = Annotated[float, msgspec.Meta(ge=0, le=65_535)]
-# A smaller value is probably in N: a strip cannot measure such a light press.
+# A smaller value is probably in N: a strip cannot measure a press that is lighter than this.
 _FINGER_MN = 50
 Time = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
-# A lower rate would delay the lift of a finger.
+# At a lower rate, the lift of a finger would be reported too late.
 Rate = Annotated[float, msgspec.Meta(ge=10, le=1000)]
 Hertz = Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
 
 
 class Smooth(toml.Strict):
-    """Settings of an axis's filter, whose signal is the deflection (-1 to 1).
+    """Settings of the filter of an axis. The filter's signal is the deflection, from -1 to 1.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class PositionAxis(_Axis, tag="position"):
     Attributes
     ----------
     rest_percent, min_percent, max_percent : float
-        Positions where the axis is 0, -1 and 1, in % of the strip's length from the sensor.
+        Positions at which the axis is 0, -1 and 1, in % of the strip's length from the sensor.
     """
 
     rest_percent: Percent = 50.0
@@ -68,7 +68,7 @@ class ForceAxis(_Axis, tag="force"):
     Attributes
     ----------
     rest_mN, max_mN : float
-        Forces where the axis is 0 and 1, in mN.
+        Forces at which the axis is 0 and 1, in mN.
     """
 
     rest_mN: Force = 300.0
@@ -90,7 +90,7 @@ class _Button(toml.Strict, tag_field="when"):
 
 
 class Pressed(_Button, tag="pressed"):
-    """A button that is down while a touch presses hard enough and began in the button's zone.
+    """A button that is down while a touch, which began in the button's zone, presses hard enough.
 
     Attributes
     ----------
@@ -112,14 +112,14 @@ class Pressed(_Button, tag="pressed"):
 
 
 class Tapped(_Button, tag="tapped"):
-    """A button that is pressed after a short touch in the button's zone.
+    """A button that is pressed after a short touch that began in the button's zone.
 
     Attributes
     ----------
     longest_ms : float
         Longest duration of the touch, in ms.
     pulse_ms : float
-        Time for which the button is down, in ms.
+        Time for which the button is then down, in ms.
     """
 
     longest_ms: Annotated[float, msgspec.Meta(ge=10, le=10_000)] = 200.0
@@ -134,9 +134,9 @@ class ControllerSettings(toml.Strict):
     hold_ms : float
         Time in ms for which the last valid state is kept while readings are untrusted or missing.
     release_ms : float
-        Time in ms without light from a press, after which a touch ends.
+        Time in ms after which a touch ends if no light from a press is measured.
     rate_hz : float
-        Largest number of states a second.
+        Largest number of states that are sent to the gamepad per second.
     x, y, z : PositionAxis, ForceAxis or None
         Settings of the axes; None for an axis that is not used.
     button : list of Pressed or Tapped

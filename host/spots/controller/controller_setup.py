@@ -1,4 +1,4 @@
-"""``spots controller --calibrate``: measures five touches, and writes a settings file."""
+"""``spots controller --calibrate``: measures five touches to set the axes of a controller."""
 
 import math
 from collections.abc import Callable
@@ -38,15 +38,15 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
         A calibrated board.
     path : str or Path
         Settings file to write. An existing file keeps its other settings, but loses its comments;
-        a new file starts from the default settings.
+        a new file gets the default settings for the rest.
     say : callable
         Function that takes a line to print.
 
     Raises
     ------
     SpotsError
-        If a touch is missing for 60 s, or the touches cannot be those of a stick. Then nothing is
-        written.
+        If a finger does not touch or lift within 60 s, or the touches are too close together for a
+        stick. Nothing is then written.
     """
     there, shown = Path(path).exists(), printable(str(path))
     settings = load(path if there else DEFAULT)
@@ -92,7 +92,7 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
 
 
 def _touch(board: Board) -> Touch:
-    """Wait until a finger rests on the strip, and return the median of its readings."""
+    """Wait until a finger rests on the strip, and return the median of the readings."""
     readings: list[Touch] = []
     for touch in _readings(board, "no touch was held"):
         readings = [*readings, touch] if touch.trusted else []

@@ -1,4 +1,4 @@
-"""Computes the state of a gamepad from readings. No I/O; all times are arguments.
+"""Computes the state of a gamepad from readings. No I/O; the caller passes all times.
 
 An axis follows the finger, and returns to 0 when the finger lifts. While readings are untrusted or
 missing, the last valid state is kept for `hold_ms`; then all axes are 0 and all buttons released.
@@ -24,7 +24,7 @@ _WAITING_MAX = 16
 
 
 class Controller:
-    """Takes readings and returns the gamepad states to send.
+    """Computes the states of a gamepad from the readings of a strip.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Controller:
     length_um : float
         Length of the strip, in um.
     state : State
-        State after the last reading, even if it has not been sent.
+        State after the last reading or `tick`, even if this state has not been sent.
     held : bool
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
@@ -64,7 +64,7 @@ class Controller:
         Parameters
         ----------
         touch : Touch
-            The next reading. Its `t_us` serves only to compute the time between readings.
+            The next reading. Its `t_us` is used only to compute times between readings.
         now_s : float
             Time at which the reading arrived, in seconds, by the same clock as in `tick`.
 
@@ -91,7 +91,7 @@ class Controller:
     def tick(self, now_s: float) -> State | None:
         """Update the timeouts, and return the state to send now, as `take` does.
 
-        Call this regularly, even if no readings arrive.
+        Call `tick` regularly, even if no readings arrive.
         """
         self._expire(now_s)
         buttons = 0
@@ -126,7 +126,7 @@ class Controller:
             self._touched = True
             self._began_us = self._last_us = touch.t_us
             for button in self._buttons:
-                # Only a touch whose start was seen can press a button.
+                # Only a touch whose start was measured can press a button.
                 button.begin(self._lifted and button.has(touch.position_um))
         dt_s = (touch.t_us - self._last_us) % _TURN_US * 1e-6
         self._last_us = touch.t_us
@@ -141,7 +141,7 @@ class Controller:
         self._touched = self.held = False
         for axis in self._axes.values():
             axis.end()
-        # A tap needs a lift that was seen, and recently: the process may have been stopped.
+        # A tap needs a measured and recent lift: the process may have been stopped meanwhile.
         tapped = self._lifted and now_s - self._until_s < _FORGET_S
         lasted_ms = (self._last_us - self._began_us) % _TURN_US / 1000 if tapped else math.inf
         for button in self._buttons:
@@ -168,9 +168,10 @@ class _Axis:
 
 
 def usable(touch: Touch) -> bool:
-    """Return whether a reading moves a controller: trusted, or of one press on a drifted strip.
+    """Return whether a reading is accurate enough for a controller.
 
-    A controller needs less accuracy than a measurement, see docs/drift.md.
+    Such a reading is trusted, or has the flags `TWO_FIT`: its spectrum fits one press well enough,
+    but the strip has drifted, or two fingers touch the strip. See docs/drift.md.
     """
     return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
 
@@ -183,7 +184,7 @@ def axis_value(u: float, settings: PositionAxis | ForceAxis) -> int:
     u : float
         Deflection, from -1 to 1.
     settings : PositionAxis or ForceAxis
-        Settings of the axis, of which deadband, expo and invert are used.
+        Settings of the axis: its deadband, expo and invert.
 
     Returns
     -------
@@ -264,7 +265,7 @@ _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton}
 
 
 class _Sender:
-    """Limits the rate of gamepad states; skips states of the axes, but no change of a button."""
+    """Limits the rate of gamepad states; skips changes of the axes, but no change of a button."""
 
     def __init__(self, rate_hz: float):
         self._every_s = 1 / rate_hz
@@ -274,7 +275,7 @@ class _Sender:
 
     def put(self, state: State) -> None:
         waiting = self._waiting
-        # If the queue is full, a short push may be lost, but the newest state never is.
+        # If the queue is full, a short press of a button may be lost, but never the newest state.
         if waiting and (state.buttons == waiting[-1].buttons or len(waiting) == _WAITING_MAX):
             waiting[-1] = state
         else:

@@ -1,4 +1,4 @@
-"""The 1-Euro filter: a low-pass filter whose cutoff frequency rises with speed.
+"""The 1-Euro filter: a low-pass filter whose cutoff frequency rises with the signal's speed.
 
 Casiez, Roussel and Vogel, 1 Euro Filter: a simple speed-based low-pass filter for noisy input in
 interactive systems, CHI 2012, algorithms 1 and 2.
@@ -13,12 +13,12 @@ class OneEuro:
     Parameters
     ----------
     min_cutoff_hz : float
-        Cutoff frequency of a signal at rest, in Hz. A lower value reduces jitter.
+        Cutoff frequency for a constant signal, in Hz. A lower value reduces jitter.
     beta : float
-        Rise of the cutoff frequency with speed, in Hz per signal unit per second. A higher value
-        reduces lag.
+        Increase of the cutoff frequency, in Hz, for a speed of one signal unit per second. A higher
+        value reduces lag.
     derivative_cutoff_hz : float
-        Cutoff frequency of the speed filter, in Hz.
+        Cutoff frequency of the low-pass filter of the speed, in Hz.
     """
 
     def __init__(self, min_cutoff_hz: float, beta: float, derivative_cutoff_hz: float):
@@ -60,5 +60,5 @@ class OneEuro:
 
 
 def _alpha(cutoff_hz: float, dt_s: float) -> float:
-    """Return the weight (0 to 1) of a new sample, `dt_s` seconds after the last, in a low-pass."""
+    """Return a low-pass filter's weight (0 to 1) for a sample `dt_s` after the previous one."""
     return 1 / (1 + 1 / (2 * math.pi * cutoff_hz * dt_s))

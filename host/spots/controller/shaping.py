@@ -1,4 +1,4 @@
-"""Pure functions that convert the value of a reading to the deflection of an axis."""
+"""Pure functions that convert a position or force to the deflection of an axis."""
 
 
 def deflection(value: float, rest: float, low: float, high: float) -> float:

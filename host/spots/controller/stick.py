@@ -18,7 +18,7 @@ def picture(
     Parameters
     ----------
     state : State
-        State to draw.
+        State of the gamepad to draw.
     held : bool
         Whether the last valid state is kept because readings are untrusted or missing.
     buttons : int
@@ -26,7 +26,7 @@ def picture(
     title : str
         Title of the picture.
     facts : str
-        Text of a line below the picture; no line if empty.
+        Text of a line below the picture; if empty, there is no such line.
 
     Returns
     -------

@@ -1,10 +1,10 @@
 """Layout files: validates these TOML files and compiles them to the lines that a board stores.
 
-A file contains layers, and a layer contains keys. A key is the action of a tap, or a table of
-actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` and ``slide_plus``. A
-slide with ``minus`` is towards the sensor, one with ``plus`` away from it. An action is the name of
-a computer's key with modifiers (``LEFT_SHIFT+A``), or ``layer NAME``, ``toggle NAME`` or
-``once NAME``. Key names are those of `usages`.
+A file contains layers, and a layer contains keys. A key is either one action, that of a tap, or a
+table of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
+``slide_plus`` (away from the sensor). An action is the name of a computer's key with modifiers
+(``LEFT_SHIFT+A``), or selects a layer: ``layer NAME``, ``toggle NAME`` or ``once NAME``. Key names
+are those of `outputs.usages`.
 """
 
 import re
@@ -77,7 +77,7 @@ class PlacedKey:
     label : str
         Text on the key.
     actions : dict of str to int
-        Action for each name in `SLOTS`, encoded by `spots_device.layout.action`.
+        Action for each name in `SLOTS`, as encoded by `spots_device.layout.action`.
     """
 
     low: float
@@ -95,15 +95,16 @@ class KeyLayout:
     name : str
         Name of the layout.
     layers : dict of str to list of PlacedKey
-        Keys of each layer by its name, in the order of the file.
+        Keys by the name of their layer; layers and keys are in the order of the file.
     lines : list of str
         The layout as the board stores it, see `spots_device.layout`.
     typed : frozenset of int
-        Actions of all keys and swipes that type something, see `spots_device.layout.action`.
+        All actions of keys and swipes that press a computer's key, as encoded by
+        `spots_device.layout.action`.
     text : str
         Text of the layout file.
     content : dict
-        Content of the file, without the keys that have their default value.
+        Parsed content of the file, without TOML entries that have their default value.
     """
 
     name: str
@@ -125,13 +126,13 @@ def load(name: str | Path) -> KeyLayout:
     Raises
     ------
     SpotsError
-        If the file does not exist or is invalid; the text names line, key and remedy.
+        If the file does not exist or is invalid; the message names line, key and remedy.
     """
     return compiled(*toml.find(name, FOLDER, "layout"))
 
 
 def compiled(path: Path, text: str) -> KeyLayout:
-    """Return the layout in the text of a layout file.
+    """Compile the text of a layout file.
 
     Parameters
     ----------
@@ -203,7 +204,7 @@ class _Compiler:
             actions = {
                 slot: self._action(getattr(key, slot), layer, f"key {i + 1}") for slot in SLOTS
             }
-            # No gap at the ends of the strip.
+            # There is no gap at the ends of the strip.
             low, high = begin + (gap if i else 0), end - (gap if i + 1 < len(keys) else 0)
             label = _label(key) if key.label is None else key.label
             placed.append(PlacedKey(low / whole, high / whole, label, actions))
@@ -251,7 +252,7 @@ class _Compiler:
 
 
 def _label(key: _Key) -> str:
-    """Return a key's label: the characters of tap, firm press and hold, or the tap's key name."""
+    """Return the label of a key: the characters that its actions type, or its first action."""
     written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
     characters = [text for text in written if len(text) == 1]
     return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
@@ -287,7 +288,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, value: str) -> str:
-    """Return the line of a string value in a TOML text, as ``, line 7``; empty if not found."""
+    """Return where a TOML text contains a string value, as ``, line 7``; empty if nowhere."""
     for number, line in enumerate(text.splitlines(), 1):
         if f'"{value}"' in line or f"'{value}'" in line:
             return f", line {number}"
@@ -295,7 +296,7 @@ def _line_of(text: str, value: str) -> str:
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return the line of the key that msgspec's error names, as ``, line 7``; else empty."""
+    """Return where a text has the TOML key of a msgspec error, as ``, line 7``; else empty."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
     for name in (part for pair in reversed(names) for part in pair if part):
         for number, line in enumerate(text.splitlines(), 1):

@@ -1,8 +1,8 @@
-"""Keyboard for macOS and Windows, by pynput.
+"""Keyboard for macOS and Windows, which uses pynput.
 
-Keys are identified by their characters, not by their positions. A key that types a character on an
-American keyboard is replaced by the key that types this character in the computer's own keyboard
-layout.
+Keys are identified by their characters, not by their positions: a key stands for the character that
+it types on an American keyboard. The key that types this character in the computer's own keyboard
+layout is then pressed.
 """
 
 from ..errors import SpotsError

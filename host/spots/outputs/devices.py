@@ -44,12 +44,12 @@ REST = State(0, 0, 0, 0)
 
 
 class Output:
-    """Output device that releases all keys and buttons when closed, even after an exception.
+    """Base class of output devices: closing releases all keys and buttons, even after an error.
 
     Attributes
     ----------
     muted : bool
-        Whether presses are ignored, see `mute`.
+        Whether the device ignores presses, see `mute`.
     """
 
     muted = False
@@ -105,7 +105,7 @@ class KeySink(Protocol):
 
 
 class Keyboard(Output):
-    """Keyboard that presses a key or modifier only once, even if several events need it."""
+    """Base class of keyboards: a key that several events need is pressed only once."""
 
     def __init__(self):
         self._held: dict[tuple[int, int], int] = {}  # pressed keys with their modifiers
@@ -122,7 +122,8 @@ class Keyboard(Output):
             Modifier keys, as bits of a USB keyboard report. They are pressed before the key, and
             released with the key unless another key needs them. Ignored if `pressed` is false.
         pressed : bool
-            True to press, False to release. A second press or release of a key is ignored.
+            True to press, False to release. Pressing a key that is pressed has no effect, nor has
+            releasing a key that is released.
 
         Raises
         ------
@@ -142,7 +143,7 @@ class Keyboard(Output):
             self._apply()
 
     def release(self) -> None:
-        """Release all keys, even if an error occurs at one of them."""
+        """Release all keys, even if the release of a key fails."""
         with SECTION:
             self._held.clear()
             self._apply()
@@ -175,7 +176,7 @@ class Keyboard(Output):
         yield USAGES[key]
 
     def _check(self, one: Usage) -> None:
-        """Raise SpotsError if the device has no such key."""
+        """Raise SpotsError if the device does not have the key `one`."""
 
     def _set(self, one: Usage, pressed: bool) -> None:
         raise NotImplementedError
@@ -185,7 +186,7 @@ class Keyboard(Output):
 
 
 class Gamepad(Output):
-    """Gamepad that sends a state only if it has changed."""
+    """Base class of gamepads: a state is sent only if it differs from the previous state."""
 
     def __init__(self):
         self._last: State | None = REST

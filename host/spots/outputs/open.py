@@ -9,7 +9,7 @@ from .uinput import UInputGamepad, UInputKeyboard
 
 
 def open_keyboard(dry_run: bool) -> Keyboard:
-    """Open a keyboard of this computer; if `dry_run` is true, a keyboard that only prints.
+    """Open a keyboard of this computer or, if `dry_run` is true, a keyboard that only prints.
 
     Raises
     ------
@@ -24,7 +24,7 @@ def open_keyboard(dry_run: bool) -> Keyboard:
 
 
 def open_gamepad(dry_run: bool) -> Gamepad:
-    """Open a gamepad of this computer; if `dry_run` is true, a gamepad that only prints.
+    """Open a gamepad of this computer or, if `dry_run` is true, a gamepad that only prints.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Virtual keyboard and gamepad for Linux, with the kernel's uinput and python-evdev."""
+"""Virtual keyboard and gamepad for Linux, made with the kernel's uinput and python-evdev."""
 
 import platform
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from .usages import USAGES, Usage
 
 _NODE = "/dev/uinput"
 _UINPUT_RULE = 'KERNEL=="uinput", SUBSYSTEM=="misc", OPTIONS+="static_node=uinput", TAG+="uaccess"'
-# A binary wheel needs no compiler.
+# Name of the package with a binary wheel, which needs no compiler.
 _PACKAGE = "evdev-binary" if platform.machine() == "x86_64" else "evdev"
 
 

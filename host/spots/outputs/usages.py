@@ -14,7 +14,7 @@ from ..errors import SpotsError
 
 KEYBOARD = 0x07
 CONSUMER = 0x0C
-# Bit i of the modifiers in a report is the key of this usage + i.
+# Bit i of the modifiers in a keyboard report stands for the key with this usage plus i.
 MODIFIERS_FROM = 0xE0
 MODIFIERS = 8
 
@@ -23,7 +23,7 @@ USAGES_FILE = Path(__file__).with_name("usages.txt")
 
 
 class Usage(NamedTuple):
-    """A key.
+    """A key of the USB HID Usage Tables, with its names on Linux and in pynput.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Usage(NamedTuple):
     name : str
         Name in the HID Usage Tables, in capitals with underscores.
     linux : str
-        Name in Linux's input-event-codes.h to which the kernel's HID driver maps the key.
+        Name of the key's code in Linux's input-event-codes.h, as Linux's HID driver assigns it.
     pynput : str or None
         Character of the key, or name of a member of ``pynput.keyboard.Key``; None if pynput has no
         such key.
@@ -66,7 +66,7 @@ _BY_CHARACTER = {
 
 
 def usage_of(name: str) -> tuple[int, int]:
-    """Return HID usage page and usage of a key.
+    """Return the HID usage page and the usage of a key.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def usage_of(name: str) -> tuple[int, int]:
     Raises
     ------
     SpotsError
-        If no key has this name; the text suggests similar names.
+        If no key has this name; the message suggests similar names.
     """
     found = _BY_NAME.get(name.upper()) or _BY_CHARACTER.get(name.lower())
     if found is None:
@@ -98,14 +98,14 @@ def name_of(page: int, usage: int) -> str:
     Returns
     -------
     str
-        Name; page and usage as hexadecimal numbers if the key has no name.
+        Name of the key; if it has no name, its page and usage as hexadecimal numbers.
     """
     found = USAGES.get((page, usage))
     return found.name if found else f"{page:#04x}:{usage:#04x}"
 
 
 def chord_of(text: str) -> tuple[int, int, int]:
-    """Return HID usage page, usage and modifier bits of a key with modifiers.
+    """Return the HID usage page, usage and modifier bits of a key with modifiers.
 
     Parameters
     ----------

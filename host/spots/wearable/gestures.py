@@ -1,7 +1,7 @@
-"""Classifies touches on a strip that is worn on the body as gestures, each with a confidence.
+"""Detects gestures, each with a confidence, on a strip that is worn on the body.
 
-On an arm that bends and stretches, positions and forces are less accurate than on a desk. So all
-limits concern only the touch itself: the distance it moves, its duration and its change of force.
+On an arm that bends and stretches, positions and forces are less accurate than on a desk. So the
+limits of a gesture concern the movement, duration and force of a touch, but not its position.
 """
 
 import math
@@ -18,7 +18,7 @@ from ..link.timeouts import RELEASE_S
 TAP, DOUBLE_TAP, HOLD = "tap", "double_tap", "hold"
 SQUEEZE = "squeeze"
 SWIPE_MINUS, SWIPE_PLUS = "swipe_minus", "swipe_plus"  # towards the sensor, and away from it
-SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"  # the same after a rest
+SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"  # same directions, but after a rest
 NAMES = (
     TAP, DOUBLE_TAP, HOLD, SQUEEZE, SWIPE_MINUS, SWIPE_PLUS, SLIDE_MINUS, SLIDE_PLUS
 )  # fmt: skip
@@ -26,32 +26,32 @@ NAMES = (
 _STILL_UM = 4_000  # a finger that moves less than this counts as still
 _TAP_S = 0.3  # longest tap
 _AGAIN_S = 0.3  # longest pause between two taps of a double tap
-_AGAIN_UM = 15_000  # largest distance of two taps of a double tap
+_AGAIN_UM = 15_000  # largest distance between the two taps of a double tap
 _HOLD_S = 0.6
 _SWIPE_UM = 14_000
 _SWIPE_S = 0.45
 _REST_S = 0.25  # least rest before a slide
 _SQUEEZE_MN = 5_000
 _SQUEEZE_S = 0.1
-_KEPT = 4096  # readings of a touch
+_KEPT = 4096  # largest number of stored readings of a touch
 # The confidence is 50 % at a limit, and 88 % where a value is a quarter better than its limit.
 _STEEPNESS = 8.0
 _TUNING = ["jump_um 12000", "release_ms 30", "stuck_ms 20000"]
 
 
 class Gesture(NamedTuple):
-    """A classified touch.
+    """A touch that was classified as a gesture.
 
     Attributes
     ----------
     name : str
         Name of the gesture, one of `NAMES`.
     confidence : float
-        Confidence from 0 to 1. It is 0.5 if a measured value is at a limit of the gesture, and
-        grows with the distance from the limits.
+        Confidence from 0 to 1: 0.5 if a measured value is at a limit of the gesture, more if all
+        values are far from their limits.
     position_um, distance_um : int
-        Position where the touch began, and distance that the touch moved away from the sensor
-        (negative towards the sensor), in um.
+        Position where the touch began, and distance from there to the last position, in um;
+        a positive distance is away from the sensor.
     force_mN : int
         Largest force of the touch, in mN.
     time_s : float
@@ -72,7 +72,7 @@ class Gestures:
     Attributes
     ----------
     rests : int
-        Number of times that an object, not a finger, was detected on the strip.
+        Number of times that an object instead of a finger was detected on the strip.
     """
 
     def __init__(self):
@@ -113,17 +113,17 @@ class Gestures:
         return found
 
     def tick(self, now_s: float) -> None:
-        """Drop the touch and a pending tap if no reading has arrived for `RELEASE_S`."""
+        """Drop the touch and a pending tap if no reading has arrived for `RELEASE_S` seconds."""
         if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             self.release()
 
     def release(self) -> None:
-        """Ignore the present touch, and forget a tap that may become a double tap."""
+        """Ignore the present touch, and drop a tap that waits for a second tap."""
         self._contact.spend()
         self._path = self._tap = None
 
-    # Called by the contact.
+    # Called by `ContactTracker`.
 
     def down(self, x_um: int, t: int) -> None:
         """Handle the start of a contact, see `spots_device.contact.ContactTracker`.
@@ -133,7 +133,7 @@ class Gestures:
         x_um : int
             Position on the strip, in um.
         t : int
-            Time in ticks of the contact.
+            Time, in ticks of `spots_device.contact.TICK_US`.
         """
         self._path = _Path(self._now_s, x_um)
         self.at(x_um, t)
@@ -146,7 +146,7 @@ class Gestures:
         x_um : int
             Position on the strip, in um.
         t : int
-            Time in ticks of the contact.
+            Time, in ticks of `spots_device.contact.TICK_US`.
         """
         self._path.extend(self._now_s, x_um, self._contact.force_mN)
         if not self._path.decided:
@@ -156,14 +156,14 @@ class Gestures:
         pass
 
     def next(self, x_um: int, t: int) -> None:
-        """Handle a jump: the contact of one finger ends, and the contact of another finger begins.
+        """Handle a jump from one finger to another: a contact ends, and a new contact begins.
 
         Parameters
         ----------
         x_um : int
             Position of the new contact on the strip, in um.
         t : int
-            Time in ticks of the contact.
+            Time, in ticks of `spots_device.contact.TICK_US`.
         """
         self.up(t)
         self.down(x_um, t)
@@ -180,7 +180,7 @@ class Gestures:
     # Classification.
 
     def _decide_early(self) -> None:
-        """Detect the gestures that are decided during the touch: a squeeze or a long hold."""
+        """Detect the gestures that are complete before the touch ends: a squeeze or a long hold."""
         path = self._path
         still = path.spread_um <= _STILL_UM
         hard = still and path.force_mN >= _SQUEEZE_MN
@@ -244,14 +244,14 @@ class _Path:
     Attributes
     ----------
     began_s, left_s, end_s : float
-        Time of the first reading, time at which the finger left its first position, and time of the
-        last reading, in seconds.
+        Times in seconds: of the first reading, of the finger's departure from its first position,
+        and of the last reading.
     begin_um, end_um : int
         First and last position, in um.
     force_mN, hardest_mN : int
         Latest and largest force, in mN.
     hard_since_s : float
-        Time at which the finger, without moving, began to press hard; infinity if it does not.
+        Time at which a still finger began to press hard; infinity if it does not press hard.
     decided : bool
         Whether a gesture was found for this path.
     """
@@ -291,7 +291,7 @@ class _Path:
         return _below(max(self.spread_um, 1), _STILL_UM)
 
     def arrived_s(self) -> float:
-        """Return the latest time in s at which the finger was not yet near its last position."""
+        """Return the last time in s at which the finger was not yet near its last position."""
         away_s = (
             time_s
             for time_s, x_um in reversed(self._lately)
@@ -301,7 +301,7 @@ class _Path:
 
 
 def _above(value: float, limit: float) -> float:
-    """Return the confidence, 0 to 1, that a measured value is above its limit; 0.5 at the limit."""
+    """Return the confidence (0 to 1) that a value is above its limit; 0.5 at the limit."""
     return 1 / (1 + math.exp(-_STEEPNESS * (value / limit - 1)))
 
 

@@ -1,4 +1,4 @@
-"""``spots wearable``: gestures on a strip that is worn on the body press keys of this computer."""
+"""``spots wearable``: a strip on the body whose gestures press keys of this computer."""
 
 import argparse
 from collections.abc import Callable
@@ -32,7 +32,7 @@ class _File(toml.Strict):
 
 
 class Mapping:
-    """The key for each gesture, read from a gestures file.
+    """Keys that the gestures press, read from a gestures file.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Mapping:
                 raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
-        """Press and release the key of a gesture, if its confidence is high enough.
+        """Press and release the key of a gesture if the gesture's confidence is high enough.
 
         Parameters
         ----------
@@ -105,16 +105,16 @@ def play(
     drawing: bool,
     mapping: Mapping,
 ) -> list[Gesture]:
-    """Read a board and report each gesture; return all gestures at the end.
+    """Read a board, and report each gesture at once; return all gestures at the end.
 
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. Its ``baseline`` setting is switched on.
+        Board with a calibrated strip. This function switches its ``baseline`` setting on.
     on_gesture : callable
-        Called with each gesture.
+        ``on_gesture(gesture)`` is called with each gesture.
     seconds : float or None
-        Time after which to end, in seconds by the link's clock; no limit if None.
+        Time after which this function ends, in seconds of `Board.now_s`; no limit if None.
     drawing : bool
         Whether to show a live picture on a terminal.
     mapping : Mapping
@@ -127,7 +127,7 @@ def play(
     Raises
     ------
     SpotsError
-        If the board is lost, has no calibration, or is too slow.
+        If the board is lost, has no calibration, or sends readings too slowly.
     """
     gestures, found = Gestures(), []
     length_um = hello_often(board, RELEASE_S)["length_um"]

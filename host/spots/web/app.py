@@ -1,8 +1,8 @@
 """The web application: static files, a WebSocket for the state, and requests if allowed.
 
-A message on the WebSocket changes nothing. A request is a POST, and needs the token. A browser
-acknowledges each message after drawing it, and then gets the newest state. Messages to a browser
-are never queued, neither here nor in sockets.
+Messages that a browser sends on the WebSocket only acknowledge the server's messages. A request to
+change something is a POST, and needs the access token. A browser acknowledges each message after
+drawing it, and then gets the newest state. So old states never wait in a queue or in a socket.
 """
 
 import asyncio
@@ -28,7 +28,7 @@ from .pace import PagePace
 from .state import PageState
 
 STATIC = Path(__file__).parent / "static"
-# By name, so that no name from a request reaches the file system.
+# Files by name: no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
 _FILES["usages.txt"] = USAGES_FILE
 _CLIENTS_MAX = 64
@@ -45,7 +45,7 @@ _DAMAGED = (HttpProcessingError, web.RequestPayloadError, PayloadEncodingError)
 
 
 def _is_fault(record: logging.LogRecord) -> bool:
-    """Return whether a log record reports a fault of this program, and not a damaged request."""
+    """Return whether a log record reports a fault of this program, not a damaged request."""
     error = record.exc_info[1] if record.exc_info else None
     return not isinstance(error, (*_DAMAGED, ConnectionError))
 
@@ -55,16 +55,16 @@ LOG.addFilter(_is_fault)
 
 
 class PageApp:
-    """Web application that sends the state of the web UI to browsers; use it in one event loop.
+    """Web application that sends the state of the web UI to browsers; runs in one event loop.
 
     Parameters
     ----------
     state : PageState
         State to serve.
     guard : Guard
-        Access control.
+        Access control for all requests.
     orders : dict of Orders, optional
-        What a browser with the token may request, by path.
+        Handlers of the requests that a browser with the access token may send, by path.
 
     Attributes
     ----------
@@ -92,7 +92,7 @@ class PageApp:
         self.web.on_shutdown.append(self._close)
 
     def _changed(self) -> None:
-        # Called by the reader's thread thousands of times a second; the loop is woken only once.
+        # The reader's thread calls this thousands of times a second; the loop is woken only once.
         if not self._waking:
             self._waking = True
             try:

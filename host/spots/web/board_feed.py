@@ -1,4 +1,4 @@
-"""A thread that reads a board for the web UI, and reconnects to it after it was unplugged."""
+"""A thread that reads a board for the web UI, and reconnects if the board was unplugged."""
 
 from __future__ import annotations
 
@@ -44,19 +44,19 @@ class BoardReader:
     Parameters
     ----------
     open_board : callable
-        Function that takes the id of the board to find again, or None for any board. The function
-        returns the open board, or raises SpotsError.
+        ``open_board(board_id)`` opens and returns the board with this id, or any board if the id is
+        None; raises SpotsError if this is not possible.
     layout : KeyLayout
-        Key layout to show.
+        Key layout to show until a request changes the layout.
     state : PageState
         State that gets the parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick`` and
         ``link``, see docs/page.md.
     search_every_s : float
         Time between two searches for a board, in seconds.
     on_touch : callable
-        Called with each reading, in the reader's thread.
+        ``on_touch(touch)`` is called with each reading, in the reader's thread.
     orders : collection of Orders
-        Receivers of the requests of browsers.
+        Queues of the requests of browsers; this thread handles the requests.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class BoardReader:
         self._thread = threading.Thread(target=self._run, name="reader", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread that reads the board."""
         self._say(SEARCHING, "")
         self._thread.start()
 
@@ -98,7 +98,7 @@ class BoardReader:
                 self._stopping.wait(self._search_every_s)
 
     def _attempt(self) -> bool:
-        """Read a board until the reader is stopped; return False if the board cannot be read."""
+        """Open and read a board until the reader is stopped; return False if reading fails."""
         try:
             with self._open_board(self._id) as board:
                 board.when_state_changes(self._take_state)
@@ -113,7 +113,7 @@ class BoardReader:
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
 
     def _read(self, board: Board) -> None:
-        """Read a board until it restarts, and its settings are lost, or until a request ends."""
+        """Read a board until it restarts, or until a request may have changed its settings."""
         restarts = board.stats.restarts
         for one in self._orders:
             self._layout = one.layout or self._layout
@@ -148,7 +148,7 @@ class BoardReader:
                 feel.tick(board.now_s())
                 health.show()
                 if any(one.attend(board) for one in self._orders):
-                    left = ()  # the board is still there
+                    left = ()  # the board is still connected
                     return
                 # A pause in a recording is part of the recording.
                 paused = isinstance(board, Replay) and not board.ended
@@ -189,7 +189,7 @@ class BoardReader:
         board = {"state": state, "message": message, "next": _NEXT.get(state, ""), **self._known}
         if board != self._said:
             self._state.put("board", board)
-            self._said = board  # last: after an error the next attempt shows it again
+            self._said = board  # last: after an error, the next attempt shows the state again
 
 
 def _settings(board: Board) -> dict:
@@ -207,7 +207,7 @@ _FACTS = (
 
 
 class _Health:
-    """Shows rate, losses and latency of a link in the web UI, twice a second."""
+    """Shows rate, losses and latency of the link to a board in the web UI, twice a second."""
 
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
@@ -215,12 +215,12 @@ class _Health:
         self._pace = Pace(_HEALTH_PER_S)
 
     def took(self, now_s: float, latency_s: float) -> None:
-        """Count a reading, with its arrival time (link's clock) and latency in seconds."""
+        """Count a reading, with its arrival time (from `Board.now_s`) and latency, in seconds."""
         self._latest.append((now_s, latency_s))
         self.show()
 
     def show(self) -> None:
-        """Show the values in the web UI, if half a second has passed since the last time."""
+        """Show the values in the web UI, if half a second has passed since the last update."""
         if not self._pace.due(time.monotonic()):
             return
         latest, stats = self._latest, self._board.stats
@@ -240,7 +240,7 @@ class _Health:
 def finder(
     port: str | None, sensor: str = "default", scenario: str = "demo", seed: int = 0
 ) -> Callable[[str | None], Board]:
-    """Return a function that opens a board, for the `open_board` of `BoardReader`.
+    """Return a function that finds and opens a board: the `open_board` of a `BoardReader`.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def finder(
     Returns
     -------
     callable
-        ``open_board(board_id)``: opens the board with this id, or any board if it is None.
+        ``open_board(board_id)`` opens the board with this id, or any board if the id is None.
 
     Raises
     ------

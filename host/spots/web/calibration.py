@@ -23,22 +23,22 @@ from .state import PageState
 _SAID = 4  # number of messages that are shown
 _PLACES_MIN = 3  # positions needed to know how the colour changes along the strip
 _ALONG = "hand", "position", "force", "mark"
-_MORE = 6  # presses that a further session of the same kind adds
-# Phases of a session: what the page shows.
+_MORE = 6  # presses to add if a complete session is continued
+# Phases of a session, for the web UI.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
 _BEHIND = "the session has gone on in the meantime: look at the page again"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
-    """Request of a browser: start or continue the session; `length_mm` is the strip's length."""
+    """Request of a browser: start or continue a session with a strip of length `length_mm`."""
 
     kind: Literal["rough", "fine"]
     length_mm: Annotated[float, msgspec.Meta(ge=1, le=1000)]
 
 
 class Answer(msgspec.Struct, tag_field="do", tag="answer", forbid_unknown_fields=True):
-    """Request of a browser: the answer to the question that the session asked in a step."""
+    """Request of a browser: answer the question that the session asked at step `step`."""
 
     step: int
     text: Annotated[str, msgspec.Meta(max_length=40)]
@@ -83,7 +83,7 @@ class PageCalibration(Orders):
         self._show(length_um=length_um)
 
     def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
-        """Return the request in a browser's message; raise a ValueError if it is invalid."""
+        """Return the request in a browser's message; raise a ValueError if invalid."""
         return DECODER.decode(body)
 
     def attend(self, board: Board) -> bool:
@@ -143,7 +143,7 @@ class PageCalibration(Orders):
         self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK, note=None)
 
     def skip(self, count: int = 1) -> None:
-        """Count `count` more presses as taken in the progress display; `count` may be negative."""
+        """Increase the displayed number of presses taken by `count`, which may be negative."""
         self._show(done=self._shown["done"] + count)
 
     def want(self, wanted: Wanted) -> None:
@@ -151,13 +151,13 @@ class PageCalibration(Orders):
         self._show(at={"place_um": wanted.place_um, "force_mN": wanted.force_mN})
 
     def request(self, phase: str) -> None:
-        """Show that the session waits for a press (`phase` is `PRESS`) or for its release."""
+        """Show that the session waits for a press (`phase` is `PRESS`) or a release (`RELEASE`)."""
         self._step += 1
         self._state.put("hold", None)
         self._show(phase=phase, step=self._step, todo=None)
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show how steady the press is, and roughly where; handle the requests of browsers."""
+        """Show how steady a press is, and its rough position; handle the requests of browsers."""
         place_um = self._place_um(reading.counts)
         self._state.put("hold", {"trouble": trouble, "steady": steady, "place_um": place_um})
         if self._board.stats.restarts != self._restarts:
@@ -169,7 +169,7 @@ class PageCalibration(Orders):
         self._show(done=self._shown["done"] + 1, phase=WORK, note=None)
 
     def fitted(self, progress: Progress) -> None:
-        """Show the residuals of the presses so far."""
+        """Show the residuals of all presses so far, and the expected accuracy."""
         rows = np.column_stack(
             (progress.place_um, progress.force_mN, progress.off_um, progress.off_share)
         )
@@ -178,7 +178,7 @@ class PageCalibration(Orders):
         self._show(fitted=fitted, done=progress.done, total=progress.total)
 
     def say(self, text: str) -> None:
-        """Show a message: a request to press, or a report."""
+        """Show a message: a request to the person, or a report."""
         text = printable(text)
         if self._shown["phase"] in (PRESS, RELEASE) and self._shown["todo"] is None:
             self._show(todo=text)
@@ -195,7 +195,7 @@ class PageCalibration(Orders):
         return text
 
     def _listen(self) -> str | None:
-        """Show the newest counts, and handle a request; return an answer, or None."""
+        """Show the newest counts; handle one request, and return its text if it is an `Answer`."""
         while self._live.unread:
             counts = next(self._live).counts
             if not self._live.unread:
@@ -218,14 +218,14 @@ class PageCalibration(Orders):
         return request.text
 
     def _place_um(self, counts: np.ndarray) -> float | None:
-        """Return the rough position of a press in um, from earlier presses; None if unknown."""
+        """Estimate the position of a press in um from earlier presses; None if impossible."""
         known = [p for p in self._session.points if p.plan == self._plan and p.kind in _ALONG]
         known.sort(key=lambda p: p.place_um)
         if len({p.place_um for p in known}) < _PLACES_MIN or (counts < 1).any():
             return None
         logs = np.log2(np.maximum([p.counts for p in known], 1))
         way = logs[-1] - logs[0]
-        way -= way.mean()  # the brightness cancels
+        way -= way.mean()  # removes the brightness
         colours = logs @ way
         order = np.argsort(colours)
         places_um = np.array([p.place_um for p in known])

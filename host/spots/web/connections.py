@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 # Together with WebSockets and open files this stays below the 256 file handles of macOS.
 CONNECTIONS_MAX = 128
-# Longest duration of a request with its answer, however slow the client is.
+# Longest duration of a request with its answer, even if the client is slow.
 CONNECTION_S = 30.0
 
 
@@ -13,13 +13,13 @@ class Connections:
     """Limits the number and the duration of connections that are not WebSockets.
 
     If there are too many connections, the oldest one is closed. So a client that opens many
-    connections and sends nothing cannot keep browsers out: a browser sends its request at once, and
+    connections and sends nothing cannot block browsers: a browser sends its request at once, and
     reconnects if its connection is closed.
 
     Parameters
     ----------
     protocol : callable
-        Factory that returns the protocol of a new connection: aiohttp's server.
+        Function that returns the asyncio protocol for a new connection, such as aiohttp's server.
     """
 
     def __init__(self, protocol: Callable[[], asyncio.Protocol]):
@@ -47,7 +47,7 @@ class Connections:
 
 
 class _Counted(asyncio.Protocol):
-    """Delegates to a protocol of asyncio, and reports start and end of the connection."""
+    """Delegates to an asyncio protocol; reports start and end of a connection to `Connections`."""
 
     def __init__(self, protocol: asyncio.Protocol, connections: Connections):
         self._connections = connections

@@ -1,4 +1,4 @@
-"""Spectra that a board's calibration expects, which the web UI draws over the counts."""
+"""Computes the spectra that a board's calibration expects; the web UI shows these spectra."""
 
 from spots_device.calibration import CalibrationError
 from spots_device.decode import DARK_SAMPLES
@@ -9,12 +9,12 @@ from ..link.board import Board
 
 
 def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
-    """Return the expected spectra along the strip.
+    """Return the spectra of a press that a calibration expects along the strip.
 
     Parameters
     ----------
     board : Board
-        The board; its ``calibration`` is used.
+        Board whose calibration is used.
     info : dict
         The board's reply to ``hello``.
     dark : list of int
@@ -23,9 +23,9 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     Returns
     -------
     dict or None
-        ``from_um`` and ``step_um`` of the positions, ``logs`` of the spectra at these positions,
-        and ``dark`` counts. None if this program does not know the board's calibration, or if the
-        calibration is invalid.
+        ``from_um`` and ``step_um``: first position and spacing; ``logs``: spectrum at each
+        position, see `expect.expected`; ``dark``: dark counts per sample. None if this program does
+        not know the board's calibration, or if the calibration is invalid.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:

@@ -1,4 +1,4 @@
-"""Keys, gestures and a gamepad from a board's readings, as parts of the web UI."""
+"""Computes keys, gestures and a gamepad's state from a board's readings, for the web UI."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ _BUTTONS = 3
 
 
 class Feel:
-    """Runs keys, gestures and gamepad on a board's readings, and shows them in the web UI.
+    """Shows a board's readings in the web UI, with keys, gestures and gamepad computed from them.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Feel:
     info : dict
         The board's reply to ``hello``. Without a calibration only the readings are shown.
     layout : KeyLayout
-        Key layout; not used if the board is a keyboard itself.
+        Key layout; gives only the zones of the keys if the board itself is a keyboard.
     state : PageState
         State that gets the parts ``touch``, ``keys``, ``stick``, ``untrusted`` and the events.
     """
@@ -42,7 +42,7 @@ class Feel:
     def __init__(self, board: Board, info: dict, layout: KeyLayout, state: PageState):
         self._state, self._layout = state, layout
         self._engine = self._gestures = self._controller = None
-        self._own = info.get("keys")  # the engine then only follows the layers
+        self._own = info.get("keys")  # if true, the engine only tracks the layers
         self._untrusted = Untrusted()
         self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> key in the layout
         self._shown: dict[str, object] = {}
@@ -67,9 +67,9 @@ class Feel:
         touch : Touch
             The next reading of the strip.
         now_s : float
-            Time at which the reading arrived, in seconds by the link's clock.
+            Time at which the reading arrived, in seconds, from `Board.now_s`.
         fingers : sequence of float, optional
-            Positions of all fingers in this reading, in um, as far as the board computes them.
+            Positions of the fingers that the board reported for this reading, in um.
         """
         self._state.put("touch", _message(touch, now_s, fingers))
         self._untrusted.take(touch, now_s)
@@ -91,7 +91,7 @@ class Feel:
         self._show()
 
     def release(self) -> None:
-        """Release all keys and the gamepad, because the touch is unknown."""
+        """Release all keys and the gamepad; call this when the present touch becomes unknown."""
         if self._engine:
             self._engine.release()
         if self._own:
@@ -164,14 +164,14 @@ def _ignored(*event) -> None:
 
 
 def _is_on(info: Mapping, layout: KeyLayout) -> bool:
-    """Return whether a board uses a layout, by its reply to ``hello``."""
+    """Return whether a board uses a layout, according to `info`, the board's ``hello`` reply."""
     zones = [line for line in layout.lines if line.split()[0] not in LIMITS]
     stored = info.get("layout")
     return zones == default_lines() if stored is None else stored == checksum(layout.lines)
 
 
 def layout_shown(layout: KeyLayout) -> dict:
-    """Return a layout as JSON for the web UI: names, zones and labels of the keys."""
+    """Return a layout for the web UI as a JSON object: names, zones and labels of the keys."""
     return {
         "name": layout.name,
         "layers": {

@@ -12,12 +12,12 @@ _LOOKING = ("GET", "HEAD")
 _ASK = "this needs the token: open the address that 'spots serve' printed"
 # The Host header of a browser: a name, an IPv4 address or an IPv6 address in brackets; a port.
 _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([0-9a-z.-]+))(?::([0-9]{1,5}))?", re.ASCII | re.I)
-_PORT = 80  # default of HTTP
+_PORT = 80  # default port of HTTP
 _PORT_MAX = 65_535
 
 
 class Guard:
-    """Refuses requests with a foreign ``Host`` or ``Origin`` header, or without the token.
+    """Refuses requests with a foreign ``Host`` or ``Origin`` header, or without a needed token.
 
     Another website can make a browser send requests to this server, even under the website's own
     domain name (DNS rebinding). The browser then sends that domain name in ``Host`` and the website
@@ -28,8 +28,8 @@ class Guard:
     address : str
         IP address that the server listens on.
     token : str or None
-        Secret that commands need. All requests need it if `address` is not a loopback address.
-        If None, all commands are refused.
+        Access token: a secret that commands need. If `address` is not a loopback address, all
+        requests need the token. If the token is None, all commands are refused.
     """
 
     def __init__(self, address: str, token: str | None):
@@ -61,7 +61,7 @@ class Guard:
         return check
 
     def may_command(self, request: web.Request) -> bool:
-        """Return whether a request may send commands: its cookie contains the token."""
+        """Return whether a request may send commands: its cookie contains the access token."""
         return self._is_token(request.cookies.get(_cookie(request), ""))
 
     def _knows(self, request: web.Request) -> bool:

@@ -1,4 +1,4 @@
-"""The key layout that browsers with the token edit: checks it, stores it on board and disk."""
+"""Validates the key layouts that browsers edit, and stores them on the board and on disk."""
 
 from concurrent.futures import Future
 from pathlib import Path
@@ -24,13 +24,16 @@ _Text = Annotated[str, msgspec.Meta(max_length=_TEXT_MAX)]
 
 
 class Check(msgspec.Struct, tag_field="do", tag="check", forbid_unknown_fields=True):
-    """Request of a browser: validate the text of a layout file; changes nothing."""
+    """Request of a browser: validate the text of a layout file, without storing it."""
 
     text: _Text
 
 
 class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=True):
-    """Request of a browser: replace the layout `base`; only what `loses` names may be lost."""
+    """Request of a browser: replace the layout with checksum `base`.
+
+    `loses` lists the actions that the new layout may lack.
+    """
 
     text: _Text
     base: Annotated[str, msgspec.Meta(max_length=8)]
@@ -47,7 +50,7 @@ _DECODER = msgspec.json.Decoder(Check | Push | Clear)
 
 
 class LayoutEditor(Orders):
-    """Validates the layouts of browsers, and stores them on the board and in a file.
+    """Validates key layouts from browsers, and stores them on the board and in a file.
 
     Parameters
     ----------
@@ -76,11 +79,11 @@ class LayoutEditor(Orders):
         self._show(None)
 
     def decode(self, body: bytes) -> Check | Push | Clear:
-        """Return the request in a browser's message; raise a ValueError if it is invalid."""
+        """Return the request in a browser's message; raise a ValueError if invalid."""
         return _DECODER.decode(body)
 
     def submit(self, request: Check | Push | Clear) -> Future:
-        """Answer a check at once, without a board; queue any other request."""
+        """Answer a `Check` at once, without a board; queue any other request."""
         if not isinstance(request, Check):
             return super().submit(request)
         answer: Future = Future()
@@ -88,7 +91,7 @@ class LayoutEditor(Orders):
         return answer
 
     def attend(self, board: Board) -> bool:
-        """Handle the requests; return whether the layout may have changed."""
+        """Handle all waiting requests; return whether the layout may have changed."""
         if not self._attended:
             self._attended = True
             self._show(board.info)
@@ -121,7 +124,7 @@ class LayoutEditor(Orders):
         note = keys.push(board, layout)
         self.layout = layout
         self._show(board.command("hello"))
-        write_text(layout.text, self._path)  # last: an error must not hide what the board has
+        write_text(layout.text, self._path)  # last: errors must not hide the board's layout
         return {"loses": [], "note": note}
 
     def _clear(self, request: Clear, board: Board) -> None:
@@ -134,7 +137,7 @@ class LayoutEditor(Orders):
         return [keys.say(layout, one) for one in sorted(self.layout.typed - layout.typed)]
 
     def _stored(self, info) -> str:
-        """Return which layout a board stores: ``this``, ``default`` or ``other``."""
+        """Return which layout a board stores: ``this`` (the editor's), ``default`` or ``other``."""
         stored = info.get("layout")
         if stored is None:
             return "default"

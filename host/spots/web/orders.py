@@ -15,7 +15,7 @@ _WAITING_MAX = 8
 
 
 class Orders:
-    """Queue of requests from browsers with the token; a subclass handles them.
+    """Queue of requests from browsers with the access token; a subclass handles them.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class Orders:
     stopping : bool
         Whether the thread that runs `attend` must end; `attend` then returns soon.
     layout : KeyLayout or None
-        Key layout that the web UI shows and uses from now on; None: the layout does not change.
+        Key layout that the web UI shows and uses from now on; None to keep the present layout.
     """
 
     what = "a request"  # for error messages
@@ -44,7 +44,7 @@ class Orders:
         raise NotImplementedError
 
     def attend(self, board: Board) -> bool:
-        """Handle the requests; the thread that reads the board calls this often.
+        """Handle all waiting requests; the thread that reads the board calls this often.
 
         Returns
         -------
@@ -64,8 +64,8 @@ class Orders:
         Returns
         -------
         concurrent.futures.Future
-            Future of the request: its result is the answer as a dict, or None without an answer;
-            or its exception is a SpotsError.
+            Future with the answer: a dict, or None for a request without an answer. If the request
+            is refused, the future has a SpotsError as its exception.
         """
         answer: Future = Future()
         try:
@@ -77,7 +77,7 @@ class Orders:
         return answer
 
     def _next(self) -> tuple[Any, Future] | None:
-        """Return the next request whose client still waits, or None."""
+        """Return the next request whose client still waits, and its future; None if no more."""
         while True:
             try:
                 asked = self._asked.get_nowait()
@@ -87,7 +87,7 @@ class Orders:
                 return asked
 
     def _answer(self, answer: Future, handle: Callable, *arguments: Any) -> None:
-        """Call a function, and answer a request with its result or its error."""
+        """Call `handle` with `arguments`; set the result or the error of this call in `answer`."""
         try:
             answer.set_result(handle(*arguments))
         except SpotsError as error:

@@ -1,4 +1,4 @@
-"""Controls the rate of messages to a browser: as high as the browser can draw without delay."""
+"""Sets the rate of messages to a browser to the highest that the browser can draw in time."""
 
 import asyncio
 from collections.abc import Callable
@@ -7,7 +7,7 @@ WINDOW = 2  # largest number of messages that are not drawn yet
 SOONEST_S = 1 / 60
 SELDOM_S = 0.1
 # A browser that keeps up draws a message within two frames of its screen. The time on the network
-# is added to this.
+# is added to this limit.
 LATE_S = 0.03
 _SLOWER, _FASTER = 1.25, 0.99
 
@@ -43,7 +43,7 @@ class PagePace:
 
     @property
     def full(self) -> bool:
-        """Whether no message may be sent until the browser has drawn another one."""
+        """Whether the browser must draw a message before another message may be sent."""
         return self.sent - self.drawn >= WINDOW
 
     async def room(self) -> None:
@@ -59,7 +59,7 @@ class PagePace:
         return self.sent
 
     def acknowledge(self, number: int) -> None:
-        """Record that all messages up to this number are drawn."""
+        """Record that the browser has drawn all messages up to this number."""
         for one in range(self.drawn + 1, min(number, self.sent) + 1):
             late = self._now_s() - self._sent_s.pop(one) > LATE_S + (self._way_s or 0.0)
             every_s = self.every_s * (_SLOWER if late else _FASTER)
@@ -68,7 +68,7 @@ class PagePace:
         self._drew.set()
 
     def ping(self) -> bytes:
-        """Return the payload of a new ping. A browser answers a ping even while drawing."""
+        """Return the payload of a new ping. A browser answers pings even while it draws."""
         self._pinged = str(self.sent).encode(), self._now_s()
         return self._pinged[0]
 
@@ -79,7 +79,7 @@ class PagePace:
             self.answered(self._now_s() - asked_s)
 
     def answered(self, way_s: float) -> None:
-        """Record the round-trip time of a ping, in seconds; the smallest time is used.
+        """Record the round-trip time of a ping, in seconds; the smallest such time is used.
 
         A ping needs no drawing, but a busy processor delays its answer, too.
         """

@@ -22,7 +22,7 @@ class Recordings(Orders):
     Parameters
     ----------
     folder : Path
-        Folder for the recordings; file names consist of date and board.
+        Folder for the recordings; each file name consists of date and board id.
     state : PageState
         State that gets the part ``recording``.
 
@@ -44,13 +44,13 @@ class Recordings(Orders):
         self._put({"on": False, "file": None})
 
     def decode(self, body: bytes) -> str:
-        """Return `START` or `STOP`."""
+        """Return the request in a browser's message: `START` or `STOP`."""
         if body not in (START.encode(), STOP.encode()):
             raise ValueError(f"the body must be '{START}' or '{STOP}'")
         return body.decode()
 
     def attend(self, board: Board) -> bool:
-        """Handle the requests, and show the progress."""
+        """Handle all waiting requests, and show the progress of a recording."""
         self._attended = True
         while asked := self._next():
             word, answer = asked
@@ -60,7 +60,7 @@ class Recordings(Orders):
         return False
 
     def leave(self) -> None:
-        """Handle the end of the board's connection, which also ends the recording."""
+        """Handle the loss of the board, which also ends the recording; refuse waiting requests."""
         self._recorder = None
         self._put({**self._shown, "on": False})
         super().leave()

@@ -1,4 +1,4 @@
-"""``spots serve``: runs readers of boards and a web server until Ctrl-C."""
+"""``spots serve``: reads boards, and serves the web UI until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -37,25 +37,25 @@ LOOPBACK = "127.0.0.1"
 
 
 class Server:
-    """Web server of the web UI; an async context manager.
+    """Server of the web UI, as an asynchronous context manager.
 
     Parameters
     ----------
     state : PageState
-        State to show.
+        State of the web UI to serve.
     address : str
         IP address of this machine to listen on. Unless this is a loopback address, every browser
-        needs the token.
+        needs the access token.
     port : int
         TCP port to listen on; 0 for any free port.
     orders : dict of Orders, optional
-        What a browser with the token may request, by path. Pass the same objects to the reader of
-        the board.
+        Handlers of the requests that a browser with the access token may send, by path. Pass
+        the same objects to the reader of the board.
 
     Attributes
     ----------
     url : str
-        Address to open in a browser, with the token if there is one.
+        Address to open in a browser, with the access token if there is one.
 
     Raises
     ------
@@ -159,12 +159,12 @@ def serve(
     on_start: Callable[[str], None] = lambda url: None,
     orders: Mapping[str, Orders] = NOTHING,
 ) -> None:
-    """Serve the web UI until Ctrl-C or SIGTERM; print its address first.
+    """Print the address of the web UI, then serve the web UI until Ctrl-C or SIGTERM.
 
     Parameters
     ----------
     state : PageState
-        State to show.
+        State of the web UI to serve.
     address : str
         IP address to listen on, see `Server`.
     port : int
@@ -172,9 +172,9 @@ def serve(
     readers : list of BoardReader
         Readers that fill the state. This function starts and stops them.
     on_start : callable, optional
-        Called with the address of the web UI.
+        ``on_start(url)`` is called when the web UI can be opened at `url`.
     orders : dict of Orders, optional
-        What a browser may request, see `Server`.
+        Handlers of the requests of browsers, see `Server`.
     """
 
     async def main():
@@ -202,7 +202,7 @@ def _ended_by_sigterm() -> asyncio.Event:
 
 
 def _outward(address: str) -> str:
-    """Return this machine's address in its network, without sending a packet."""
+    """Return the address of this machine in its local network; this sends no packet."""
     six = ":" in address
     with socket.socket(socket.AF_INET6 if six else socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

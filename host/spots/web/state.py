@@ -1,7 +1,8 @@
 """State of the web UI: the newest value of each part, and the last events in order.
 
-One thread writes, and any number of clients read. A client is only a pair of numbers, so a slow
-client costs nothing. A client misses values that were overwritten before it read them.
+One thread writes, and any number of clients read. Only two numbers (a `Cursor`) are stored for each
+client, even for a slow one. A client misses values that were overwritten before the
+client read them.
 """
 
 import threading
@@ -13,14 +14,14 @@ EVENTS_KEPT = 512
 
 
 class Cursor(NamedTuple):
-    """What a client of the web UI has already read.
+    """Position of a client of the web UI: what the client has already read.
 
     Attributes
     ----------
     version : int
         Version of the parts that the client has read.
     events : int
-        Number of events that had been added when the client read.
+        Number of events that had been added when the client last read.
     """
 
     version: int
@@ -72,15 +73,15 @@ class PageState:
             return Cursor(0, self._added)
 
     def since(self, cursor: Cursor) -> tuple[Cursor, dict]:
-        """Return the changes since a client's cursor, and its new cursor.
+        """Return the changes since a client's cursor, and the client's new cursor.
 
         Returns
         -------
         cursor : Cursor
             Cursor for the next call.
         news : dict
-            Changed parts by name. If there are new events, ``events`` is the list of them. If older
-            events were dropped unread, ``missed`` is their number.
+            Changed parts by name; with new events, also ``events``, a list of them. If events
+            were dropped unread, ``missed`` is the number of these.
         """
         with self._lock:
             news = {

@@ -17,18 +17,18 @@ from .board_feed import BoardReader, finder
 from .state import PageState
 
 _SHOWN_PER_S = 20
-# The trail is sent whole each time, so its step and its length are limited.
+# Each message contains the whole trail, so the trail's step and length are limited.
 _STEP_MM = 0.5
 _TRAIL = 1000
 
 
 class TwinFeed:
-    """Shows the digital twin of a linkage in the web UI. Each joint may have its own thread.
+    """Shows the digital twin of a linkage in the web UI. Two threads may call `take`.
 
     Parameters
     ----------
     twin : Twin
-        The twin to follow.
+        Twin that computes the linkage's state from the readings.
     state : PageState
         State that gets the part ``twin``.
     """
@@ -48,14 +48,14 @@ class TwinFeed:
         self._wait("waiting for readings of both joints")
 
     def take(self, joint: int, touch: Touch) -> None:
-        """Add a reading of a joint.
+        """Add a reading of a joint, and show the new state of the linkage.
 
         Parameters
         ----------
         joint : int
             Index of the joint: 0 for joint 1, 1 for joint 2.
         touch : Touch
-            The next reading of this joint, in order of time.
+            The next reading of this joint.
         """
         with self._lock:
             self._away[joint] = ""
@@ -102,7 +102,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """Receives the state of a board that the web UI does not show; reports the board's loss."""
+    """Discards the state of a board that the web UI does not show, but reports the board's loss."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()
@@ -116,7 +116,7 @@ class _Aside(PageState):
 def linkage_readers(
     linkage: str, ports: list[str], layout: KeyLayout, state: PageState
 ) -> list[BoardReader]:
-    """Return the readers of the two boards of a linkage file.
+    """Return the readers of the two boards that belong to a linkage file.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def linkage_readers(
         If a file is invalid, or the number of ports is neither 0 nor 2.
     """
     twin, strips = loaded(linkage, ports)
-    # One search at a time: a board that answers one search is busy for the other.
+    # One search at a time: a board that answers one search cannot answer the other.
     searching = threading.Lock()
     searches = [finder(port) for port in (ports or (None, None))]
 
