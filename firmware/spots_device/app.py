@@ -34,7 +34,7 @@ class Meter:
     Attributes
     ----------
     busy_us : int
-        Mean duration of a pass in us, without sleep; 0 before the first mean is complete.
+        Mean duration of a pass without its sleep, in us; 0 before the first mean is complete.
     """
 
     def __init__(self):
@@ -42,7 +42,7 @@ class Meter:
         self.restart()
 
     def restart(self):
-        """Start a new mean; until it is complete, `busy_us` is still the previous mean."""
+        """Start a new mean; `busy_us` is the previous mean until the new mean is complete."""
         self._sum_us = 0
         self._passes = -_SKIPPED
 
@@ -91,8 +91,9 @@ class BoardApp:
     clock : object
         ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
     serial : object
-        Serial port. ``write(buffer, size) -> bool`` sends a frame if there is room. ``read()``
-        returns the next byte as int, or -1 if no byte waits; it must not allocate.
+        Serial port. ``write(buffer, size) -> bool`` sends a frame if there is room, and returns
+        whether it was sent. ``read()`` returns the next byte as int, or -1 if no byte waits; it
+        must not allocate.
     usb : object, optional
         USB stack: ``open(names) -> dict`` opens HID interfaces, see `uses.Uses`. None on a board
         that cannot be a USB keyboard.
@@ -207,7 +208,7 @@ class BoardApp:
             self.strip.take()
 
     def measure(self):
-        """Start to measure how long each sample takes; the loop is slightly slower meanwhile."""
+        """Start to measure the loop time of each sample, which makes the loop slightly slower."""
         self.meter.restart()
         self._pass = self._measured_pass
 

@@ -12,19 +12,19 @@ UP    TWO    readings disagree for 40 ms: fingers touched together at unknown po
 DOWN  DOWN   the position is that of the finger, or the finger slides
 DOWN  TWO    otherwise; the first finger keeps its position of one reading *earlier*
 TWO   DOWN   the position rests where the first finger was: the second finger has left
-TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or it
+TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or
              was never that of two fingers, or no second finger could cause this position
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
-TWO   TWO    the first finger rests, and readings agree on the second one (second.py), even if
-             the light of the first one is unknown
+TWO   TWO    the first finger rests, and readings agree on the position of the second finger
+             (second.py), even if the light of the first finger is unknown
 TWO   DOWN   one of two known fingers has left: one reading shows which
-TWO   TWO    the first finger began to lift `_FALL_T` ago: the second one becomes the first
+TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is now the first
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-When one finger is alone again, a second finger that rested beside it, but was not found, is
-estimated from the last readings of both. A release is delayed by `release_ms` (release debounce).
-Integers only; allocates nothing.
+When one finger is alone again, and a second finger had rested beside it but was not found, the
+second finger is estimated from the last readings of both fingers. A release is delayed by
+`release_ms` (release debounce). Integers only; allocates nothing.
 """
 
 try:
@@ -95,8 +95,8 @@ _BOTH = const(397_000)  # 1.3
 _SINGLE = const(419_000)  # 1.32
 
 # State of a tracker: indices in one array, because MicroPython is slow at objects with many
-# attributes. The first three are the output of `locate` and `weigh`. Positions are in um,
-# brightness (`B`) in Q20 of log2, times (`T`) in ticks; flags are 0 or 1.
+# attributes. The first three elements are the output of `locate` and `weigh`. Positions are in um,
+# brightness (`B` in names) in Q20 of log2, times (`T` in names) in ticks; flags are 0 or 1.
 _FOUND_UM = const(0)
 _FOUND_SLACK_UM = const(1)
 _FOUND_B = const(2)
@@ -180,14 +180,14 @@ class ContactTracker:
     Parameters
     ----------
     sink : object
-        Receiver with these methods; `t` is the time in ticks, `x_um` a position:
+        Receiver with these methods; `t` is the time in ticks, `x_um` a position in um:
         ``down(x_um, t)``: a finger touches.
         ``at(x_um, t)``: new position of this finger, while it is alone.
         ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
         ``up(t)``: the finger has left.
         ``next(x_um, t)``: the finger has left, and another one touches.
         ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
-        With a known strip length also:
+        If the strip length is known, also these two methods:
         ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
         Returns whether the sink uses the second finger.
         ``left(second, t)``: the second finger has left if `second` is true, else the first one.
@@ -228,12 +228,12 @@ class ContactTracker:
         Parameters
         ----------
         layout : layout.Layout
-            Its statements in `layout.LIMITS` are used.
+            Layout whose limits are used, see `layout.LIMITS`.
         length_um : int
             Length of the strip in um. With 0, one finger is expected: each movement is a slide,
             and readings that do not fit one press are ignored.
         decay : int
-            Decay of the dye, see `locate.locate`.
+            Decay of the light by the dye, see `locate.locate`.
         """
         s = self._s
         self._layout = layout
@@ -251,7 +251,7 @@ class ContactTracker:
         self.spend()
 
     def spend(self):
-        """Drop the touch; the finger must be lifted before the next touch."""
+        """End the present touch; the finger must be lifted before a new touch can begin."""
         s = self._s
         s[_STATE] = _SPENT
         s[_SEEN] = 0
@@ -613,9 +613,10 @@ class ContactTracker:
         return True
 
     def _find_third(self, fits, x_um, brightness):
-        """Estimate a third finger beside the second one, as if the first one had left.
+        """Estimate a third finger beside the second finger, as if the first finger had left.
 
-        Returns its uncertainty in um, or 0. While the first one lifts, two readings do not agree.
+        Returns the uncertainty of the third finger's position in um, or 0 until two readings agree
+        on this position. While the first finger lifts, readings do not agree.
         """
         s = self._s
         second_um = s[_X_SECOND_UM]
@@ -639,10 +640,10 @@ class ContactTracker:
         return abs(s[_FOUND_UM] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate a finger beside one at `x1_um` from a reading, see `locate.locate`.
+        """Estimate from a reading a finger beside another finger at `x1_um`, see `locate.locate`.
 
-        Stores the result in `_FOUND_UM` and the next two elements of the state. Returns whether
-        its position is on the strip.
+        Stores the result in the element `_FOUND_UM` of the state and in the next two. Returns
+        whether the estimate succeeds with a position on the strip.
         """
         s = self._s
         return (
@@ -699,7 +700,7 @@ class ContactTracker:
         s[_B_SECOND] = b
 
     def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
-        """Estimate both fingers while the light of the first one is unknown."""
+        """Estimate both fingers while the light of the first finger is unknown."""
         s = self._s
         if not s[_PAIR]:
             return
@@ -753,7 +754,7 @@ class ContactTracker:
         s[_B_SECOND] = s[_FOUND_B]
 
     def _recall(self, x_um, brightness, t):
-        """Report a finger that rested beside the one that is now alone at `x_um`."""
+        """Report the finger that rested beside the finger that is now alone at `x_um`."""
         s = self._s
         if (
             s[_SECOND]
@@ -770,7 +771,7 @@ class ContactTracker:
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left, if positions now rest `off_um` um from it."""
+        """Return whether the first finger has left; the position now rests `off_um` um from it."""
         s = self._s
         if brightness > s[_B_SINCE] + _DIPPED:
             return True  # with two fingers, this change of force would move the position

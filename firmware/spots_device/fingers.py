@@ -25,7 +25,7 @@ class _Finger:
 class Fingers:
     """Sends a CONTACT frame for each finger and reading.
 
-    It receives the events of a tracker, and passes all of them on to another receiver (sink).
+    It receives the events of a `contact.ContactTracker`, and passes them on to another receiver.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Fingers:
     def attach(self, tracker, sink):
         """Receive the events of a tracker, and pass them on to `sink`, unless it is None.
 
-        A finger that already touches gets its first frame when it is alone in a reading.
+        For a finger that already touches, the first frame is sent when it is alone in a reading.
         """
         self._tracker = tracker
         self._sink = sink
