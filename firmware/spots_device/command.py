@@ -22,7 +22,7 @@ _NO_MEMORY = "no memory is left for this command: reboot and try again"
 
 
 def _noted(reply, note):
-    """Add `note` to the dict `reply`, unless the note is None; return the reply."""
+    """Add `note` to the dict `reply` if the note is not empty; return the reply."""
     if note:
         reply["note"] = note
     return reply
@@ -115,7 +115,7 @@ class Replies:
 
 
 class Upload:
-    """Receives a text of several lines, one line at a time, for the commands ``cal`` and ``layout``.
+    """Receives a text line by line, for one of the commands ``cal`` and ``layout``.
 
     The host sends ``begin``, the lines, and ``end`` with a checksum; or ``clear``.
 

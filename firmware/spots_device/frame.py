@@ -64,7 +64,7 @@ class Time32:
         self.head = array("i", bytes(4 * HEAD_SIZE))
 
     def set(self, ticks, less_us=0):
-        """Set the time to `less_us` us before `ticks`; it may be earlier than the last set time."""
+        """Set the time to `less_us` us before `ticks`; thus the time can also move back."""
         low = self.low + self._diff(ticks, self._last) + self._less_us - less_us
         self._last = ticks
         self._less_us = less_us
@@ -112,7 +112,7 @@ class Framer:
         return self._send(touch(head, self._payload, state, self._encoded), 0)
 
     def spectrum(self, sensor, flags, gain, counts):
-        """Send six 16-bit counts, flags and gain code as a SPECTRUM frame; return whether it was sent."""
+        """Send six 16-bit counts, flags and gain code in a SPECTRUM frame; return whether sent."""
         payload = self._payload
         payload[HEADER_SIZE] = flags | self._head[GAP]
         payload[HEADER_SIZE + 1] = gain

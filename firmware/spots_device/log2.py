@@ -48,7 +48,7 @@ del _table  # frees memory on a board
 def log2_q20(n):
     """Return log2(n) in Q20.
 
-    Allocates nothing; every intermediate fits 31 bits.
+    Allocates nothing; every intermediate result fits 31 bits.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def log2_q20(n):
     Returns
     -------
     int
-        log2(n) * 2**20, with an error of at most 1.
+        log2(n) * 2**20, with an error of at most 1 (one unit of Q20).
     """
     if n >= LIMIT:
         return 24 << Q

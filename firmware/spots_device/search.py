@@ -1,4 +1,4 @@
-"""Searches gain, LED current and exposure for the command ``auto``; imported only then."""
+"""Searches gain, LED current and exposure for the command ``auto``; imported only for it."""
 
 from .exposure import (
     AGAIN,
@@ -24,8 +24,8 @@ _STEP_FROM = 440
 class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
-    It changes the gain first (factors of 2), then the LED current. If both are at their
-    maximum, it sets a longer exposure: at least 182 ms, because full scale does not grow above it.
+    It changes the gain first (factors of 2), then the LED current. If both are at their maximum, it
+    sets a longer exposure of at least 182 ms, because full scale does not grow above 182 ms.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ class Search:
     exposure_us : int
         First exposure in us.
     led_max_mA : int
-        Largest LED current in mA; 0 if the current cannot be set. Then the search changes the gain
-        in its coarse steps, and ends at 43-90 % of full scale.
+        Largest LED current in mA; 0 if the current cannot be set. The search then has only the
+        coarse steps of the gain before the exposure, and ends at 43-90 % of full scale.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):
@@ -63,8 +63,8 @@ class Search:
         Returns
         -------
         int
-            `DONE`, `TOO_DARK` or `TOO_BRIGHT` at the end of the search. `AGAIN` if another sample
-            is needed, with the settings in the attributes `gain`, `led_mA` and `exposure_us`.
+            `DONE`, `TOO_DARK` or `TOO_BRIGHT` at the end of the search. `AGAIN` if the caller must
+            take another sample with the settings `gain`, `led_mA` and `exposure_us` (attributes).
         """
         level = _FULL if saturated else max(peak * _FULL // full_scale, 0)
         if self._low <= level < _HIGH:

@@ -49,15 +49,15 @@ class BoardSettings:
     ----------
     board : object
         Module board_config, or an object with ``LED_MAX_MA``, the maximum current of the board's
-        LED in mA (int). Optional: ``STRIP_LED``, one of `light.LEDS`, and ``STRIP_LED_PIN``, which
-        ``led=gpio`` needs.
+        LED in mA (int). Optional attributes: ``STRIP_LED``, one of `light.LEDS`, and
+        ``STRIP_LED_PIN``, which the setting ``led=gpio`` needs.
 
     Attributes
     ----------
     values : dict
         Values by name: an int for each name in `LIMITS`; ``plan``, a tuple of the names of six
-        diodes; ``led``, one of `light.LEDS`; ``dark``, the stored dark frame of an LED that is
-        always on: gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples, or empty.
+        diodes; ``led``, one of `light.LEDS`; ``dark``, the stored dark frame if the LED is always
+        on: gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples; else empty.
     """
 
     def __init__(self, board):
@@ -74,7 +74,8 @@ class BoardSettings:
     def change(self, words):
         """Change settings; on an error no setting changes.
 
-        Exposure and LED current are rounded to values that the chip and `mains_hz` allow.
+        Exposure and LED current are rounded to values that the chip and the setting ``mains_hz``
+        allow.
 
         Parameters
         ----------
@@ -207,7 +208,7 @@ def _remove(path):
 
 
 def load_lines(path):
-    """Return the lines of a file or of its newest valid copy; an empty list without a file.
+    """Return the lines of a file or of its newest valid copy; an empty list if no file exists.
 
     Parameters
     ----------

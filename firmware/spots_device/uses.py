@@ -1,4 +1,4 @@
-"""Turns readings into key events, contacts and gamepad reports, if they are switched on.
+"""Turns readings into key events, contacts and gamepad reports; each of them can be switched off.
 
 A board without USB HID sends keys as frames only. Modules of disabled functions are not imported,
 which saves memory.
@@ -22,7 +22,7 @@ def check_layout(lines):
 
 
 class Uses:
-    """Passes readings to keypad and gamepad, and their reports to the host.
+    """Passes readings to the keypad and the gamepad, and reports of both to the host.
 
     Parameters
     ----------
@@ -42,11 +42,11 @@ class Uses:
     Attributes
     ----------
     active : bool
-        Whether `take` must get each reading.
+        Whether the caller must pass each reading to `take`.
     streams_contacts : bool
         Whether CONTACT frames are streamed.
     two : bool
-        Whether the last reading may be of two fingers.
+        Whether two fingers may have caused the last reading.
     rests : bool
         Whether the touch has not moved for so long that it cannot be a finger.
     fault : str or None
@@ -117,12 +117,12 @@ class Uses:
         on : bool
             Whether to send a frame for each finger and reading.
         calibration : calibration.Calibration or None
-            Calibration in use; without one there are no contacts.
+            Calibration in use; without a calibration there are no contacts.
 
         Returns
         -------
         str or None
-            Sentence that says why the stream remains empty. None if it works or was ended.
+            Sentence that says why the stream remains empty. None if the stream works or was ended.
         """
         if on != self.streams_contacts:
             self.streams_contacts = on
@@ -138,7 +138,7 @@ class Uses:
         Parameters
         ----------
         calibration : calibration.Calibration or None
-            Calibration in use; None without one.
+            Calibration in use; None without a calibration.
 
         Returns
         -------
@@ -167,7 +167,7 @@ class Uses:
     def take(self, sensor, decode):
         """Process a reading. Allocates nothing.
 
-        Marks the reading as untrusted while there may be two fingers.
+        Marks the reading in `decode` as untrusted while there may be two fingers.
 
         Parameters
         ----------

@@ -24,12 +24,12 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
     """Return the contact area at a force, as a share of full contact.
 
     The material is hyper-elastic: each further newton adds less area (paper, section III.B and
-    Fig. 3A). Below the threshold, a small share couples across the gap before contact.
+    Fig. 3A). Below the threshold, before contact, a small share of the light crosses the air gap.
 
     Parameters
     ----------
     contact : ContactFile
-        Contact area by force, from the sensor file.
+        Table of the sensor file that gives the contact area by force.
     force_mN : float
         Force of the press in mN.
 

@@ -1,4 +1,4 @@
-"""Code that all runtimes share: constants, bus recovery, safe boot, end of the application."""
+"""Code that all runtimes share: constants, bus recovery, safe boot, run of the application."""
 
 from .stay import stay_after_reset
 
@@ -76,8 +76,8 @@ def run(app, watchdog, traceback_of, sleep_ms, reset):
     Raises
     ------
     KeyboardInterrupt
-        On Ctrl-C without a watchdog. A watchdog cannot be stopped; with it, Ctrl-C resets the
-        board, and the board does not start the application again.
+        On Ctrl-C without a watchdog. A watchdog cannot be stopped; if it runs, Ctrl-C resets the
+        board, and the board does not start the application after this reset.
     """
     watched = app.settings.values["watchdog"]
     if watched:
