@@ -160,12 +160,12 @@ class Strip:
         return self._uses.stream_contacts("contact" in names, self.decode.calibration)
 
     def request_dark(self, done):
-        """Request a dark frame; call ``done()`` when it is complete."""
+        """Request a dark frame; ``done()`` is called when the dark frame is complete."""
         self._dark.request_pool()
         self._on_dark = done
 
     def request_search(self, done):
-        """Search gain, LED current and exposure; call ``done(outcome)`` at the end of the search."""
+        """Search gain, LED current and exposure; then ``done(outcome)`` is called."""
         from .search import Search  # rare, and large
 
         s = self.settings.values
