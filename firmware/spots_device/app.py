@@ -21,7 +21,7 @@ _LAST_US = const(100_000)  # at the end: longest wait until the host has read th
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands
-_SKIPPED = const(2)  # passes to skip: the first ones after a command are late
+_SKIPPED = const(2)  # passes to skip, because the first passes after a command are late
 _COUNTED = const(16)  # passes in the mean
 _LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a small integer
 

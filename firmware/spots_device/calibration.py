@@ -98,7 +98,7 @@ class Calibration:
     """
 
     def __init__(self, lines, strain_ppm=0):
-        # Parsing leaves the heap of a board in small pieces; this one is for `tables`.
+        # Parsing leaves only small free pieces of a board's heap; `reserve` keeps one for `tables`.
         reserve = bytearray(32 * len(lines))
         seen = {name: [] for name in _MANY}
         strains = []

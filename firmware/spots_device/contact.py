@@ -58,7 +58,7 @@ _TWO = const(3)
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
 _REST_UM = const(250)  # largest difference between two readings of a resting position
-_SAME_UM = const(450)  # largest distance from the mean position of the same finger
+_SAME_UM = const(450)  # largest distance of a reading from the mean position of its finger
 _BACK_UM = const(900)  # largest distance from the first finger after the second one has left
 _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
@@ -104,58 +104,58 @@ _STATE = const(3)
 _X_UM = const(4)  # position of the first finger
 _FORCE_MN = const(5)  # of the last reading that fits one press
 _KNOWN = const(6)  # in TWO: whether the position of the first finger is known
-_SEEN = const(7)  # consecutive readings that agree; -1 after one that does not fit one press
+_SEEN = const(7)  # consecutive readings that agree; -1 if the last one does not fit one press
 _X_BEFORE_UM = const(8)  # position of the first finger, one reading earlier
-_X_SEEN_UM = const(9)  # of the last reading
+_X_SEEN_UM = const(9)  # position and brightness of the last reading
 _B_SEEN = const(10)
 _STEP_UM = const(11)  # motion between the last two readings
-_B = const(12)  # of the first finger, in its last three readings alone
+_B = const(12)  # brightness of the first finger in the last three readings of it alone
 _B_BEFORE = const(13)
 _B_OLDEST = const(14)
-_SINCE = const(15)  # first reading at the present position
+_SINCE = const(15)  # time and brightness of the first reading at the present position
 _B_SINCE = const(16)
 _T = const(17)  # time of the last reading
 _BEGAN = const(18)  # start of the present state
 _IS_EVEN = const(19)  # the force of the first finger is steady
-_IS_CALM = const(20)  # the same, with a lower limit
+_IS_CALM = const(20)  # the force of the first finger is steady within a lower limit
 _RISES = const(21)  # the force of the first finger rises
-_FALLS = const(22)  # whether the first finger lifts (`_EARLY`, `_LATE`), and since when
+_FALLS = const(22)  # whether the first finger lifts (0, `_EARLY`, `_LATE`), and since when
 _FELL = const(23)
-_SECOND = const(24)  # whether a second finger is known; its position and brightness
+_SECOND = const(24)  # whether a second finger is known; position and brightness of it
 _X_SECOND_UM = const(25)
 _B_SECOND = const(26)
 _THIRD = const(27)  # there may be a third finger
-_PAIR = const(28)  # the state TWO has had a reading
+_PAIR = const(28)  # whether there was a reading in the state TWO
 _LOOSE = const(29)  # the position of the first finger is an estimate
-_PEAK = const(30)  # of the readings in the state TWO
+_PEAK = const(30)  # in TWO: largest brightness and its position; least brightness since, and of all
 _X_PEAK_UM = const(31)
 _LOW = const(32)
 _LEAST = const(33)
-_RESTED = const(34)  # whether the last reading was at the same position, and whether it fits
+_RESTED = const(34)  # whether the last reading was at the same position; whether it fits one press
 _FIT_SEEN = const(35)
-_X_BOTH_UM = const(36)  # last reading of two fingers that rest
+_X_BOTH_UM = const(36)  # last reading of two fingers that rest: position, brightness, fit
 _B_BOTH = const(37)
 _FIT_BOTH = const(38)
-_GUESSED = const(39)  # whether, and since when there is an estimate of another finger
+_GUESSED = const(39)  # whether there is an estimate of another finger, and since when
 _GUESSED_T = const(40)
-_X_GUESS_UM = const(41)  # this estimate
+_X_GUESS_UM = const(41)  # this estimate: position, brightness and uncertainty of the other finger
 _B_GUESS = const(42)
 _SLACK_GUESS_UM = const(43)
 _DRIFTS = const(44)  # the finger alone did not fit one press: then the fit is no evidence
-_LEAVING = const(45)  # no finger touches since this time
+_LEAVING = const(45)  # whether no finger touches, and since when
 _LEFT = const(46)
 _HAS_DIPPED = const(47)  # the light was lost for a moment
 _ODD = const(48)  # a reading did not fit one press
-_STILL = const(49)  # since when, and in which limits a touch rests
+_STILL = const(49)  # since when a touch rests; limits of position and force in which it rests
 _LOW_UM = const(50)
 _HIGH_UM = const(51)
 _LOW_MN = const(52)
 _HIGH_MN = const(53)
-_FIRM_MN = const(54)  # force of a firm press, until it is reported
-_LENGTH_UM = const(55)  # of the strip, see `set_layout` and `_NOISE`
+_FIRM_MN = const(54)  # force of a firm press, until the firm press is reported
+_LENGTH_UM = const(55)  # length of the strip, see `set_layout` and `_NOISE`
 _DECAY = const(56)
 _NOISE_PRODUCT = const(57)
-_RELEASE_MN = const(58)  # of the layout
+_RELEASE_MN = const(58)  # from here on: limits of the layout
 _PRESS_MN = const(59)
 _STUCK_T = const(60)
 _DETECT = const(61)
@@ -759,7 +759,7 @@ class ContactTracker:
         if (
             s[_SECOND]
             or not s[_B_BOTH]
-            or abs(s[_B_SINCE] - brightness) > _EVEN  # it lifts
+            or abs(s[_B_SINCE] - brightness) > _EVEN  # the finger at `x_um` lifts
             or not self._solve(x_um, s[_B_SINCE], s[_X_BOTH_UM], s[_B_BOTH], s[_FIT_BOTH])
         ):
             return

@@ -18,7 +18,7 @@ _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are poss
 # is at most this long, the first is used too: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
 _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
-_Q = const(20)  # so fine that the rounding is less than a step of any exposure
+_Q = const(20)  # fine enough: the rounding error is less than a step of any exposure
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
 # A measurement of the period is valid if its error is below 1/2048. It restarts after `_LONG_US`,

@@ -25,7 +25,7 @@ LIMITS = {
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
     "dark_every": (0, 10_000, 0),  # samples per dark sample, even during a touch; 0: off
-    "mains_hz": (0, 60, 0),  # 50 or 60, the frequency of the lamps' mains; 0: none
+    "mains_hz": (0, 60, 0),  # mains frequency of the lamps, 50 or 60; 0: no such lamps
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
@@ -196,7 +196,7 @@ def save_lines(path, lines):
 
 def _move_in(path):
     if _lines_of(path) is None and _lines_of(path + ".new") is not None:
-        _remove(path)  # FAT cannot rename to an existing name
+        _remove(path)  # FAT cannot rename a file to the name of an existing file
         os.rename(path + ".new", path)
 
 
