@@ -186,7 +186,7 @@ class AS7341:
     def switch_led(self, on):
         """Switch the LED on or off; `steady` is False for samples that began before this call.
 
-        If no pin can switch the LED, the user unplugs it, and this call only records its state.
+        With the setting ``led=always``, the user unplugs the LED; this call only records its state.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0
@@ -218,7 +218,7 @@ class AS7341:
         SensorError
             If no sample arrived for two exposures plus the duration of an auto-zero.
         OSError
-            If transfers have failed for that time. Before, each poll repeats the failed transfer.
+            If transfers have failed for that time. Until then, each poll repeats the transfer.
         """
         self._asked = self._ticks_us()
         try:
@@ -270,7 +270,7 @@ class AS7341:
         self.steady = self._clock.ticks_diff(began, self._settled) >= 0
 
     def check(self):
-        """Check whether two registers have their written values: in each call the next of 3 pairs.
+        """Compare a pair of registers with the written values; successive calls check 3 pairs.
 
         I2C has no checksum, and a chip can lose its register values.
 

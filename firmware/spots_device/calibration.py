@@ -3,11 +3,11 @@
 Each line is one statement. Weights are in Q13. Contrasts and brightness, which are weighted sums of
 log2 of the counts (see decode.py), are in Q20. Tables are interpolated between points, the knots::
 
-    board 4552a1f0             the board it was made on
+    board 4552a1f0             id of the board with which the calibration was made
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
-    relative                   forces have no unit, because no scale was used; usually left out
+    relative                   forces have no unit, because no scale was used; optional
     coarse 1 -2 ...            six weights, sum 0: the coarse contrast, which selects the segment
     fit 1 -2 ...               six weights, sum 0: the misfit of the spectrum to one press
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position

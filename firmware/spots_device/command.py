@@ -45,7 +45,7 @@ class LineReader:
         return False
 
     def line(self):
-        """Return the complete line as str and start the next one.
+        """Return the complete line as str and start the next line.
 
         Raises
         ------
@@ -155,7 +155,7 @@ class Upload:
         Raises
         ------
         ValueError
-            If the command is invalid; the message is the error sentence.
+            If the command is invalid; the message says why.
         """
         verb = words[0] if words else ""
         if verb == "begin":

@@ -2,7 +2,8 @@
 
 One reading of six channels cannot distinguish two fingers from one finger between them. A sequence
 of readings can, because nearly every finger is alone on the strip for some readings. While there
-may be several fingers, the position of a reading is not used. State machine:
+may be several fingers, the position of a reading is not used. State machine, with the states UP (no
+finger), DOWN (one finger) and TWO (perhaps several fingers); `detect` is a limit of the layout:
 
 ====  =====  ==================================================================================
 from  to     when
@@ -263,7 +264,7 @@ class ContactTracker:
         Parameters
         ----------
         flags : int
-            Flag bits of `decode`.
+            Flag bits of the reading, see the module `decode`.
         position_um, force_mN : int
             Position in um and force in mN.
         brightness : int
@@ -324,7 +325,7 @@ class ContactTracker:
     # State UP.
 
     def _approach(self, x_um, brightness, t):
-        """Record a reading as the first one of a possible touch."""
+        """Record a reading as the first reading of a possible touch."""
         s = self._s
         s[_BEGAN] = s[_SINCE] = t
         s[_X_UM] = s[_X_SEEN_UM] = x_um
@@ -411,7 +412,7 @@ class ContactTracker:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
-        """Return whether a reading at another position may be of two fingers; if so, enter TWO.
+        """Return whether a reading at a new position may be of two fingers; if so, enter state TWO.
 
         Parameters
         ----------
@@ -664,7 +665,7 @@ class ContactTracker:
         )
 
     def _guess(self, fits, x_um, brightness, t):
-        """Estimate a finger beside the first one, which rests; report it if two readings agree."""
+        """Estimate a finger beside the resting first finger; report it if two readings agree."""
         s = self._s
         if not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
             s[_GUESSED] = False

@@ -53,7 +53,7 @@ _FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
 
 
 class Decode:
-    """Converts sums of counts to the fields of a TOUCH frame, which are its attributes.
+    """Converts sums of counts to the fields of a TOUCH frame; each field is an attribute.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Sends the fingers that `contact.ContactTracker` finds as CONTACT frames; see docs/protocol.md.
+"""Sends CONTACT frames of the fingers that `contact.ContactTracker` finds; see docs/protocol.md.
 
 Imported only while contacts are streamed. Integers only; allocates nothing.
 """

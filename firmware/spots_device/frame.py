@@ -112,7 +112,7 @@ class Framer:
         return self._send(touch(head, self._payload, state, self._encoded), 0)
 
     def spectrum(self, sensor, flags, gain, counts):
-        """Send six 16-bit counts, flags and gain code in a SPECTRUM frame; return whether sent."""
+        """Send six counts, flags and gain code as a SPECTRUM frame; return whether it was sent."""
         payload = self._payload
         payload[HEADER_SIZE] = flags | self._head[GAP]
         payload[HEADER_SIZE + 1] = gain

@@ -29,7 +29,7 @@ class GamepadAxes:
         Parameters
         ----------
         length_um : int
-            Length of the strip in um; a press there moves X to its right end.
+            Length of the strip in um; a press at the strip's far end moves X to its right end.
         full_mN : int
             Force in mN that moves Z to its maximum.
         """

@@ -87,7 +87,7 @@ class Pacing:
         self._taken = 0
 
     def nominal_us(self, period_us):
-        """Return the nominal period in us that lasts `period_us` us of the board's clock."""
+        """Return the period in us of the chip's clock that lasts `period_us` us of the board's."""
         rate = (1 << _Q) + self._off
         return ((period_us << _Q) + (rate >> 1)) // rate
 

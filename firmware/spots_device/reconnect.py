@@ -17,7 +17,7 @@ class Reconnect:
     strip : strip.Strip
         Strip whose sensor is started.
     clock : object
-        ``sleep_us(us)``.
+        Has ``sleep_us(us)``, as MicroPython's ``time``.
     replies : command.Replies
         Sends the log lines.
     on_found : callable

@@ -36,8 +36,8 @@ class Search:
     exposure_us : int
         First exposure in us.
     led_max_mA : int
-        Largest LED current in mA; 0 if the current cannot be set. The search then has only the
-        coarse steps of the gain before the exposure, and ends at 43-90 % of full scale.
+        Largest LED current in mA; 0 if the current cannot be set. The search then changes only
+        gain, in coarse steps, and exposure; it ends at 43-90 % of full scale.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):

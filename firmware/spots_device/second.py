@@ -1,4 +1,4 @@
-"""Estimates the position of the second of two fingers, while the first one rests.
+"""Estimates the position of the second of two fingers, while the first finger rests.
 
 The light of both fingers, l = l1 + l2, appears to come from one position between the fingers. Let d
 be the distance between the fingers. This position has the distance f d from the first finger, with

@@ -34,8 +34,8 @@ class Uses:
         Board time; the caller updates it before each event.
     usb : object or None
         USB stack. Its method ``open(names) -> dict`` opens interfaces of `INTERFACES` and returns
-        a function ``send(report) -> bool`` for each opened one. It raises OSError with a sentence
-        on failure. None on a board without USB HID.
+        a function ``send(report) -> bool`` for each opened interface; on failure it raises OSError
+        with a sentence. `usb` is None on a board without USB HID.
     layout_lines : list of str
         Validated lines of a `layout.Layout`; an empty list selects ten keys in a row.
 
@@ -241,7 +241,7 @@ class Uses:
         clock : object
             ``ticks_us``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
         until : int
-            Deadline in ticks.
+            Deadline of the wait, in ticks.
         """
         self.release()
         while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
@@ -255,7 +255,7 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Choose the tracker of touches: the keypad's, one for contacts only, or no tracker."""
+        """Choose the touch tracker: the keypad's, a tracker for contacts only, or no tracker."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

@@ -223,7 +223,7 @@ class SensorFile(toml.Strict):
 
     @property
     def joint_travel_deg(self) -> float:
-        """Angle in degrees by which the joint turns for the whole `JOINT_TRAVEL` of the indenter."""
+        """Angle in degrees by which the joint turns for the indenter's whole `JOINT_TRAVEL`."""
         start, end = JOINT_TRAVEL
         return 1000 * (end - start) * self.length_mm / self.joint.um_per_deg
 
@@ -397,7 +397,7 @@ class FaultsFile(toml.Strict):
 class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are distances on the strip in its stretched state. These keys are lists of points:
+    Positions are measured along the stretched strip. These keys are lists of points:
     `strain` (time s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact,
     position mm), and each key of `change` (time s, change since calibration). A leak is light that
     couples at a position without a finger. Points are joined by straight lines; before the first

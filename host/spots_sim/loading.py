@@ -34,7 +34,7 @@ def points(loads) -> list[list[tuple[float, float, float]]]:
 
 
 def record(sensor: SensorFile, lines, loads, seed: int = 0):
-    """Load a simulated strip and read it through the firmware.
+    """Press a simulated strip with a series of loads, and read the strip through the firmware.
 
     Parameters
     ----------

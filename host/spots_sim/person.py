@@ -32,7 +32,7 @@ Way = list[tuple[float, float, Press]]
 
 @dataclass(frozen=True)
 class Habits:
-    """Errors of a person.
+    """Errors that a simulated person makes.
 
     Attributes
     ----------

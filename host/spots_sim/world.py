@@ -55,7 +55,7 @@ class World:
     scenario : scenario.Scenario or scenario.Held
         Fingers, strain and ambient light over time.
     rng : numpy.random.Generator
-        Generator of the LED's noise.
+        Random generator for the LED's noise.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
     """
