@@ -98,8 +98,8 @@ class Calibration:
     """
 
     def __init__(self, lines, strain_ppm=0):
-        # Parsing leaves only small free pieces of a board's heap; `reserve` keeps one for `tables`.
-        reserve = bytearray(32 * len(lines))
+        # Parsing leaves only small free pieces of a board's memory, so `tables` is allocated first.
+        room = _room(lines)
         seen = {name: [] for name in _MANY}
         strains = []
         for line in lines:
@@ -131,8 +131,9 @@ class Calibration:
         bounds, knots = _between(strains, strain_ppm)
         for table in knots:
             _check_table("x", table)
-        del reserve
-        self.tables = pack(seen["coarse"] + seen["fit"], bounds, seen["segment"], knots, forces)
+        self.tables = pack(
+            seen["coarse"] + seen["fit"], bounds, seen["segment"], knots, forces, room
+        )
         tables = memoryview(self.tables)
         columns = columns_of(tables, tables[FORCES], 3)
         self.brightnesses, self.forces_mN, self.tolerances = columns
@@ -179,8 +180,19 @@ class Calibration:
         return "the calibration was made %s; set this, or calibrate again" % what
 
 
-def pack(weights, bounds, segments, tables, forces):
-    """Pack the weights and tables of a calibration in one array, see `SEGMENTS`, and return it.
+def _room(lines):
+    # Return an array for `pack`. Made from a range, it needs one allocation; `pack` overwrites it.
+    counts = {"segment": 0, "f": 0, "x": 0, "strain": 0}
+    for line in lines:
+        name = line.split(" ")[0]
+        if name in counts:
+            counts[name] += 1
+    size = BOUNDS + 15 * counts["segment"] + 1 + 3 * counts["f"]
+    return array("i", range(size + 4 * counts["x"] // max(1, counts["strain"])))
+
+
+def pack(weights, bounds, segments, tables, forces, room=()):
+    """Return weights and tables of a calibration as one array, see `SEGMENTS`.
 
     Parameters
     ----------
@@ -194,10 +206,13 @@ def pack(weights, bounds, segments, tables, forces):
         Knots of each segment; a knot has four values.
     forces : sequence of sequence of int
         Knots of the table of forces; a knot has three values.
+    room : array of int
+        Array that is filled and returned if it is long enough; else a new array is allocated.
     """
     ends = BOUNDS + 2 * len(bounds)
     size = ends + 2 * CHANNELS * len(bounds) + 4 * sum(map(len, tables)) + len(tables)
-    packed = array("i", range(size + 1 + 3 * len(forces)))  # one allocation; all is overwritten
+    needed = size + 1 + 3 * len(forces)
+    packed = room if len(room) >= needed else array("i", range(needed))
     packed[SEGMENTS] = len(bounds)
     packed[FORCES] = size
     for i in range(2 * CHANNELS):
