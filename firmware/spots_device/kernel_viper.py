@@ -46,11 +46,11 @@ def accumulate(sums: ptr32, counts: ptr32, samples: int):
 def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int):
     # state: 0 FLAGS, 1 CONTRAST, 2 BRIGHTNESS, 3 POSITION_UM, 4 FORCE_MN, 5 SAMPLES,
     # 6 FLOOR_SAMPLES, 7 LOG_SAMPLES, 8 TOUCH_ON_MN, 9 TOUCH_OFF_MN, 10 DRIFT_MAX, 11 DRIFT,
-    # 12 LEARNS, 13 SEEN, 14 LIGHT, 15 MISFIT_Q12, 16 TOLERANCE_Q12, 17 to 22 LOGS, 23 to 26
-    # weighted sums of the logarithms (coarse contrast, misfit, contrast, brightness), 27 to 29
-    # FOUND. Element 27 is also scratch: storing truncates a sum to 32 bits. tables: 0 SEGMENTS, 1
-    # FORCES, 2 WEIGHTS, 14 BOUNDS (12 + 2 * segments: the last bound). flags: 1 TOUCHING, 4
-    # TOO_DARK, 16 MISFIT, 64 NOT_CALIBRATED, 128 LED_OFF.
+    # 12 LEARNS, 13 SEEN, 14 LIGHT, 15 MISFIT_Q12, 16 TOLERANCE_Q12, 17 to 22 LOGS, 23 to 26 sums
+    # of weights times LOGS (coarse contrast, misfit, contrast, brightness), 27 to 29 FOUND.
+    # Element 27 is scratch too: storing truncates a sum to 32 bits.
+    # tables: 0 SEGMENTS, 1 FORCES, 2 WEIGHTS, 14 BOUNDS; the last bound is at 12 + 2 * segments.
+    # flags: 1 TOUCHING, 4 TOO_DARK, 16 MISFIT, 64 NOT_CALIBRATED, 128 LED_OFF.
     sign = 1
     sign <<= 31
     touching = state[0] & 1

@@ -52,7 +52,8 @@ class Led(toml.Strict):
     irradiance_uW_cm2_per_mA : float
         Irradiance at the sensor per mA of LED current, for full contact at the sensor's end.
     bend_mA : float
-        The light at a current I is proportional to I / (1 + I / bend_mA).
+        Constant of the LED's droop: at a current I, the light is proportional to
+        I / (1 + I / bend_mA).
     noise_ppm_10ms : float
         Relative standard deviation of the light in an exposure of 10 ms.
     warm_up_percent, warm_up_s : float
@@ -147,7 +148,7 @@ class Stretch(toml.Strict):
 
 
 class Surroundings(toml.Strict):
-    """Constant ambient light; a scenario can add more.
+    """Ambient light with a constant mean, and its flicker; a scenario can add more light.
 
     Attributes
     ----------
@@ -397,12 +398,12 @@ class FaultsFile(toml.Strict):
 class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are measured along the stretched strip. These keys are lists of points:
-    `strain` (time s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact,
-    position mm), and each key of `change` (time s, change since calibration). A leak is light that
-    couples at a position without a finger. Points are joined by straight lines; before the first
-    and after the last point the value is constant. `strain_percent` and `bend_deg` are constants
-    that replace the points of `strain` and `bend`.
+    Positions are measured along the stretched strip. These keys are lists of points: `strain` (time
+    s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact, position mm), and
+    each key of `change` (time s, change since calibration). A leak is light that couples at a
+    position without a finger. Points are joined by straight lines; before the first and after the
+    last point the value is constant. `strain_percent` and `bend_deg` are constants that replace the
+    points of `strain` and `bend`.
     """
 
     seconds: Cycle

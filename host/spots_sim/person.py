@@ -26,7 +26,8 @@ _STARTS_S = 0.4  # from the request to the press
 _EARLY_S = 0.5  # a press that is lifted early
 _FORGOTTEN_S = 20.0
 
-# Pieces of a finger's way: start and end in s from now, and the press. The end may be infinite.
+# Pieces of a finger's path: start and end in s after the start of the movement, and the press. The
+# end may be infinite.
 Way = list[tuple[float, float, Press]]
 
 

@@ -31,7 +31,7 @@ _Percent = Annotated[float, msgspec.Meta(ge=0, le=50)]
 _Force = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
 FULL_MN = 10_000.0  # the percentages of hysteresis and softening are shares of this force
 _HELD_S = 60.0
-_CELL_MM = 2.0  # a cell has its own memory; between two cells the effective force is interpolated
+_CELL_MM = 2.0  # length of a cell; the effective force is interpolated between two cells
 # Constants of the models, all assumed. Creep of rubber is nearly linear in the logarithm of time
 # (Gent, Engineering with Rubber), so each decade has the same share.
 _TAUS_S = np.array([0.5, 5.0, 50.0, 500.0])
