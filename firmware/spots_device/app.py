@@ -20,7 +20,7 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
-_COLLECT_EVERY = const(4)  # commands
+_COLLECT_EVERY = const(4)  # commands between two garbage collections
 _SKIPPED = const(2)  # passes to skip, because the first passes after a command are late
 _COUNTED = const(16)  # passes in the mean
 _LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a small integer
@@ -113,7 +113,7 @@ class BoardApp:
         self.interrupt_at = _nothing  # sets the interrupt character, like micropython.kbd_intr
         self._left = False
         self._answered = 0
-        self._leave_until = None  # ticks
+        self._leave_until = None  # deadline in ticks
         self.meter = Meter()
         self.settings = BoardSettings(board)
         self.framer = Framer(serial, self._time)
@@ -172,7 +172,8 @@ class BoardApp:
         self._left = True
 
     def _run(self):
-        # The handler is outside of the loop: no frame of a pass then needs the heap, see strip.py.
+        # The handler is outside of the loop: no call frame of a pass then needs the heap, see
+        # strip.py.
         try:
             while not self.reboot:
                 self._pass()

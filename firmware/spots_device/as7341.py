@@ -46,8 +46,8 @@ _POWER_UP_US = const(5_000)
 _SMUX_US = const(10_000)
 _AUTO_ZERO_US = const(50_000)
 _STEP_US = const(2)  # a little more than half of the exposure's step of 2.78 us
-# Time from `start` to the first integration. It is longer than every set-up at 400 kHz, so that
-# recordings do not depend on the driver that sets the chip up.
+# Time from `start` to the first integration. It is longer than the set-up by any driver at 400 kHz,
+# so that recordings do not depend on the driver.
 _START_US = const(20_000)
 _AGAIN_US = const(500)  # wait after a failed transfer
 # First registers of the pairs that are read back.
@@ -263,7 +263,7 @@ class AS7341:
         return False
 
     def _settle(self):
-        # Not compared again once it is steady, because ticks that are too old compare wrongly.
+        # Not compared again once `steady` is True, because ticks that are too old compare wrongly.
         # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
         longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
         began = self._clock.ticks_add(self.complete, -longest_us)

@@ -103,7 +103,7 @@ _FOUND_SLACK_UM = const(1)
 _FOUND_B = const(2)
 _STATE = const(3)
 _X_UM = const(4)  # position of the first finger
-_FORCE_MN = const(5)  # of the last reading that fits one press
+_FORCE_MN = const(5)  # force of the last reading that fits one press
 _KNOWN = const(6)  # in TWO: whether the position of the first finger is known
 _SEEN = const(7)  # consecutive readings that agree; -1 if the last one does not fit one press
 _X_BEFORE_UM = const(8)  # position of the first finger, one reading earlier
@@ -671,7 +671,7 @@ class ContactTracker:
             s[_GUESSED] = False
             end_um = s[_LENGTH_UM] + _NEAR_UM if x_um > s[_X_UM] else -_NEAR_UM
             if not may_rest(s[_DECAY], s[_X_UM], s[_B] - _EVEN, end_um, x_um, brightness):
-                # The first finger became dimmer, even if the second one is at the end of the strip.
+                # The first finger became dimmer, even if the second finger is at the strip's end.
                 s[_IS_EVEN] = False
                 s[_FALLS] = _EARLY
                 s[_FELL] = t
@@ -783,7 +783,7 @@ class ContactTracker:
                 apart_um = -apart_um
             if abs(off_um) < apart_um - _NEAR_UM and brightness < s[_B_SINCE] - _EVEN:
                 return False  # both lift
-            # A third finger may be there, and the second one may not have left.
+            # There may be a third finger, and the second finger may not have left.
             return not self._solve(
                 s[_X_SECOND_UM],
                 s[_B_SECOND] - _DIPPED,

@@ -33,8 +33,8 @@ _JUMP = const(24)
 _JUMP_MAX = const(1 << 12)  # a difference whose square, times 2**4, fits a small integer
 _Q = const(12)
 _SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
-# Time after a touch before the baseline is tracked again. Time constants in readings, as powers of
-# 2: growing light may be a slow finger, fading light cannot.
+# `_SETTLED_US`: time after a touch before the baseline is tracked again. `_UP` and `_DOWN`: log2 of
+# the time constants in readings. Growing light may be a slow finger; fading light cannot.
 _SETTLED_US = const(200_000)
 _UP = const(10)
 _DOWN = const(6)
@@ -71,7 +71,7 @@ class Dark:
     def __init__(self):
         self.mean = array("i", bytes(4 * CHANNELS))
         self._window = array("i", bytes(4 * CHANNELS))
-        self._count = 0  # windows in the pool
+        self._count = 0  # windows in the mean
         self._taken = 0  # samples in the window
         self._left = 0  # samples until the LED is switched on again
         self._pool_wanted = False

@@ -4,11 +4,11 @@ Imported only while contacts are streamed. Integers only; allocates nothing.
 """
 
 # States of a finger.
-DOWN = 0  # its first frame
+DOWN = 0  # first frame of the finger
 PROVISIONAL = 1  # not alone, or just lifted; position: an estimate, or from its last reading alone
-CONFIRMED = 2  # alone in this reading
-UP = 3  # its last frame
-NEVER_ALONE = 4  # its last frame, and all its positions were estimates
+CONFIRMED = 2  # the finger is alone in this reading
+UP = 3  # last frame of the finger
+NEVER_ALONE = 4  # last frame of a finger whose positions were all estimates
 
 _NEAR_UM = 2000
 _SIGMA_MAX_UM = 65_535

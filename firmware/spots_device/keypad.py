@@ -166,7 +166,7 @@ class Keypad:
         self._state = _IDLE
 
     def next(self, x_um, t):
-        # The finger has just left, but the next finger touched before it left.
+        # The finger has just left; the next finger had already touched before.
         prefers_hold = self._layout.flavour == HOLD_PREFERRED and self._state == _OPEN
         if prefers_hold and self._row >= 0 and self._action(HOLD):
             self._press(self._action(HOLD))
@@ -178,7 +178,7 @@ class Keypad:
         self._state = _IDLE
         self.down(x_um, t)
         if self._state == _OPEN and self._row >= 0:
-            # The held layer ends here, so the next key must be decided now.
+            # The held layer ends here, so the action of the next key must be decided now.
             self._press(self._action(TAP))
         self._give_back(held)
 

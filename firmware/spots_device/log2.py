@@ -21,7 +21,7 @@ _GUARD = 4  # the table holds Q24
 def _table():
     def exact_q24(step):
         # Computes one bit at a time: squaring the mantissa doubles its logarithm. The products
-        # have 62 bits, so it allocates on a board; it runs once, at import.
+        # have 62 bits, so the function allocates on a board; it runs once, at import.
         mantissa = (_STEPS + step) << (30 - _STEPS_LOG2)
         bits = 0
         for _ in range(Q + _GUARD + 1):

@@ -17,7 +17,7 @@ _FULL = 1024
 _LOW = 615
 _AIM = 768
 _HIGH = 921
-# Below this level, one step of the gain does not exceed the band: its factor is at most 2.05.
+# Below this level, one step of the gain (a factor of at most 2.05) does not exceed the band.
 _STEP_FROM = 440
 
 

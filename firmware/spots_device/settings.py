@@ -24,7 +24,7 @@ LIMITS = {
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
-    "dark_every": (0, 10_000, 0),  # samples per dark sample, even during a touch; 0: off
+    "dark_every": (0, 10_000, 0),  # samples between two dark samples, even during a touch; 0: off
     "mains_hz": (0, 60, 0),  # mains frequency of the lamps, 50 or 60; 0: no such lamps
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),

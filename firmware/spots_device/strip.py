@@ -74,7 +74,7 @@ class Strip:
         self._time = time
         self._reading = self.decode.state
         self._sums = array("i", bytes(4 * CHANNELS))
-        # Of the settings, see `configure`.
+        # From the settings, see `configure`.
         self._average = 1
         self._follows = False
         self._mains_hz = 0
@@ -185,7 +185,7 @@ class Strip:
     # Processing of a sample.
 
     # The functions that run for every sample need at most 11 words for locals and arguments.
-    # MicroPython takes a larger frame from the heap, which costs about 80 us on an RP2040.
+    # MicroPython allocates larger call frames on the heap, which costs about 80 us on an RP2040.
 
     def take(self):
         """Process the sample that `as7341.AS7341.poll` has just read."""

@@ -10,7 +10,7 @@ AFTER_CRASH_MS = 1_000  # pause before the restart, so that Ctrl-C works if each
 CRASH_CHARACTERS = 300  # length of the end of a traceback that is sent; it must fit a frame
 
 _RECOVERY_CLOCKS = 9
-# Time to press the button after a reset; during the reset it would start the chip's bootloader.
+# Time to press the button after a reset; a press during the reset starts the chip's bootloader.
 _SAFE_BOOT_MS = 500
 _SAFE_BOOT_STEP_MS = 20
 
