@@ -237,7 +237,7 @@ class BoardApp:
         self.reconnect.restart()
 
     def abandon(self, why):
-        """Cancel the running dark frame or search; its reply is an error with the reason `why`."""
+        """Cancel the running dark frame or search; its command gets an error reply with `why`."""
         self.strip.forget_requests()
         self.replies.abandon(why)
 

@@ -259,7 +259,7 @@ class ContactTracker:
         s[_LEAVING] = False
 
     def take(self, flags, position_um, force_mN, brightness, t):
-        """Process a reading.
+        """Process a reading: update the state, and call the methods of `sink`.
 
         Parameters
         ----------

@@ -99,7 +99,7 @@ class Dark:
             self.every_us = max(DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
 
     def request(self):
-        """Take one window as soon as possible and restart the mean, if the LED can be switched."""
+        """If the LED can be switched, take a dark window as soon as possible; restart the mean."""
         self.wanted = self.exposure_us > 0
 
     def use(self, sums):
@@ -116,7 +116,7 @@ class Dark:
         return bool(sums)
 
     def request_pool(self):
-        """Restart the mean: take 16 windows in a row, or as many as fit in two seconds."""
+        """Restart the mean: take 16 dark windows in a row, or as many as fit in two seconds."""
         self.wanted = self._pool_wanted = True
 
     def begin(self, exposure_us):
@@ -198,7 +198,7 @@ class OddLight:
         self._quiet = -1
 
     def take(self, flags, state, lasted_us):
-        """Process a reading.
+        """Process a reading; if the ambient light has changed, request a new dark frame.
 
         Parameters
         ----------

@@ -79,7 +79,7 @@ class Fingers:
             self._report(self._second, PROVISIONAL, 0)
 
     def release(self):
-        """End all fingers; an object that still touches must be lifted to become a finger again."""
+        """Send each finger's last frame; an object that still touches is ignored until lifted."""
         self._end(self._first)
         self._end(self._second)
         self._tracker.spend()
@@ -156,7 +156,7 @@ class Fingers:
         finger.there = False
 
     def _swap(self):
-        """End the first finger, which has left the strip; the second finger becomes the first."""
+        """Send the last frame of the first finger, which has left; the second becomes the first."""
         first = self._first
         self._end(first)
         self._first = self._second

@@ -230,7 +230,7 @@ class ConsumerReports:
         self._report = bytearray(CONSUMER_SIZE)
 
     def key(self, usage, pressed):
-        """Process a press (`pressed` true) or release of the key with HID usage 1 to 0x3FF."""
+        """Process the press (`pressed` is true) or release of a key; `usage` is 1 to 0x3FF."""
         report = self._report
         if not pressed and report[0] | report[1] << 8 != usage:
             return

@@ -87,7 +87,7 @@ class Pacing:
         self._taken = 0
 
     def nominal_us(self, period_us):
-        """Return the period in us of the chip's clock that lasts `period_us` us of the board's."""
+        """Convert `period_us` from the board's clock to the chip's clock; return it in us."""
         rate = (1 << _Q) + self._off
         return ((period_us << _Q) + (rate >> 1)) // rate
 

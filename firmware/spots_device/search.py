@@ -24,8 +24,9 @@ _STEP_FROM = 440
 class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
-    It changes the gain first (factors of 2), then the LED current. If both are at their maximum, it
-    sets a longer exposure of at least 182 ms, because full scale does not grow above 182 ms.
+    The search changes the gain first (factors of 2), then the LED current. If both are at their
+    maximum, it sets a longer exposure of at least 182 ms, because full scale does not grow above
+    182 ms.
 
     Parameters
     ----------

@@ -133,7 +133,7 @@ class Uses:
         return self._memory_fault if calibration else "without a calibration there are no contacts"
 
     def note(self, calibration):
-        """Return why keys or gamepad do not work although they are switched on.
+        """Return why keys or gamepad do not work although they are switched on, or None.
 
         Parameters
         ----------
@@ -165,7 +165,7 @@ class Uses:
         return "; ".join(notes) or None
 
     def take(self, sensor, decode):
-        """Process a reading. Allocates nothing.
+        """Pass a reading to the keypad, the contacts and the gamepad. Allocates nothing.
 
         Marks the reading in `decode` as untrusted while there may be two fingers.
 

@@ -148,7 +148,7 @@ class Stretch(toml.Strict):
 
 
 class Surroundings(toml.Strict):
-    """Ambient light with a constant mean, and its flicker; a scenario can add more light.
+    """Ambient light with a constant mean and with flicker; a scenario can add more light.
 
     Attributes
     ----------
