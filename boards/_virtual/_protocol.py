@@ -1,8 +1,8 @@
 """The protocol between a virtual board and the simulator, used by both ends of the pipes.
 
-A request is an operation, three argument bytes, and for `SENDS` the data. An answer is an errno
-(0 for success), the simulator's clock in us (4 bytes, modulo `PERIOD_US`), and for `READS` the
-data. Numbers of several bytes have the low byte first.
+A request is an operation, three argument bytes, and the data if the operation is in `SENDS`. An
+answer is an errno (0 for success), the simulator's clock in us (4 bytes, modulo `PERIOD_US`), and
+the data if the operation is in `READS`. Numbers of several bytes have the low byte first.
 """
 
 READ = 0x52  # device address, register, size

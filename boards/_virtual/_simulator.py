@@ -1,7 +1,7 @@
-"""Sends requests to the simulator over a pair of pipes; each answer contains the time.
+"""Sends requests to the simulator over a pipe; a second pipe returns answers with the time.
 
-`_protocol` describes the bytes. This module allocates nothing, so that tests can check that the
-firmware allocates nothing.
+`_protocol` describes the bytes of both. This module allocates nothing, so that tests can check that
+the firmware allocates nothing.
 """
 
 import gc
@@ -46,7 +46,7 @@ now_us = 0
 
 
 def call(operation, a, b, c, buffer=None):
-    """Send a request with arguments a, b, c and read its answer; raise OSError on an errno.
+    """Send a request with arguments a, b, c and read the answer; raise OSError if errno is not 0.
 
     `buffer` contains the data to send, or receives the data of the answer.
     """
@@ -76,13 +76,13 @@ def set_wire(wire, level):
 
 
 def sda():
-    """Return the level of SDA."""
+    """Return the level of the I2C wire SDA: 1 for high, 0 for low."""
     call(LINES, _wires[SCL], _wires[SDA], 1, _level)
     return _level[0]
 
 
 def sleep_us(us):
-    """Sleep in real or simulated time; the time is in us."""
+    """Sleep for `us` microseconds, in real or in simulated time."""
     if not simulated_time:
         utime.sleep_us(us)
         return

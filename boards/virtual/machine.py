@@ -11,7 +11,7 @@ _STRIP_LED_PIN = const(15)
 
 
 class Pin:
-    """A pin by number. A pressed button makes every input low."""
+    """A pin with a number. While the virtual board's button is pressed, every input is low."""
 
     IN = 0
     OUT = 1
@@ -63,7 +63,7 @@ class WDT:
 
 
 class USBDevice:
-    """Shows that the board supports USB devices; `usb.device` simulates them."""
+    """Empty class: its presence shows that the board supports USB; `usb.device` simulates USB."""
 
 
 def unique_id():

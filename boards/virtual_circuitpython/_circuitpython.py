@@ -26,7 +26,7 @@ def _guarded_open(path, mode="r"):
 
 
 def _describe(about):
-    """Write boot_out.txt if it changes; atomic, because a real drive never shows a partial file."""
+    """Write boot_out.txt if its text changes; atomic: a real drive never shows a partial file."""
     try:
         with _open("boot_out.txt") as file:
             if file.read() == about:

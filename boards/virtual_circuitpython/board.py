@@ -1,4 +1,4 @@
-"""`board` of the virtual board: pins by name."""
+"""Module `board` of the virtual board: its pins by name."""
 
 import _simulator
 from microcontroller import Pin

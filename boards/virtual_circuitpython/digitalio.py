@@ -1,4 +1,4 @@
-"""`digitalio` of the virtual board. A pressed button makes every input low."""
+"""`digitalio` of the virtual board. While its button is pressed, every input is low."""
 
 import os
 

@@ -23,7 +23,7 @@ cpu = Processor()
 
 
 class WatchDogTimer:
-    """Watchdog of an RP2040; in the mode RESET it cannot be stopped."""
+    """Watchdog as on an RP2040; in the mode RESET, the watchdog cannot be stopped."""
 
     def __init__(self):
         self.timeout = None

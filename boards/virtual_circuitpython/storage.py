@@ -1,4 +1,4 @@
-"""`storage` of the virtual board: only the host can write to the drive until it is remounted."""
+"""`storage` of the virtual board: only the host can write to the drive until `remount`."""
 
 
 class VfsFat:

@@ -1,4 +1,4 @@
-"""`time` of the virtual board. Like CircuitPython's, `sleep` rounds to milliseconds."""
+"""`time` of the virtual board. `sleep` rounds to milliseconds, as in CircuitPython."""
 
 import os
 

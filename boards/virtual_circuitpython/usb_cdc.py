@@ -1,7 +1,7 @@
 """`usb_cdc` of the virtual board: a second serial port, if boot.py enables it.
 
-A real board checks its console for Ctrl-C all the time; this one checks it at each read of the
-data port.
+A real board checks its console for Ctrl-C all the time; the virtual board checks its console only
+at each read of the data port.
 """
 
 import os
@@ -13,7 +13,7 @@ _FIFO = 256  # bytes that the USB stack takes at once
 
 
 class Serial:
-    """A port without blocking; its timeouts must be 0, because a real port would block."""
+    """A serial port that never blocks; requires timeouts of 0, as a real port blocks otherwise."""
 
     def __init__(self, read_fd, write_fd):
         self.timeout = None

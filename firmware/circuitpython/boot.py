@@ -1,4 +1,4 @@
-"""Sets up USB on CircuitPython: a serial port for frames, and a drive that the board can write."""
+"""Sets up USB on CircuitPython: a serial port for frames, and a drive writable for the board."""
 
 from spots_device.runtime.circuitpython import boot
 

@@ -1,7 +1,8 @@
-"""SPOTS on the board: reads counts of an AS7341 and sends positions and forces.
+"""Firmware of a SPOTS board: reads counts of the sensor AS7341, sends positions and forces.
 
 Data flows one way: sensing -> arithmetic -> frames, keys and gamepad. ``app`` contains the loop
-that joins them. ``runtime`` contains the code that differs between MicroPython and CircuitPython.
+that runs these stages. ``runtime`` contains the code that differs between MicroPython and
+CircuitPython.
 """
 
 __version__ = "0.2.0"

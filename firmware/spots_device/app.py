@@ -20,8 +20,8 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
-_COLLECT_EVERY = const(4)  # commands
-_SKIPPED = const(2)  # passes to skip: the first ones after a command are late
+_COLLECT_EVERY = const(4)  # commands between two garbage collections
+_SKIPPED = const(2)  # passes to skip, because the first passes after a command are late
 _COUNTED = const(16)  # passes in the mean
 _LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a small integer
 
@@ -34,7 +34,7 @@ class Meter:
     Attributes
     ----------
     busy_us : int
-        Mean duration of a pass in us, without sleep; 0 before the first mean is complete.
+        Mean duration of a pass without its sleep, in us; 0 before the first mean is complete.
     """
 
     def __init__(self):
@@ -42,7 +42,7 @@ class Meter:
         self.restart()
 
     def restart(self):
-        """Start a new mean; until it is complete, `busy_us` is still the previous mean."""
+        """Start a new mean; `busy_us` is the previous mean until the new mean is complete."""
         self._sum_us = 0
         self._passes = -_SKIPPED
 
@@ -91,8 +91,9 @@ class BoardApp:
     clock : object
         ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
     serial : object
-        Serial port. ``write(buffer, size) -> bool`` sends a frame if there is room. ``read()``
-        returns the next byte as int, or -1 if no byte waits; it must not allocate.
+        Serial port. ``write(buffer, size) -> bool`` sends a frame if there is room, and returns
+        whether it was sent. ``read()`` returns the next byte as int, or -1 if no byte waits; it
+        must not allocate.
     usb : object, optional
         USB stack: ``open(names) -> dict`` opens HID interfaces, see `uses.Uses`. None on a board
         that cannot be a USB keyboard.
@@ -112,7 +113,7 @@ class BoardApp:
         self.interrupt_at = _nothing  # sets the interrupt character, like micropython.kbd_intr
         self._left = False
         self._answered = 0
-        self._leave_until = None  # ticks
+        self._leave_until = None  # deadline in ticks
         self.meter = Meter()
         self.settings = BoardSettings(board)
         self.framer = Framer(serial, self._time)
@@ -171,7 +172,8 @@ class BoardApp:
         self._left = True
 
     def _run(self):
-        # The handler is outside of the loop: no frame of a pass then needs the heap, see strip.py.
+        # The handler is outside of the loop: no call frame of a pass then needs the heap, see
+        # strip.py.
         try:
             while not self.reboot:
                 self._pass()
@@ -207,7 +209,7 @@ class BoardApp:
             self.strip.take()
 
     def measure(self):
-        """Start to measure how long each sample takes; the loop is slightly slower meanwhile."""
+        """Start to measure the loop time of each sample, which makes the loop slightly slower."""
         self.meter.restart()
         self._pass = self._measured_pass
 
@@ -235,7 +237,7 @@ class BoardApp:
         self.reconnect.restart()
 
     def abandon(self, why):
-        """Cancel the running dark frame or search; its reply is an error with the reason `why`."""
+        """Cancel the running dark frame or search; its command gets an error reply with `why`."""
         self.strip.forget_requests()
         self.replies.abandon(why)
 

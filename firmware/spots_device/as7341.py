@@ -1,4 +1,4 @@
-"""Driver of the AS7341: samples without gaps, and reads each sample in one burst.
+"""Driver of the light sensor AS7341, which samples without gaps; one burst reads one sample.
 
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
 `switch_led` and `read_into` allocate nothing.
@@ -46,8 +46,8 @@ _POWER_UP_US = const(5_000)
 _SMUX_US = const(10_000)
 _AUTO_ZERO_US = const(50_000)
 _STEP_US = const(2)  # a little more than half of the exposure's step of 2.78 us
-# Time from `start` to the first integration. It is longer than every set-up at 400 kHz, so that
-# recordings do not depend on the driver that sets the chip up.
+# Time from `start` to the first integration. It is longer than the set-up by any driver at 400 kHz,
+# so that recordings do not depend on the driver.
 _START_US = const(20_000)
 _AGAIN_US = const(500)  # wait after a failed transfer
 # First registers of the pairs that are read back.
@@ -61,8 +61,8 @@ class SensorError(Exception):
 class AS7341:
     """One AS7341 that samples six diodes without a gap.
 
-    A runtime with its own driver of the chip overrides `_configure` and `_light`. It still uses
-    the SMUX map and the burst read of this class.
+    A runtime with its own driver of the chip overrides `_configure` and `_light`. Such a runtime
+    still uses the SMUX map and the burst read of this class.
 
     Parameters
     ----------
@@ -115,8 +115,9 @@ class AS7341:
         led_mA : int
             Current of the LED driver in mA: 0 for off, or 4 to 258.
         mains_hz : int
-            Mains frequency of flickering lamps, 50 or 60, or 0. With 0 the exposure may be wrong by
-            some per cent, like the chip's oscillator; else `pacing` corrects this error.
+            Mains frequency of flickering lamps: 50 or 60, or 0 for no lamps. With 0 the exposure
+            has the error of the chip's oscillator, some per cent; else `pacing` corrects this
+            error.
 
         Raises
         ------
@@ -169,7 +170,8 @@ class AS7341:
     def drifted(self):
         """Return whether the measured exposure differs too much from `exposure_us`.
 
-        The next `start` with `mains_hz` corrects it. Allocates nothing if the result is False.
+        The next `start` with `mains_hz` corrects the exposure. Allocates nothing if the result is
+        False.
         """
         pacing = self.pacing
         expected_us = pacing.sampled * self.exposure_us
@@ -184,7 +186,7 @@ class AS7341:
     def switch_led(self, on):
         """Switch the LED on or off; `steady` is False for samples that began before this call.
 
-        The user unplugs an LED that is always on; this call then only records its state.
+        With the setting ``led=always``, the user unplugs the LED; this call only records its state.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0
@@ -196,7 +198,7 @@ class AS7341:
         self._settled = self._clock.ticks_us()
 
     def remaining_us(self):
-        """Return the time until the next sample is expected, in us; negative if it is late."""
+        """Return the time in us until the next sample is expected; negative after that moment."""
         return self._clock.ticks_diff(self.pacing.due, self._clock.ticks_us())
 
     def poll(self):
@@ -216,7 +218,7 @@ class AS7341:
         SensorError
             If no sample arrived for two exposures plus the duration of an auto-zero.
         OSError
-            If transfers failed for the same time. Until then, the next poll repeats the transfer.
+            If transfers have failed for that time. Until then, each poll repeats the transfer.
         """
         self._asked = self._ticks_us()
         try:
@@ -261,14 +263,14 @@ class AS7341:
         return False
 
     def _settle(self):
-        # Not compared again once it is steady, because ticks that are too old compare wrongly.
+        # Not compared again once `steady` is True, because ticks that are too old compare wrongly.
         # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
         longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
         began = self._clock.ticks_add(self.complete, -longest_us)
         self.steady = self._clock.ticks_diff(began, self._settled) >= 0
 
     def check(self):
-        """Compare two registers with their written values; each call checks the next of 3 pairs.
+        """Compare a pair of registers with the written values; successive calls check 3 pairs.
 
         I2C has no checksum, and a chip can lose its register values.
 
@@ -312,7 +314,7 @@ class AS7341:
         self._led_code = exposure.led_code(led_mA)
 
     def _light(self, on):
-        """Switch the LED driver."""
+        """Switch the chip's LED driver on or off."""
         self._write(_CFG0, _BANK_1)
         try:
             self._write(_CONFIG, _LED_SEL)

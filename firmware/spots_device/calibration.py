@@ -1,24 +1,25 @@
 """A calibration as the board stores it: text lines with integers, validated before use.
 
-Each line is one statement. Weights are in Q13, logarithms in Q20::
+Each line is one statement. Weights are in Q13. Contrasts and brightness, which are weighted sums of
+log2 of the counts (see decode.py), are in Q20. Tables are interpolated between points, the knots::
 
-    board 4552a1f0             the board it was made on
+    board 4552a1f0             id of the board with which the calibration was made
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
-    relative                   forces have no unit, because no scale was used; usually left out
-    coarse 1 -2 ...            six weights, sum 0: a contrast that chooses the segment
-    fit 1 -2 ...               six weights, sum 0: the misfit to a single press
+    relative                   forces have no unit, because no scale was used; optional
+    coarse 1 -2 ...            six weights, sum 0: the coarse contrast, which selects the segment
+    fit 1 -2 ...               six weights, sum 0: the misfit of the spectrum to one press
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
                                (sum 0), six for the force (sum 8192); one line for each segment
-    f 123456 1000 900          knot: brightness -> force in mN, tolerance of the fit (Q12)
-    silicone 4200 300 1000 ... compensation of hysteresis and creep: gain, three half widths in mN,
-                               their weights, three time constants in ms, their shares of the
-                               force (all in Q12); without this line, forces are not compensated
+    f 123456 1000 900          knot: brightness, force in mN, tolerance of the misfit (Q12)
+    silicone 4200 300 1000 ... compensation of hysteresis and creep: gain (Q12); half widths in mN
+                               of three play operators, their three weights (Q12); three time
+                               constants in ms, their three shares of the force (Q12); optional
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
     from -99999                coarse contrast at which the next segment begins
-    x -123456 85000 77 -5      knot of that segment: contrast -> position in um, value of 'fit' for
-                               one press (Q12), correction that is subtracted from the brightness
+    x -123456 85000 77 -5      knot of that segment: contrast, position in um, misfit of one press
+                               (Q12), correction that is subtracted from the brightness
 
 Strains ascend from 0. All strains have the same number of knots, so that the board can
 interpolate linearly between two strains. Segments are in the order of ascending coarse contrast.
@@ -29,11 +30,12 @@ from collections import namedtuple
 
 from .smux import CHANNELS, PIXELS
 
-# `tables` of a calibration. `WEIGHTS` has six weights for the contrast that selects a segment, and
-# six for the misfit. From `BOUNDS` on there are two elements for each segment: the contrast at
-# which it begins, and the place of its twelve weights. The segment's table follows its weights.
-# `FORCES` has the place of the table of forces. A table is the number of its knots, the knots, and
-# its columns.
+# Indices of the array `tables` of a calibration. At `SEGMENTS`: the number of segments. At
+# `FORCES`: the index of the table of forces. From `WEIGHTS` on: six weights for the coarse
+# contrast, which selects a segment, and six for the misfit. From `BOUNDS` on, two elements for each
+# segment: the coarse contrast at which the segment begins, and the index of its twelve weights;
+# the segment's table is stored after these weights. A table is the number of its knots, then the
+# knots, then its other columns.
 SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
 
 ONE_Q13 = 1 << 13
@@ -81,21 +83,22 @@ class Calibration:
     conditions : Conditions
         Board and settings with which the calibration was made.
     relative_force : bool
-        Whether forces have no unit: 3000 is the mean light of the presses, 6000 twice that light.
+        Whether forces have no unit: 3000 then means the mean light of the calibration's presses,
+        and 6000 twice that light.
     compensation : silicone.Compensation or None
         Corrects the force for hysteresis and creep; None if these were not calibrated.
     tables : array of int
-        All weights and tables, see `SEGMENTS`; the columns of forces are views of it. The host has
-        more views, see views.py.
+        All weights and tables, see `SEGMENTS`. The attributes for the columns of the force table
+        are views of this array; on the host, views.py adds views of the other parts.
     drift_max : int
-        Largest drift of the misfit (Q12) that keys accept. If an LED drifts so far, positions are
-        wrong by 3 to 4 % of the strip's length.
+        Largest drift of the misfit (Q12) with which keys still work. If an LED drifts so far,
+        positions are wrong by 3 to 4 % of the strip's length.
     decay : int
-        Decay of the dye in log2 units per um, Q24; at most 1000.
+        Decay of the light by the dye in log2 units per um, Q24; at most 1000.
     """
 
     def __init__(self, lines, strain_ppm=0):
-        # Parsing leaves the free memory of a board in small pieces, so `tables` comes first.
+        # Parsing leaves only small free pieces of a board's memory, so `tables` is allocated first.
         room = _room(lines)
         seen = {name: [] for name in _MANY}
         strains = []
@@ -150,7 +153,7 @@ class Calibration:
         return view(self, name)
 
     def mismatch(self, conditions):
-        """Return why this calibration cannot be used for readings, if their conditions differ.
+        """Return why this calibration cannot be used under the conditions of readings, or None.
 
         Parameters
         ----------
@@ -178,7 +181,7 @@ class Calibration:
 
 
 def _room(lines):
-    # An array for `pack`. From a range it takes one allocation; `pack` overwrites all elements.
+    # Return an array for `pack`. Made from a range, it needs one allocation; `pack` overwrites it.
     counts = {"segment": 0, "f": 0, "x": 0, "strain": 0}
     for line in lines:
         name = line.split(" ")[0]
@@ -200,11 +203,11 @@ def pack(weights, bounds, segments, tables, forces, room=()):
     segments : sequence of sequence of int
         Twelve weights for each segment.
     tables : sequence of sequence of sequence of int
-        The knots of each segment, with four values each.
+        Knots of each segment; a knot has four values.
     forces : sequence of sequence of int
-        The knots of the table of forces, with three values each.
+        Knots of the table of forces; a knot has three values.
     room : array of int
-        Array to fill and to return, if it is long enough.
+        Array that is filled and returned if it is long enough; else a new array is allocated.
     """
     ends = BOUNDS + 2 * len(bounds)
     size = ends + 2 * CHANNELS * len(bounds) + 4 * sum(map(len, tables)) + len(tables)
@@ -237,17 +240,17 @@ def _put(packed, place, knots):
 
 
 def columns_of(tables, place, count):
-    """Return views of the columns of a table, with its knots as the first."""
+    """Return views of `count` columns of the table at the index `place`; column 0 is the knots."""
     size = tables[place]
     ends = range(place + 1 + size, place + 2 + count * size, size)
     return [tables[end - size : end] for end in ends]
 
 
 class CalibrationSlot:
-    """Stores the uploaded lines of a calibration, and parses them once for each strain.
+    """Stores the uploaded lines of a calibration, and caches them in parsed form.
 
-    Parsing takes 0.2 s and produces tens of kilobytes of garbage on an RP2040. So it must not be
-    repeated each time a lost sensor is found again.
+    Parsing takes 0.2 s and produces tens of kilobytes of garbage on an RP2040. So the lines are
+    parsed again only for another strain or exposure, not each time a lost sensor is found again.
 
     Attributes
     ----------
@@ -277,7 +280,7 @@ class CalibrationSlot:
         Returns
         -------
         calibration : Calibration or None
-            None if no valid calibration is stored.
+            None if the stored calibration cannot be used, or no calibration is stored.
         why_not : str or None
             Sentence that says why the stored calibration cannot be used. None if it is used, or if
             no calibration is stored.
@@ -395,14 +398,14 @@ def _between(strains, strain_ppm):
     Parameters
     ----------
     strains : sequence of tuple
-        Strain in ppm, bounds of the segments, and tables of knots, for each calibrated strain.
+        For each calibrated strain: strain in ppm, bounds of the segments, tables of knots.
     strain_ppm : int
         Strain of the strip in ppm.
 
     Returns
     -------
     bounds, tables
-        Bounds of the segments, and tables of knots, at this strain.
+        Bounds of the segments, and tables of knots, both at the strain `strain_ppm`.
     """
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:

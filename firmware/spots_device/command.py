@@ -1,7 +1,7 @@
 """Text commands from the host: one ASCII line each; the reply is one JSON object.
 
-docs/protocol.md describes them. An invalid line changes nothing; its reply contains an error
-sentence. Commands allocate memory, which is acceptable because they are rare.
+docs/protocol.md describes the commands. An invalid line changes nothing; the reply to it contains
+an error sentence. Commands allocate memory, which is acceptable because they are rare.
 """
 
 import gc
@@ -22,7 +22,7 @@ _NO_MEMORY = "no memory is left for this command: reboot and try again"
 
 
 def _noted(reply, note):
-    """Add a note to a reply if there is one; return the reply."""
+    """Add `note` to the dict `reply` if the note is not empty; return the reply."""
     if note:
         reply["note"] = note
     return reply
@@ -45,7 +45,7 @@ class LineReader:
         return False
 
     def line(self):
-        """Return the complete line as str and start the next one.
+        """Return the complete line as str and start the next line.
 
         Raises
         ------
@@ -62,7 +62,7 @@ class LineReader:
 
 
 class Replies:
-    """Sends replies. At most one reply can be delayed until the work of its command is done.
+    """Sends the replies to commands; can delay one reply until the work of its command is done.
 
     Parameters
     ----------
@@ -109,13 +109,13 @@ class Replies:
         self.send(reply)
 
     def abandon(self, why):
-        """Send an error as the pending reply, if there is one; `why` is the reason."""
+        """If a reply is pending, send an error instead; `why` is the reason."""
         if self._claimed:
             self.finish(self._claimed, {"error": why + " before the command ended"})
 
 
 class Upload:
-    """Receives a text line by line, for the commands ``cal`` and ``layout``.
+    """Receives a text line by line, for one of the commands ``cal`` and ``layout``.
 
     The host sends ``begin``, the lines, and ``end`` with a checksum; or ``clear``.
 
@@ -128,8 +128,8 @@ class Upload:
     check : callable
         ``check(lines)`` raises ValueError if the lines are invalid.
     use : callable
-        ``use(lines) -> str or None`` uses valid lines, or removes the text if the list is empty.
-        It returns a note for the user.
+        ``use(lines) -> str or None`` uses valid lines; an empty list removes the stored text. The
+        result is a note for the user, or None.
     """
 
     def __init__(self, command, what, check, use):
@@ -145,7 +145,7 @@ class Upload:
         self._bytes = 0
 
     def take(self, words):
-        """Execute a command and return its reply (dict).
+        """Process a command of an upload, such as one line of text; return the reply (dict).
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class Upload:
         Raises
         ------
         ValueError
-            If the command is invalid; the message is the error sentence.
+            If the command is invalid; the message says why.
         """
         verb = words[0] if words else ""
         if verb == "begin":

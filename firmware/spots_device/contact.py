@@ -2,7 +2,8 @@
 
 One reading of six channels cannot distinguish two fingers from one finger between them. A sequence
 of readings can, because nearly every finger is alone on the strip for some readings. While there
-may be several fingers, the position of a reading is not used. State machine:
+may be several fingers, the position of a reading is not used. State machine, with the states UP (no
+finger), DOWN (one finger) and TWO (perhaps several fingers); `detect` is a limit of the layout:
 
 ====  =====  ==================================================================================
 from  to     when
@@ -12,19 +13,19 @@ UP    TWO    readings disagree for 40 ms: fingers touched together at unknown po
 DOWN  DOWN   the position is that of the finger, or the finger slides
 DOWN  TWO    otherwise; the first finger keeps its position of one reading *earlier*
 TWO   DOWN   the position rests where the first finger was: the second finger has left
-TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or it
+TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or
              was never that of two fingers, or no second finger could cause this position
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
-TWO   TWO    the first finger rests, and readings agree on the second one (second.py), even if
-             the light of the first one is unknown
+TWO   TWO    the first finger rests, and readings agree on the position of the second finger
+             (second.py), even if the light of the first finger is unknown
 TWO   DOWN   one of two known fingers has left: one reading shows which
-TWO   TWO    the first finger began to lift `_FALL_T` ago: the second one becomes the first
+TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is now the first
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-When one finger is alone again, a second finger that rested beside it, but was not found, is
-estimated from the last readings of both. A release is delayed by `release_ms` (release debounce).
-Integers only; allocates nothing.
+When one finger is alone again, and a second finger had rested beside it but was not found, the
+second finger is estimated from the last readings of both fingers. A release is delayed by
+`release_ms` (release debounce). Integers only; allocates nothing.
 """
 
 try:
@@ -58,7 +59,7 @@ _TWO = const(3)
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
 _REST_UM = const(250)  # largest difference between two readings of a resting position
-_SAME_UM = const(450)  # largest distance from the mean position of the same finger
+_SAME_UM = const(450)  # largest distance of a reading from the mean position of its finger
 _BACK_UM = const(900)  # largest distance from the first finger after the second one has left
 _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
@@ -95,67 +96,67 @@ _BOTH = const(397_000)  # 1.3
 _SINGLE = const(419_000)  # 1.32
 
 # State of a tracker: indices in one array, because MicroPython is slow at objects with many
-# attributes. The first three are the output of `locate` and `weigh`. Positions are in um,
-# brightness (`B`) in Q20 of log2, times (`T`) in ticks; flags are 0 or 1.
+# attributes. The first three elements are the output of `locate` and `weigh`. Positions are in um,
+# brightness (`B` in names) in Q20 of log2, times (`T` in names) in ticks; flags are 0 or 1.
 _FOUND_UM = const(0)
 _FOUND_SLACK_UM = const(1)
 _FOUND_B = const(2)
 _STATE = const(3)
 _X_UM = const(4)  # position of the first finger
-_FORCE_MN = const(5)  # of the last reading that fits one press
+_FORCE_MN = const(5)  # force of the last reading that fits one press
 _KNOWN = const(6)  # in TWO: whether the position of the first finger is known
-_SEEN = const(7)  # consecutive readings that agree; -1 after one that does not fit one press
+_SEEN = const(7)  # consecutive readings that agree; -1 if the last one does not fit one press
 _X_BEFORE_UM = const(8)  # position of the first finger, one reading earlier
-_X_SEEN_UM = const(9)  # of the last reading
+_X_SEEN_UM = const(9)  # position and brightness of the last reading
 _B_SEEN = const(10)
 _STEP_UM = const(11)  # motion between the last two readings
-_B = const(12)  # of the first finger, in its last three readings alone
+_B = const(12)  # brightness of the first finger in the last three readings of it alone
 _B_BEFORE = const(13)
 _B_OLDEST = const(14)
-_SINCE = const(15)  # first reading at the present position
+_SINCE = const(15)  # time and brightness of the first reading at the present position
 _B_SINCE = const(16)
 _T = const(17)  # time of the last reading
 _BEGAN = const(18)  # start of the present state
 _IS_EVEN = const(19)  # the force of the first finger is steady
-_IS_CALM = const(20)  # the same, with a lower limit
+_IS_CALM = const(20)  # the force of the first finger is steady within a lower limit
 _RISES = const(21)  # the force of the first finger rises
-_FALLS = const(22)  # whether the first finger lifts (`_EARLY`, `_LATE`), and since when
+_FALLS = const(22)  # whether the first finger lifts (0, `_EARLY`, `_LATE`), and since when
 _FELL = const(23)
-_SECOND = const(24)  # whether a second finger is known; its position and brightness
+_SECOND = const(24)  # whether a second finger is known; position and brightness of it
 _X_SECOND_UM = const(25)
 _B_SECOND = const(26)
 _THIRD = const(27)  # there may be a third finger
-_PAIR = const(28)  # the state TWO has had a reading
+_PAIR = const(28)  # whether there was a reading in the state TWO
 _LOOSE = const(29)  # the position of the first finger is an estimate
-_PEAK = const(30)  # of the readings in the state TWO
+_PEAK = const(30)  # in TWO: largest brightness and its position; least brightness since, and of all
 _X_PEAK_UM = const(31)
 _LOW = const(32)
 _LEAST = const(33)
-_RESTED = const(34)  # whether the last reading was at the same position, and whether it fits
+_RESTED = const(34)  # whether the last reading was at the same position; whether it fits one press
 _FIT_SEEN = const(35)
-_X_BOTH_UM = const(36)  # last reading of two fingers that rest
+_X_BOTH_UM = const(36)  # last reading of two fingers that rest: position, brightness, fit
 _B_BOTH = const(37)
 _FIT_BOTH = const(38)
-_GUESSED = const(39)  # whether, and since when there is an estimate of another finger
+_GUESSED = const(39)  # whether there is an estimate of another finger, and since when
 _GUESSED_T = const(40)
-_X_GUESS_UM = const(41)  # this estimate
+_X_GUESS_UM = const(41)  # this estimate: position, brightness and uncertainty of the other finger
 _B_GUESS = const(42)
 _SLACK_GUESS_UM = const(43)
 _DRIFTS = const(44)  # the finger alone did not fit one press: then the fit is no evidence
-_LEAVING = const(45)  # no finger touches since this time
+_LEAVING = const(45)  # whether no finger touches, and since when
 _LEFT = const(46)
 _HAS_DIPPED = const(47)  # the light was lost for a moment
 _ODD = const(48)  # a reading did not fit one press
-_STILL = const(49)  # since when, and in which limits a touch rests
+_STILL = const(49)  # since when a touch rests; limits of position and force in which it rests
 _LOW_UM = const(50)
 _HIGH_UM = const(51)
 _LOW_MN = const(52)
 _HIGH_MN = const(53)
-_FIRM_MN = const(54)  # force of a firm press, until it is reported
-_LENGTH_UM = const(55)  # of the strip, see `set_layout` and `_NOISE`
+_FIRM_MN = const(54)  # force of a firm press, until the firm press is reported
+_LENGTH_UM = const(55)  # length of the strip, see `set_layout` and `_NOISE`
 _DECAY = const(56)
 _NOISE_PRODUCT = const(57)
-_RELEASE_MN = const(58)  # of the layout
+_RELEASE_MN = const(58)  # from here on: limits of the layout
 _PRESS_MN = const(59)
 _STUCK_T = const(60)
 _DETECT = const(61)
@@ -180,14 +181,14 @@ class ContactTracker:
     Parameters
     ----------
     sink : object
-        Receiver with these methods; `t` is the time in ticks, `x_um` a position:
+        Receiver with these methods; `t` is the time in ticks, `x_um` a position in um:
         ``down(x_um, t)``: a finger touches.
         ``at(x_um, t)``: new position of this finger, while it is alone.
         ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
         ``up(t)``: the finger has left.
         ``next(x_um, t)``: the finger has left, and another one touches.
         ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
-        With a known strip length also:
+        If the strip length is known, also these two methods:
         ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
         Returns whether the sink uses the second finger.
         ``left(second, t)``: the second finger has left if `second` is true, else the first one.
@@ -228,12 +229,12 @@ class ContactTracker:
         Parameters
         ----------
         layout : layout.Layout
-            Its statements in `layout.LIMITS` are used.
+            Layout whose limits are used, see `layout.LIMITS`.
         length_um : int
             Length of the strip in um. With 0, one finger is expected: each movement is a slide,
             and readings that do not fit one press are ignored.
         decay : int
-            Decay of the dye, see `locate.locate`.
+            Decay of the light by the dye, see `locate.locate`.
         """
         s = self._s
         self._layout = layout
@@ -251,19 +252,19 @@ class ContactTracker:
         self.spend()
 
     def spend(self):
-        """Drop the touch; the finger must be lifted before the next touch."""
+        """End the present touch; the finger must be lifted before a new touch can begin."""
         s = self._s
         s[_STATE] = _SPENT
         s[_SEEN] = 0
         s[_LEAVING] = False
 
     def take(self, flags, position_um, force_mN, brightness, t):
-        """Process a reading.
+        """Process a reading: update the state, and call the methods of `sink`.
 
         Parameters
         ----------
         flags : int
-            Flag bits of `decode`.
+            Flag bits of the reading, see the module `decode`.
         position_um, force_mN : int
             Position in um and force in mN.
         brightness : int
@@ -324,7 +325,7 @@ class ContactTracker:
     # State UP.
 
     def _approach(self, x_um, brightness, t):
-        """Record a reading as the first one of a possible touch."""
+        """Record a reading as the first reading of a possible touch."""
         s = self._s
         s[_BEGAN] = s[_SINCE] = t
         s[_X_UM] = s[_X_SEEN_UM] = x_um
@@ -411,7 +412,7 @@ class ContactTracker:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
-        """Return whether a reading at another position may be of two fingers; if so, enter TWO.
+        """Return whether a reading at a new position may be of two fingers; if so, enter state TWO.
 
         Parameters
         ----------
@@ -613,9 +614,10 @@ class ContactTracker:
         return True
 
     def _find_third(self, fits, x_um, brightness):
-        """Estimate a third finger beside the second one, as if the first one had left.
+        """Estimate a third finger beside the second finger, as if the first finger had left.
 
-        Returns its uncertainty in um, or 0. While the first one lifts, two readings do not agree.
+        Returns the uncertainty of the third finger's position in um, or 0 until two readings agree
+        on this position. While the first finger lifts, readings do not agree.
         """
         s = self._s
         second_um = s[_X_SECOND_UM]
@@ -639,10 +641,10 @@ class ContactTracker:
         return abs(s[_FOUND_UM] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate a finger beside one at `x1_um` from a reading, see `locate.locate`.
+        """Estimate from a reading a finger beside another finger at `x1_um`, see `locate.locate`.
 
-        Stores the result in `_FOUND_UM` and the next two elements of the state. Returns whether
-        its position is on the strip.
+        Stores the result in the element `_FOUND_UM` of the state and in the next two. Returns
+        whether the estimate succeeds with a position on the strip.
         """
         s = self._s
         return (
@@ -663,13 +665,13 @@ class ContactTracker:
         )
 
     def _guess(self, fits, x_um, brightness, t):
-        """Estimate a finger beside the first one, which rests; report it if two readings agree."""
+        """Estimate a finger beside the resting first finger; report it if two readings agree."""
         s = self._s
         if not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
             s[_GUESSED] = False
             end_um = s[_LENGTH_UM] + _NEAR_UM if x_um > s[_X_UM] else -_NEAR_UM
             if not may_rest(s[_DECAY], s[_X_UM], s[_B] - _EVEN, end_um, x_um, brightness):
-                # The first finger became dimmer, even if the second one is at the end of the strip.
+                # The first finger became dimmer, even if the second finger is at the strip's end.
                 s[_IS_EVEN] = False
                 s[_FALLS] = _EARLY
                 s[_FELL] = t
@@ -699,7 +701,7 @@ class ContactTracker:
         s[_B_SECOND] = b
 
     def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
-        """Estimate both fingers while the light of the first one is unknown."""
+        """Estimate both fingers while the light of the first finger is unknown."""
         s = self._s
         if not s[_PAIR]:
             return
@@ -753,12 +755,12 @@ class ContactTracker:
         s[_B_SECOND] = s[_FOUND_B]
 
     def _recall(self, x_um, brightness, t):
-        """Report a finger that rested beside the one that is now alone at `x_um`."""
+        """Report the finger that rested beside the finger that is now alone at `x_um`."""
         s = self._s
         if (
             s[_SECOND]
             or not s[_B_BOTH]
-            or abs(s[_B_SINCE] - brightness) > _EVEN  # it lifts
+            or abs(s[_B_SINCE] - brightness) > _EVEN  # the finger at `x_um` lifts
             or not self._solve(x_um, s[_B_SINCE], s[_X_BOTH_UM], s[_B_BOTH], s[_FIT_BOTH])
         ):
             return
@@ -770,7 +772,7 @@ class ContactTracker:
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left, if positions now rest `off_um` um from it."""
+        """Return whether the first finger has left; the position now rests `off_um` um from it."""
         s = self._s
         if brightness > s[_B_SINCE] + _DIPPED:
             return True  # with two fingers, this change of force would move the position
@@ -781,7 +783,7 @@ class ContactTracker:
                 apart_um = -apart_um
             if abs(off_um) < apart_um - _NEAR_UM and brightness < s[_B_SINCE] - _EVEN:
                 return False  # both lift
-            # A third finger may be there, and the second one may not have left.
+            # There may be a third finger, and the second finger may not have left.
             return not self._solve(
                 s[_X_SECOND_UM],
                 s[_B_SECOND] - _DIPPED,

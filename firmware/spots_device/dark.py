@@ -3,10 +3,11 @@
 The dark frame is the count of each channel while the LED is off. The baseline is the count of the
 untouched strip while the LED is on, minus the dark frame.
 
-A dark window has four samples. Its counts are integers, and the rounding error is up to three times
-the noise of the light. So the first 16 windows are averaged; then each new window has the weight
-1/8. This has the noise and the delay of a mean over 16 windows, but stores no window. If a
-window deviates too much from the mean, the ambient light has changed, and the mean restarts.
+A dark window has four samples. Their counts are integers, and the rounding error is up to three
+times the noise of the light. So the first 16 windows are averaged; then each new window has the
+weight 1/8. This average has the noise and the delay of a mean over 16 windows, but needs no memory
+for windows. If a window deviates too much from the mean, the ambient light has changed, and the
+mean restarts.
 """
 
 from array import array
@@ -32,8 +33,8 @@ _JUMP = const(24)
 _JUMP_MAX = const(1 << 12)  # a difference whose square, times 2**4, fits a small integer
 _Q = const(12)
 _SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
-# Time after a touch before the baseline is tracked again. Time constants in readings, as powers of
-# 2: growing light may be a slow finger, fading light cannot.
+# `_SETTLED_US`: time after a touch before the baseline is tracked again. `_UP` and `_DOWN`: log2 of
+# the time constants in readings. Growing light may be a slow finger; fading light cannot.
 _SETTLED_US = const(200_000)
 _UP = const(10)
 _DOWN = const(6)
@@ -70,7 +71,7 @@ class Dark:
     def __init__(self):
         self.mean = array("i", bytes(4 * CHANNELS))
         self._window = array("i", bytes(4 * CHANNELS))
-        self._count = 0  # windows in the pool
+        self._count = 0  # windows in the mean
         self._taken = 0  # samples in the window
         self._left = 0  # samples until the LED is switched on again
         self._pool_wanted = False
@@ -88,8 +89,8 @@ class Dark:
         exposure_us : int
             Integration time in us; 0 if windows are taken on request only.
         dark_every : int
-            Number of samples between two dark samples, which are taken even during a touch. With
-            0, windows of four samples are taken while the strip is not touched.
+            Number of samples between two dark samples; such dark samples are taken even during a
+            touch. With 0, windows of four samples are taken while the strip is not touched.
         """
         self.exposure_us = exposure_us
         self.always = dark_every > 0
@@ -98,7 +99,7 @@ class Dark:
             self.every_us = max(DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
 
     def request(self):
-        """Take one window as soon as possible and restart the mean, if the LED can be switched."""
+        """If the LED can be switched, take a dark window as soon as possible; restart the mean."""
         self.wanted = self.exposure_us > 0
 
     def use(self, sums):
@@ -107,7 +108,7 @@ class Dark:
         Parameters
         ----------
         sums : sequence of int
-            Six sums as from the method `sums`; empty or False for no dark frame.
+            Six sums as the method `sums` returns them; empty or False for no dark frame.
         """
         self.age_us = 0
         for i in range(CHANNELS):
@@ -115,11 +116,11 @@ class Dark:
         return bool(sums)
 
     def request_pool(self):
-        """Restart the mean: take 16 windows in a row, or as many as fit in two seconds."""
+        """Restart the mean: take 16 dark windows in a row, or as many as fit in two seconds."""
         self.wanted = self._pool_wanted = True
 
     def begin(self, exposure_us):
-        """Begin a series of dark samples, after the LED was switched off."""
+        """Begin a series of dark samples of `exposure_us` us each; the LED is already off."""
         if self.wanted:
             windows = 1
             if self._pool_wanted:
@@ -148,7 +149,7 @@ class Dark:
         return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
 
     def peak(self, counts):
-        """Return the largest of a sample's six counts, after subtracting the dark frame."""
+        """Subtract the dark frame from a sample's six counts, and return the largest result."""
         peak = 0
         for i in range(CHANNELS):
             peak = max(peak, counts[i] - (self.mean[i] >> _Q))
@@ -197,12 +198,12 @@ class OddLight:
         self._quiet = -1
 
     def take(self, flags, state, lasted_us):
-        """Process a reading.
+        """Process a reading; if the ambient light has changed, request a new dark frame.
 
         Parameters
         ----------
         flags : int
-            Flag bits of `decode`.
+            Flag bits of the reading, see the module `decode`.
         state : array of int
             State of the strip, see decode.py.
         lasted_us : int
@@ -226,7 +227,7 @@ class OddLight:
 
 
 class Baseline:
-    """Tracks the baseline, and adds it to the dark frame.
+    """Tracks the baseline, and computes the sum of dark frame and baseline (`floor`).
 
     Parameters
     ----------
@@ -261,7 +262,7 @@ class Baseline:
     def rescale(self, samples):
         """Scale `floor` for readings of `samples` samples; return the number of samples in `floor`.
 
-        The returned number is a power of 2, at most 64, within the limits of `kernel.estimate`.
+        The returned number is a power of 2, at most 64, and within the limits of `kernel.estimate`.
         """
         self.samples = samples
         dark_samples = _POOL_SAMPLES
@@ -273,7 +274,7 @@ class Baseline:
         return dark_samples
 
     def follow(self, sums, samples, idle_us, rests):
-        """Track the baseline with a reading, taken with the LED on; allocates nothing.
+        """Update the baseline with a reading that was taken with the LED on; allocates nothing.
 
         Parameters
         ----------
@@ -306,7 +307,7 @@ class Baseline:
         self.update()
 
     def update(self):
-        """Compute `floor`, which is subtracted from readings, after a change of the dark frame."""
+        """Compute `floor` again, after a change of the dark frame or of the baseline."""
         half = 1 << self._shift >> 1
         for i in range(CHANNELS):
             self.floor[i] = self._dark.mean[i] + self._level[i] + half >> self._shift
@@ -320,8 +321,8 @@ def follow(rest, floor, sums, samples, dark, shift, up, down):
     rest : sequence of int
         The baseline, changed in place: six dark-subtracted counts in Q12.
     floor : sequence of int
-        Output: dark frame plus baseline, shifted right by `shift` bits and rounded. `estimate`
-        subtracts it.
+        Output: dark frame plus baseline, shifted right by `shift` bits and rounded, as
+        `kernel.estimate` subtracts it from readings.
     sums : sequence of int
         Six sums of counts over `samples` samples.
     samples : int
@@ -331,7 +332,8 @@ def follow(rest, floor, sums, samples, dark, shift, up, down):
     shift : int
         Right shift from Q12 to the scale of `floor`.
     up, down : int
-        The baseline moves by a part of its distance to the reading: 2**-`up` or 2**-`down`.
+        The baseline moves by a part of its distance to the reading: by 2**-`up` if the reading is
+        higher, else by 2**-`down`.
     """
     half = 1 << shift >> 1
     for i in range(CHANNELS):

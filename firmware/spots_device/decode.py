@@ -1,14 +1,15 @@
 """Computes position and force from counts: six logarithms, four dot products, tables.
 
-With L_i = log2(counts_i - dark_i), Eq. 1 of the paper is linear in the filtering length x and the
-logarithm of the coupled light. Weights with the sum 0 give a value that depends on x only: the
-position contrast. Weights with the sum 1 that cancel the decay give a value that depends on the
-light only: the brightness. The best weights change along the strip, so a coarse contrast selects
-a segment with its own weights. Another set of weights measures the misfit to a single press.
-All integers fit 31 bits; nothing is allocated.
+By Eq. 1 of the paper, L_i = log2(counts_i - dark_i) of channel i is linear in two unknowns: the
+filtering length x (length of dyed guide that the light passes) and the logarithm of the coupled
+light. A weighted sum of the L_i whose weights add up to 0 depends on x only: the position contrast.
+A sum whose weights add up to 1 and cancel the decay depends on the light only: the brightness. The
+best weights change along the strip, so a coarse contrast selects a segment with its own weights.
+Another weighted sum, the misfit, shows how far the spectrum is from that of a single press. All
+integers fit 31 bits; nothing is allocated.
 
-This module has the layout of the arrays that the functions of kernel.py read and write.
-kernel_viper.py has the same numbers as literals, because a name costs a look-up there.
+This module defines the layout of the arrays that the functions of kernel.py read and write.
+kernel_viper.py uses the same numbers as literals, because each look-up of a name takes time there.
 """
 
 from array import array
@@ -25,19 +26,19 @@ DROPPED = 1 << 5
 NOT_CALIBRATED = 1 << 6
 LED_OFF = 1 << 7
 
-# `state` of a strip. First the fields of a TOUCH frame: contrast and brightness in Q20 of log2;
-# values that are not known are 0.
+# Indices of the array `state` of a strip. First the fields of a TOUCH frame: contrast and
+# brightness are in Q20 of log2; unknown values are 0.
 FLAGS, CONTRAST, BRIGHTNESS, POSITION_UM, FORCE_MN = range(5)
 # Samples in the reading, samples in the floor, and log2 of their product in Q20.
 SAMPLES, FLOOR_SAMPLES, LOG_SAMPLES = range(5, 8)
-# From the calibration.
+# From the calibration: forces at which a touch begins and ends, largest drift of the misfit (Q12).
 TOUCH_ON_MN, TOUCH_OFF_MN, DRIFT_MAX = range(8, 11)
-# Sum of the six sums. The other elements are for kernel.py.
+# Sum of the six sums of counts. kernel.py defines the other elements.
 LIGHT = 14
 STATE_SIZE = 30
 
-# `head` of a frame: kind and sensor, sequence, halves of the time, and the flag `DROPPED` if frames
-# or samples are missing before this one.
+# Indices of the array `head`, the header of a frame: kind and sensor, sequence number, low and high
+# half of the time, and the flag `DROPPED` if frames or samples are missing before this frame.
 KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP = range(5)
 HEAD_SIZE = 5
 
@@ -52,18 +53,18 @@ _FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
 
 
 class Decode:
-    """Converts sums of counts to the fields of a TOUCH frame, which are its attributes.
+    """Converts sums of counts to the fields of a TOUCH frame; each field is an attribute.
 
     Attributes
     ----------
     state : array of int
-        The fields, and all else that `kernel.estimate` needs of a strip.
+        Fields of the TOUCH frame, and the other values that `kernel.estimate` stores for a strip.
     tables : array of int
         The tables of the calibration.
     flags : int
-        Flag bits of this module, without `DROPPED`, which the framer sets.
+        Flag bits that this module defines, without `DROPPED`, which `frame.Framer` sets.
     contrast, brightness : int
-        Q20, in units of log2.
+        Position contrast and brightness, in Q20 of log2.
     position_um, force_mN : int
         Position in um and force in mN; 0 if the flags mark them as unknown.
     """
@@ -98,7 +99,7 @@ class Decode:
             self.state[DRIFT_MAX] = calibration.drift_max
 
     def scale(self, samples, dark_samples):
-        """Set the numbers of samples in readings and dark sums; their product is at most 256."""
+        """Set the numbers of samples in a reading and in dark sums; the product is at most 256."""
         state = self.state
         state[SAMPLES] = samples
         state[FLOOR_SAMPLES] = dark_samples
@@ -114,9 +115,9 @@ class Decode:
         samples : int
             Samples in the reading, 1 to `AVERAGE_MAX`.
         dark : sequence of int
-            Six sums over as many dark samples as `scale` has set; zeros without a dark frame.
+            Six sums over the number of dark samples set with `scale`; zeros without a dark frame.
         flags : int
-            Flags of the sums: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
+            Flag bits that apply to `sums`: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
         """
         from .kernel import estimate  # kernel.py imports this module
 

@@ -2,7 +2,7 @@
 
 Source: DS000504, sections 10.2.2 (ATIME, ASTEP), 10.2.6 (gain) and 10.2.4 (LED). Below 182 ms,
 counts and full scale are both proportional to the exposure. So a shorter exposure does not prevent
-saturation there; a lower gain or LED current does.
+saturation below 182 ms; a lower gain or a lower LED current does.
 """
 
 from micropython import const
@@ -61,10 +61,10 @@ def full_scale(atime, astep):
 
 
 def led_code(led_mA):
-    """Return the field n of register LED for a current of 4 + 2 n mA; n = 0 is not off."""
+    """Return the field n of register LED for a current of 4 + 2 n mA; n = 0 means 4 mA, not off."""
     return max(0, led_mA - LED_MIN_MA) >> 1
 
 
 def actual_mA(led_mA):
-    """Return the possible current in mA for a wanted current `led_mA`; 0 is off."""
+    """Return the possible current in mA for a wanted current `led_mA`; 0 means off."""
     return LED_MIN_MA + 2 * led_code(led_mA) if led_mA else 0

@@ -1,14 +1,14 @@
-"""Sends the fingers that `contact.ContactTracker` finds as CONTACT frames; see docs/protocol.md.
+"""Sends CONTACT frames of the fingers that `contact.ContactTracker` finds; see docs/protocol.md.
 
 Imported only while contacts are streamed. Integers only; allocates nothing.
 """
 
 # States of a finger.
-DOWN = 0  # its first frame
+DOWN = 0  # first frame of the finger
 PROVISIONAL = 1  # not alone, or just lifted; position: an estimate, or from its last reading alone
-CONFIRMED = 2  # alone in this reading
-UP = 3  # its last frame
-NEVER_ALONE = 4  # its last frame, and all its positions were estimates
+CONFIRMED = 2  # the finger is alone in this reading
+UP = 3  # last frame of the finger
+NEVER_ALONE = 4  # last frame of a finger whose positions were all estimates
 
 _NEAR_UM = 2000
 _SIGMA_MAX_UM = 65_535
@@ -25,7 +25,7 @@ class _Finger:
 class Fingers:
     """Sends a CONTACT frame for each finger and reading.
 
-    It receives the events of a tracker, and passes all of them on to another receiver (sink).
+    It receives the events of a `contact.ContactTracker`, and passes them on to another receiver.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class Fingers:
     def attach(self, tracker, sink):
         """Receive the events of a tracker, and pass them on to `sink`, unless it is None.
 
-        A finger that already touches gets its first frame when it is alone in a reading.
+        For a finger that already touches, the first frame is sent when it is alone in a reading.
         """
         self._tracker = tracker
         self._sink = sink
@@ -79,7 +79,7 @@ class Fingers:
             self._report(self._second, PROVISIONAL, 0)
 
     def release(self):
-        """End all fingers; an object that still touches must be lifted to become a finger again."""
+        """Send each finger's last frame; an object that still touches is ignored until lifted."""
         self._end(self._first)
         self._end(self._second)
         self._tracker.spend()
@@ -156,7 +156,7 @@ class Fingers:
         finger.there = False
 
     def _swap(self):
-        """End the first finger, which has left the strip; the second finger becomes the first."""
+        """Send the last frame of the first finger, which has left; the second becomes the first."""
         first = self._first
         self._end(first)
         self._first = self._second

@@ -1,4 +1,4 @@
-"""Frames, board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
+"""Frames from board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
 
 Board and host both use the layouts in this module. The board's 32-bit time is written as two
 halves, because a small int has 31 bits. Packing and sending allocate nothing.
@@ -51,9 +51,9 @@ class Time32:
     Attributes
     ----------
     low, high : int
-        The halves.
+        The two halves.
     head : array of int
-        Header of frames, see decode.py; it has the same halves.
+        Header of the next frame, see `decode.KIND`; it contains the same two halves.
     """
 
     def __init__(self, clock):
@@ -64,7 +64,7 @@ class Time32:
         self.head = array("i", bytes(4 * HEAD_SIZE))
 
     def set(self, ticks, less_us=0):
-        """Set the time to `less_us` before `ticks`, which may be earlier than the present time."""
+        """Set the time to `less_us` us before `ticks`; thus the time can also move back."""
         low = self.low + self._diff(ticks, self._last) + self._less_us - less_us
         self._last = ticks
         self._less_us = less_us
@@ -112,7 +112,7 @@ class Framer:
         return self._send(touch(head, self._payload, state, self._encoded), 0)
 
     def spectrum(self, sensor, flags, gain, counts):
-        """Send six 16-bit counts, flags and gain code as a SPECTRUM frame; return whether sent."""
+        """Send six counts, flags and gain code as a SPECTRUM frame; return whether it was sent."""
         payload = self._payload
         payload[HEADER_SIZE] = flags | self._head[GAP]
         payload[HEADER_SIZE + 1] = gain

@@ -29,9 +29,9 @@ class GamepadAxes:
         Parameters
         ----------
         length_um : int
-            Length of the strip in um; a press there moves X to its right end.
+            Length of the strip in um; a press at the strip's far end moves X to its right end.
         full_mN : int
-            Force in mN that moves Z to its end.
+            Force in mN that moves Z to its maximum.
         """
         self.release()
         self._length_um = max(1, length_um)

@@ -1,8 +1,8 @@
 """HID reports of keyboard, consumer control and gamepad, and a queue of reports to the host.
 
 The queue works with any USB stack that has a function ``send(report) -> bool``. The function must
-not wait; it returns True if the stack accepted the report. Integers only; allocates nothing after
-construction.
+not wait; it returns True if the stack has accepted the report. Integers only; allocates nothing
+after construction.
 """
 
 from struct import pack_into
@@ -60,8 +60,8 @@ def with_report_id(descriptor, report_id):
 class Outbox:
     """First-in first-out queue of reports; no report is sent twice.
 
-    If the queue is full, all its reports are dropped, and a report without a pressed key is sent.
-    A lost key is better than a stuck key.
+    If a report does not fit, all reports are dropped, and one report without pressed keys is sent:
+    a lost key press is better than a stuck key.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Outbox:
     def put(self, report):
         """Add a copy of a report to the queue; return False if the queue was full.
 
-        If the queue was full, all its reports and this report are dropped, see `release`.
+        In a full queue, all reports are dropped, including the new report; see `release`.
         """
         if self._count == WAITING_MAX:
             self.dropped += 1
@@ -108,7 +108,7 @@ class Outbox:
         return True
 
     def release(self):
-        """Drop all queued reports; if a key may be pressed on the host, queue its release."""
+        """Drop all queued reports; if the host may see a pressed key, queue a release report."""
         self.dropped += self._count
         self._count = 0
         if self._maybe_down:
@@ -216,7 +216,7 @@ class KeyboardReports:
 
 
 class ConsumerReports:
-    """Turns each key event of the consumer page into a report; the last pressed key wins.
+    """Turns each event of a media key (HID consumer page) into a report of the last pressed key.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ class ConsumerReports:
         self._report = bytearray(CONSUMER_SIZE)
 
     def key(self, usage, pressed):
-        """Process a press (`pressed` true) or release of the key with HID usage 1 to 0x3FF."""
+        """Process the press (`pressed` is true) or release of a key; `usage` is 1 to 0x3FF."""
         report = self._report
         if not pressed and report[0] | report[1] << 8 != usage:
             return
@@ -246,9 +246,10 @@ class ConsumerReports:
 
 
 class GamepadReports:
-    """Turns axes and buttons into reports.
+    """Turns axes and buttons of a gamepad into reports.
 
-    Each change of a button gets its own report. Waiting changes of axes are merged into one.
+    Each change of a button gets its own report. Changes of axes that still wait in the queue are
+    merged into one report.
 
     Parameters
     ----------
@@ -272,7 +273,7 @@ class GamepadReports:
         z : int
             Axis, 0 to 32767.
         buttons : int
-            Bit n is set if button n + 1 is pressed; 16 bits.
+            16 bits: bit n is 1 if button n + 1 is pressed.
         """
         report, last = self._report, self._last
         pack_into(_GAMEPAD, report, 0, x, y, z, buttons)

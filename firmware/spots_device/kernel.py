@@ -1,11 +1,11 @@
 """Arithmetic and framing of a sample in portable Python.
 
-These functions take most of the time of a sample, from counts to framed bytes. Boards with
-``viper = true`` in board.toml get kernel_viper.py instead of this file: the same functions with
-identical results, in machine code. Integers of 31 bits only; allocates nothing.
+These functions, from counts to framed bytes, take most of the processing time of a sample. Boards
+with ``viper = true`` in board.toml get kernel_viper.py instead of this file: the same functions
+with identical results, in machine code. All integers fit 31 bits; the functions allocate nothing.
 
 On a board, every sequence of integers must be an ``array('i')``, because kernel_viper.py reads
-their memory directly.
+the memory of these arrays directly.
 """
 
 from array import array
@@ -39,9 +39,9 @@ from .decode import (
 from .log2 import log2_q20
 from .smux import CHANNELS
 
-# Elements of `state`, see decode.py, that only this module uses: drift of the misfit, see `_judge`;
-# misfit to one press and its tolerance in Q12, if the position is known; six logarithms; up to
-# three values of a table.
+# Elements of `state` that only this module uses, in addition to those in decode.py: drift of the
+# misfit, see `_judge`; misfit to one press and its tolerance in Q12, if the position is known; six
+# logarithms (Q20); up to three values that `look_up` returns.
 DRIFT, LEARNS, SEEN = range(11, 14)
 MISFIT_Q12, TOLERANCE_Q12 = 15, 16
 LOGS, FOUND = 17, 27
@@ -51,7 +51,7 @@ TOUCH_SIZE = HEADER_SIZE + 15
 
 
 def unpack(burst, counts):
-    """Copy six little-endian counts from `burst`, after its first two bytes; return the largest."""
+    """Copy six little-endian counts from `burst`, byte 2 onwards; return the largest count."""
     most = 0
     for i in range(CHANNELS):
         count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
@@ -77,16 +77,16 @@ def estimate(state, tables, sums, floor, flags):
     Parameters
     ----------
     state : sequence of int
-        Settings and result, see decode.py.
+        Settings (input) and estimates (output) at the indices that decode.py defines.
     tables : sequence of int
-        Tables of the calibration, see calibration.py; with 0 segments there is no
+        Tables of the calibration, see `calibration.SEGMENTS`; 0 segments mean that there is no
         calibration.
     sums, floor : sequence of int
-        Six sums of counts over ``state[SAMPLES]`` samples, and six sums over
-        ``state[FLOOR_SAMPLES]`` samples that are subtracted from them. ``sums *
+        `sums`: six sums of counts over ``state[SAMPLES]`` samples. `floor`: six sums of dark frame
+        and baseline over ``state[FLOOR_SAMPLES]`` samples; subtracted after scaling. ``sums *
         state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24.
     flags : int
-        Flags of the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
+        Flag bits that apply to `sums`: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
     """
     touching = state[FLAGS] & TOUCHING
     for i in range(CONTRAST, FORCE_MN + 1):
@@ -115,7 +115,7 @@ def _take_logs(state, sums, floor):
 
 
 def _locate(state, tables):
-    # Find contrast, brightness, position, force and misfit; return whether there is a position.
+    # Compute contrast, brightness, position, force, misfit; return whether the position is known.
     contrast = state[CONTRAST] = _dot(tables, WEIGHTS, state)
     misfit = _dot(tables, WEIGHTS + CHANNELS, state) >> 8
     place = BOUNDS + 2 * tables[SEGMENTS] - 2
@@ -176,18 +176,19 @@ def _dot(tables, first, state):
 
 
 def look_up(tables, place, at, state, columns):
-    """Interpolate columns of a table linearly; constant beyond both ends.
+    """Interpolate the columns of a table linearly; beyond its ends, the end values apply.
 
     Parameters
     ----------
     tables : sequence of int
-        Contains the table.
+        Array that contains the table.
     place : int
-        Place of the table: the number n of its knots, n knots, n values for each column.
+        Index in `tables` at which the table begins: the number n of its knots, then the n knots
+        (arguments), then n values for each column.
     at : int
         Argument at which to interpolate.
     state : sequence of int
-        Output: one rounded value for each column, from `FOUND` on.
+        Output: one rounded value for each column, from index `FOUND` on.
     columns : int
         Number of columns.
     """
@@ -240,8 +241,8 @@ def crc32(data, size, crc):
     size : int
         Number of bytes to add.
     crc : array.array
-        ``array("H")`` with the low and the high half of the state, changed in place. Both halves
-        start as 0xFFFF. The CRC-32 is the complement of the state.
+        ``array("H")`` with the low and the high half of the CRC register, changed in place. Both
+        halves start as 0xFFFF. The CRC-32 is the complement of the register's last value.
     """
     lows = _LOWS
     highs = _HIGHS
@@ -281,18 +282,18 @@ _TOUCH = "<" + TOUCH_BODY
 
 
 def frame(head, payload, size, encoded):
-    """Write header and CRC of a frame, and encode it with COBS; return its length in bytes.
+    """Add header and CRC to a payload, and encode it with COBS; return the encoded length in bytes.
 
     Parameters
     ----------
     head : sequence of int
-        Header, see decode.py. The sequence is increased.
+        Header, see `decode.KIND`. Its sequence number is increased by 1.
     payload : bytearray
-        Has the body after `HEADER_SIZE` bytes, and room for `CRC_SIZE` more bytes.
+        Contains the body after `HEADER_SIZE` bytes, and has room for `CRC_SIZE` bytes after it.
     size : int
-        Bytes of header and body.
+        Number of bytes of header and body.
     encoded : bytearray
-        Output: the frame and its delimiter.
+        Output: the encoded frame and its delimiter, a zero byte.
     """
     payload[0] = head[KIND]
     for i in range(SEQUENCE, GAP):
@@ -310,7 +311,7 @@ def frame(head, payload, size, encoded):
 
 
 def touch(head, payload, state, encoded):
-    """Encode the reading in `state` as a TOUCH frame; arguments and result as of `frame`."""
+    """Encode the reading in `state` as a TOUCH frame; other arguments and result as in `frame`."""
     pack_into(
         _TOUCH,
         payload,

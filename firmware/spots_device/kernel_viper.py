@@ -1,14 +1,16 @@
 """Arithmetic and framing of a sample in machine code; replaces kernel.py on some boards.
 
-The literals are those of decode.py.
+Literals replace the constants of decode.py and kernel.py, because a name costs a look-up. A comment
+at the start of each function names the constants.
 
 The code is correct with words of 32 bits and of 64 bits. With 64 bits, ``ptr32`` loads unsigned
-values: a negative number is then too large by 2**32, and results are too large by multiples of it.
+values: a negative number is then too large by 2**32, and results by multiples of 2**32.
 ``ptr32`` stores the lower 32 bits, which are always correct. Where the sign matters, ``(x ^ sign) -
 sign`` corrects a number just loaded, with ``sign = 1 << 31``; with 32 bits it changes nothing.
 
-No index and no argument is checked. A call costs about as much as fifty additions, and a look-up of
-a name or attribute twenty, so each step of a sample is one function that needs only its arguments.
+No index and no argument is checked. A call takes as long as about fifty additions, and the look-up
+of a name or attribute takes as long as twenty. So each step of a sample is one function that uses
+only its arguments.
 """
 
 from array import array
@@ -20,6 +22,7 @@ from .log2 import TABLE
 
 @micropython.viper
 def unpack(burst: ptr8, counts: ptr32) -> int:
+    # 6: CHANNELS. Each count has two bytes, the low byte first; two status bytes precede them.
     most = 0
     for i in range(6):
         count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
@@ -31,6 +34,7 @@ def unpack(burst: ptr8, counts: ptr32) -> int:
 
 @micropython.viper
 def accumulate(sums: ptr32, counts: ptr32, samples: int):
+    # 6: CHANNELS. With 0 earlier samples, the sums start with these counts.
     for i in range(6):
         n = counts[i]
         if samples:
@@ -40,6 +44,13 @@ def accumulate(sums: ptr32, counts: ptr32, samples: int):
 
 @micropython.viper
 def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int):
+    # state: 0 FLAGS, 1 CONTRAST, 2 BRIGHTNESS, 3 POSITION_UM, 4 FORCE_MN, 5 SAMPLES,
+    # 6 FLOOR_SAMPLES, 7 LOG_SAMPLES, 8 TOUCH_ON_MN, 9 TOUCH_OFF_MN, 10 DRIFT_MAX, 11 DRIFT,
+    # 12 LEARNS, 13 SEEN, 14 LIGHT, 15 MISFIT_Q12, 16 TOLERANCE_Q12, 17 to 22 LOGS, 23 to 26 sums
+    # of weights times LOGS (coarse contrast, misfit, contrast, brightness), 27 to 29 FOUND.
+    # Element 27 is scratch too: storing truncates a sum to 32 bits.
+    # tables: 0 SEGMENTS, 1 FORCES, 2 WEIGHTS, 14 BOUNDS; the last bound is at 12 + 2 * segments.
+    # flags: 1 TOUCHING, 4 TOO_DARK, 16 MISFIT, 64 NOT_CALIBRATED, 128 LED_OFF.
     sign = 1
     sign <<= 31
     touching = state[0] & 1
@@ -78,7 +89,8 @@ def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int)
         state[0] = flags | is_dark
         return
 
-    # Contrast and fit by the weights of the whole strip, then position and force by the segment's.
+    # Coarse contrast and misfit, with the weights of the whole strip (rows 0 and 1); then contrast
+    # and brightness, with the weights of the segment (rows 2 and 3).
     first = 2
     for row in range(4):
         if row == 2:
@@ -99,7 +111,7 @@ def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int)
         state[27] = low
         state[23 + row] = high + (((state[27] ^ sign) - sign) >> 13)
 
-    # The table of positions, then that of forces.
+    # Row 0: the segment's table of positions; row 1: the table of forces.
     at = (state[25] ^ sign) - sign
     for row in range(2):
         size = tables[first]
@@ -193,6 +205,7 @@ _CRC = _crc_table()
 
 @micropython.viper
 def frame(head: ptr32, payload: ptr8, size: int, encoded: ptr8) -> int:
+    # head: 0 KIND, 1 SEQUENCE, 2 TIME_LOW, 3 TIME_HIGH; the CRC adds CRC_SIZE = 4 bytes.
     payload[0] = head[0]
     for i in range(1, 4):
         payload[2 * i - 1] = head[i]
@@ -226,6 +239,8 @@ def frame(head: ptr32, payload: ptr8, size: int, encoded: ptr8) -> int:
 
 @micropython.viper
 def touch(head, payload, state, encoded) -> int:
+    # payload: flags in byte 7 (HEADER_SIZE); contrast, brightness and position_um in 32-bit words 2
+    # to 4; force_mN in 16-bit word 10; 22 bytes (TOUCH_SIZE). state: as in `estimate`. head: 4 GAP.
     words = ptr32(state)
     body = ptr32(payload)
     ptr8(payload)[7] = words[0] | ptr32(head)[4]

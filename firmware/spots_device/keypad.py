@@ -2,7 +2,7 @@
 
 A gesture is decided as soon as it is unambiguous; a key with one action is pressed at once. The end
 of a touch releases the pressed action, even if the layer has changed since the press. Integers
-only; allocates nothing. Times are in the ticks of contact.py.
+only; allocates nothing. Times are in the ticks of contact.py (1.024 ms).
 """
 
 from .contact import ContactTracker, const, elapsed
@@ -63,7 +63,7 @@ class Keypad:
         length_um : int
             Length of the strip, in um.
         decay : int
-            Decay of the dye, see `locate.locate`.
+            Decay of the light by the dye, see `locate.locate`.
         """
         self.release()
         self._layout = layout
@@ -72,7 +72,7 @@ class Keypad:
         self.contact.set_layout(layout, length_um, decay)
 
     def tick(self, t):
-        """Handle the deadlines up to time `t` in ticks; call it after every reading."""
+        """Handle all deadlines up to the time `t` in ticks; must be called after every reading."""
         # A time that is no longer used is dropped, because ticks wrap.
         if self._tapped_at >= 0:
             self._age_tap(t)
@@ -166,7 +166,7 @@ class Keypad:
         self._state = _IDLE
 
     def next(self, x_um, t):
-        # The finger has just left, but the next finger touched before it left.
+        # The finger has just left; the next finger had already touched before.
         prefers_hold = self._layout.flavour == HOLD_PREFERRED and self._state == _OPEN
         if prefers_hold and self._row >= 0 and self._action(HOLD):
             self._press(self._action(HOLD))
@@ -178,12 +178,12 @@ class Keypad:
         self._state = _IDLE
         self.down(x_um, t)
         if self._state == _OPEN and self._row >= 0:
-            # The held layer ends here, so the next key must be decided now.
+            # The held layer ends here, so the action of the next key must be decided now.
             self._press(self._action(TAP))
         self._give_back(held)
 
     def second(self, x_um, slack_um, t):
-        """Press the key of a second finger if the key is certain; return whether it was pressed.
+        """Press the key under a second finger if the key is certain; return whether it was pressed.
 
         Parameters
         ----------
@@ -228,7 +228,7 @@ class Keypad:
         return True
 
     def left(self, second, t):
-        """Release the key of the second finger if `second` is true, else that of the first one."""
+        """Release a finger's key: the second finger's if `second` is true, else the first one's."""
         if second:
             self._release_second()
             return
@@ -249,8 +249,8 @@ class Keypad:
     def _find(self, x_um, again):
         """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
-        `again` is the row of the key that was tapped before, or -1. A position up to
-        ``slack_um`` beside this key is also on it, because a quick second tap is less accurate.
+        `again` is the row of the key that was tapped before, or -1. A position up to ``slack_um``
+        beside this key counts as on the key, because a quick second tap is less accurate.
         """
         layout = self._layout
         keys = layout.keys
@@ -290,7 +290,7 @@ class Keypad:
         return not (self._wait_t or self._action(DOUBLE) or self._slides())
 
     def _wait(self):
-        """Return the touch duration in ticks that decides the action; 0 if no duration does."""
+        """Return the touch duration in ticks that decides the action; 0 if no duration decides."""
         layout = self._layout
         if self._action(HOLD) or self._action(DOUBLE):
             return layout.tapping_t
@@ -358,7 +358,7 @@ class Keypad:
 
     @property
     def layer(self):
-        """Number of the layer for the next touch."""
+        """Number of the layer that the next touch uses."""
         if self._once >= 0:
             return self._once
         return self._momentary if self._momentary >= 0 else self._base

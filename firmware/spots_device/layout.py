@@ -2,19 +2,20 @@
 
 Each line is one statement. The statements of `LIMITS` are optional::
 
-    detect 2                   consecutive readings that make a press
+    detect 2                   number of consecutive readings that begin a press
     layer 0 0                  start of a layer: actions for a swipe to the sensor and away from it
     key 0 100 7340036 0 0 0 0 0
 
 The first two numbers of a key are its bounds in thousandths of the strip, from the sensor's end.
-Six actions follow: tap, double tap, hold, firm press, slide to the sensor, slide away from it. A
-slide repeats its action at every step.
+Six actions follow: tap, double tap, hold, firm press, slide to the sensor, slide away from it. The
+action of a slide is repeated each time the finger has moved by ``slide_um``.
 
 An action is one integer. Bits 20 and higher are its kind. Kind 0 does nothing. Kinds 7 (keyboard)
 and 12 (consumer) are HID usage pages; then bits 12 to 19 are the modifiers and bits 0 to 11 the
 usage. For the kinds `MOMENTARY`, `TOGGLE` and `ONCE`, bits 0 to 11 are the number of a layer.
 
-The keys of a layer ascend and do not overlap. A press between two keys has no action.
+The keys of a layer are in ascending order and do not overlap. A press between two keys has no
+action.
 """
 
 from array import array
@@ -90,7 +91,7 @@ class Layout:
     Attributes
     ----------
     keys : array of int
-        `KEY_SIZE` integers for each key. The index of the first one is the row of the key.
+        `KEY_SIZE` integers for each key. The row of a key is the index of its first integer.
     pages : tuple of int
         HID usage pages of all actions.
 
@@ -151,11 +152,11 @@ class Layout:
                 setattr(self, name, value)
 
     def first(self, layer):
-        """Return the row of a layer's first key; with ``layer == layers``, the end of `keys`."""
+        """Return the row of a layer's first key; if ``layer == layers``, the length of `keys`."""
         return self._firsts[layer]
 
     def is_on(self, layer, row):
-        """Return whether the key at `row`, its index in `keys`, belongs to a layer."""
+        """Return whether the key at the row `row` (index in `keys`) belongs to a layer."""
         return self._firsts[layer] <= row < self._firsts[layer + 1]
 
     def swipe(self, layer, plus):

@@ -11,7 +11,7 @@ _DARK_MAX = (exposure.GAIN_MAX, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAM
 
 
 def settle(changes, values, board):
-    """Validate ``led`` and ``dark`` in a change of settings, and add the changes that they require.
+    """Validate ``led`` and ``dark`` in a change of settings; add the changes that these require.
 
     Parameters
     ----------

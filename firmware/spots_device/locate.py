@@ -1,21 +1,21 @@
 """Estimates the position of the second of two fingers from one reading, see second.py.
 
 Boards with ``viper = true`` in board.toml get locate_viper.py instead of this file: the same
-functions with identical results, in machine code. Integers of 31 bits only; allocates nothing.
+functions with identical results, in machine code. All integers fit 31 bits; allocates nothing.
 """
 
 from .log2 import log2_q20
 
 NEAR_UM = 4500  # least distance between two fingers
 FAR_LOG2 = 18  # distances are below 2**18 um
-# The misfit grows with the loss of brightness (Q20 of log2). The loss of a reading that fits one
-# press is below the first limit, that of another reading above the second one.
+# The misfit grows with the loss of brightness (Q20 of log2) that two fingers cause. The loss is
+# below `_FIT` if the reading fits one press, and above `_MISFIT` if it does not.
 _FIT = 45_000
 _MISFIT = 12_000
 
 
 def power(exponent):
-    """Return 2**exponent in Q10, within 0.4 %; `exponent` is in Q20 and below 19."""
+    """Return 2**exponent in Q10, within 0.4 %; `exponent` is in Q20 and less than 19.0."""
     part = exponent >> 10 & 1023
     value = 1024 + (part * (672 + (352 * part >> 10)) >> 10)
     whole = exponent >> 20
@@ -23,36 +23,35 @@ def power(exponent):
 
 
 def noise(product, brightness):
-    """Return `product` divided by the counts of a brightness; at most 20000.
+    """Return a position's standard deviation in um: `product` divided by the counts; at most 20000.
 
     Parameters
     ----------
     product : int
-        Product of counts and standard deviation of the position in um.
+        Product of counts and standard deviation of the position in um; a constant of the strip.
     brightness : int
-        Brightness in Q20 of log2.
+        Brightness in Q20 of log2, from which the counts are computed.
     """
     return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
 
 
 def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
-    """Estimate the second finger in a reading; return whether there is one.
+    """Estimate the second finger in a reading; return whether there is a second finger.
 
     Parameters
     ----------
     found : array.array
-        Output, ``array("i")``: position of the second finger in um, its uncertainty in um, and its
-        brightness in Q20 of log2.
+        Output, ``array("i")``: position of the second finger in um, uncertainty of this position in
+        um, and brightness of the second finger in Q20 of log2.
     decay : int
-        k in log2 units per micrometre, Q24; at most 1000.
+        Decay of the light by the dye (k in second.py) in log2 units per um, Q24; at most 1000.
     x1_um, first : int
         Position of the first finger in um, and its brightness in Q20 of log2.
     x_um, brightness : int
         Position of the reading in um, and its brightness in Q20 of log2.
     fits : int
-        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. A spectrum
-        of two fingers fits if they are near each other, and does not if they are far from each
-        other.
+        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. The
+        spectrum of two fingers fits one press only if the fingers are near each other.
     noise_um : int
         Standard deviation of the reading's position, in um.
     """

@@ -1,6 +1,7 @@
-"""Estimates the second of two fingers; its loop in machine code. Replaces locate.py on some boards.
+"""Estimates the second of two fingers, in machine code; replaces locate.py on some boards.
 
-Correct with words of 32 bits and of 64 bits, see kernel_viper.py. No argument is checked.
+The code is correct with words of 32 bits and of 64 bits, see kernel_viper.py. It checks no
+argument.
 """
 
 from array import array
@@ -32,6 +33,7 @@ _found = array("i", bytes(20))
 
 @micropython.viper
 def _solve(found: ptr32, decay: int, off_um: int, first: int, brightness: int) -> bool:
+    # found: 0 away_um, 1 lost, 2 ratio, 3 other, 4 lever, as named in `locate`. 18: FAR_LOG2.
     away_um = off_um
     alone = int(power(first)) >> 6
     shift = 0

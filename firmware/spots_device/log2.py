@@ -21,7 +21,7 @@ _GUARD = 4  # the table holds Q24
 def _table():
     def exact_q24(step):
         # Computes one bit at a time: squaring the mantissa doubles its logarithm. The products
-        # have 62 bits, so it allocates on a board; it runs once, at import.
+        # have 62 bits, so the function allocates on a board; it runs once, at import.
         mantissa = (_STEPS + step) << (30 - _STEPS_LOG2)
         bits = 0
         for _ in range(Q + _GUARD + 1):
@@ -48,7 +48,7 @@ del _table  # frees memory on a board
 def log2_q20(n):
     """Return log2(n) in Q20.
 
-    Allocates nothing; every intermediate fits 31 bits.
+    Allocates nothing; every intermediate result fits 31 bits.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def log2_q20(n):
     Returns
     -------
     int
-        log2(n) * 2**20, with an error of at most 1.
+        log2(n) * 2**20, with an error of at most 1 (one unit of Q20).
     """
     if n >= LIMIT:
         return 24 << Q

@@ -1,25 +1,24 @@
 """Schedules the polls of the sensor, so that one burst read finds one new sample.
 
-The chip has its own oscillator, which deviates from the board's clock by some per cent. An early
-poll and the following successful poll bracket the end of a sample. Two brackets n samples apart
-give a lower bound of the period. The next poll is slightly before this bound: it is never late, and
-about one poll in twenty is early. Integers only; allocates nothing.
+The chip has its own oscillator, which deviates from the board's clock by some per cent. A poll that
+is too early and the next poll, which finds the sample, bracket the end of this sample. Two brackets
+n samples apart give a lower bound of the period. Each poll is scheduled slightly earlier than this
+bound predicts: no poll is late, and about one in twenty is early. Integers only; allocates nothing.
 
-A loop that is slower than the sensor never polls early, so there is no bracket. Each sample that
-such a loop finds is the newest one, which ended within the last period; it is used with this
-uncertainty. Missed samples are counted with the last measured period of the chip, scaled to the
-exposure.
+A loop that is slower than the sensor never polls early, so there is no bracket. The sample that
+such a loop finds ended within the last period; the sample is used with this uncertainty of its
+time. Missed samples are counted with the last measured period of the chip, scaled to the exposure.
 """
 
 from micropython import const
 
 RETRY_US = const(200)
 _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are possible
-# The first sample without a narrow bracket is dropped, the next such sample is used. With a period
-# up to this one, the first is used too: the error of its time is small, and the loop is slow.
+# The first sample without a narrow bracket is dropped, the next such sample is used. If the period
+# is at most this long, the first is used too: the error of its time is small, and the loop is slow.
 _SHORT_US = const(6_000)
 _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
-_Q = const(20)  # so fine that the rounding is less than a step of any exposure
+_Q = const(20)  # fine enough: the rounding error is less than a step of any exposure
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
 # A measurement of the period is valid if its error is below 1/2048. It restarts after `_LONG_US`,
@@ -40,8 +39,8 @@ class Pacing:
     Attributes
     ----------
     sampled, lasted_us, longest_us : int
-        Measurement of the period: number of samples, and their least and greatest total duration
-        in us of the board's clock. `sampled` is 0 before the first measurement.
+        Measurement of the period: number of samples, and lower and upper limit of their total
+        duration in us of the board's clock. `sampled` is 0 before the first measurement.
     """
 
     def __init__(self, clock):
@@ -50,7 +49,7 @@ class Pacing:
         self.due = 0
         self.missed = 0  # samples that were not read, or whose time is unknown
         self.period_us = 0
-        self.slack_us = 0  # how much earlier the last sample may have ended
+        self.slack_us = 0  # the last sample may have ended up to this much earlier
         self.sampled = self.lasted_us = self.longest_us = 0
         self._chip_us = 0  # best estimate of the period; `period_us` is a lower bound
         self.exposure_us = 0  # nominal period
@@ -71,7 +70,7 @@ class Pacing:
         self._samples = -1  # samples since the reference; -1 without a reference
 
     def start(self, now, period_us):
-        """Restart; the first sample begins at `now` (ticks), `period_us` is the nominal period.
+        """Restart; the first sample begins at `now` (ticks) and `period_us` is the nominal period.
 
         Allocates.
         """
@@ -88,7 +87,7 @@ class Pacing:
         self._taken = 0
 
     def nominal_us(self, period_us):
-        """Return the period to set in the chip for `period_us` of the board's clock, in us."""
+        """Convert `period_us` from the board's clock to the chip's clock; return it in us."""
         rate = (1 << _Q) + self._off
         return ((period_us << _Q) + (rate >> 1)) // rate
 
@@ -96,7 +95,7 @@ class Pacing:
         """Update the oscillator's deviation, which is the same for all exposures. Allocates.
 
         Call it before `start`. A measurement since the last `start` replaces the stored deviation
-        if both disagree. Without both, 0.2 s of samples give a first rough value.
+        if the two disagree. If neither exists, 0.2 s of samples give a first rough value.
         """
         if self.sampled:
             expected_us = self.sampled * self.exposure_us
@@ -129,8 +128,8 @@ class Pacing:
         Returns
         -------
         int or None
-            Ticks at the end of the sample; at most `slack_us` too late. None if the sample must
-            not be used, because its time is unknown after a stall. It is then counted in `missed`.
+            Estimated end of the sample in ticks, at most `slack_us` too late. None if the sample
+            must not be used, because its time is unknown after a stall; `missed` then counts it.
         """
         if self._was_early:
             if self._diff(before, self._early) > _WIDE_US:
@@ -210,9 +209,9 @@ class Pacing:
         return before if used else None
 
     def _count(self, now, slack_us):
-        """Return the number of samples that ended since the last counted one; at least 1.
+        """Return the number of samples that ended since the last counted sample; at least 1.
 
-        `now` is the time in ticks. `slack_us` is added to the elapsed time, to round it.
+        `now` is the time in ticks. `slack_us` is added to the elapsed time, for rounding.
         """
         if self._locked:
             self._last = self._add(self.due, self._creep - self.period_us)

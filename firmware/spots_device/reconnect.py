@@ -15,9 +15,9 @@ class Reconnect:
     Parameters
     ----------
     strip : strip.Strip
-        Starts the sensor.
+        Strip whose sensor is started.
     clock : object
-        ``sleep_us(us)``.
+        Has ``sleep_us(us)``, as MicroPython's ``time``.
     replies : command.Replies
         Sends the log lines.
     on_found : callable
@@ -30,7 +30,7 @@ class Reconnect:
     lost : bool
         True while the sensor does not answer.
     fault : str or None
-        Sentence about the last fault; None after the next sample.
+        Sentence about the last fault; None once a sample has come after the fault.
     faults : int
         Number of faults so far.
     """
@@ -60,7 +60,7 @@ class Reconnect:
         self._on_found()
 
     def restart(self):
-        """Restart the sensor with the present settings; does nothing while it is lost."""
+        """Restart the sensor with the present settings; does nothing while the sensor is lost."""
         if not self.lost:
             try:
                 self._strip.start()

@@ -1,8 +1,9 @@
 """Converts a calibration to another exposure; imported only if the exposure differs.
 
-Another exposure shifts all logarithms of a reading by the same value. So positions do not change,
-and the brightness of each force is shifted. A shorter exposure gives fewer counts and more relative
-noise. A touch then begins at a higher force, which gives as many counts as at the calibration.
+Another exposure shifts the logarithms of all six counts of a reading by the same value. So
+positions do not change, and the brightness at each force is shifted by this value. A shorter
+exposure gives fewer counts and more relative noise. A touch then begins at a higher force: the
+force that gives as many counts as the first force of a touch gave with the calibration's exposure.
 """
 
 from .log2 import log2_q20

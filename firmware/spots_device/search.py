@@ -1,4 +1,4 @@
-"""Searches gain, LED current and exposure for the command ``auto``; imported only then."""
+"""Searches gain, LED current and exposure for the command ``auto``; imported only for it."""
 
 from .exposure import (
     AGAIN,
@@ -17,15 +17,16 @@ _FULL = 1024
 _LOW = 615
 _AIM = 768
 _HIGH = 921
-# Below this level, one step of the gain does not exceed the band: its factor is at most 2.05.
+# Below this level, one step of the gain (a factor of at most 2.05) does not exceed the band.
 _STEP_FROM = 440
 
 
 class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
-    It changes the gain first (factors of 2), then the LED current. If both are at their
-    maximum, it sets a longer exposure: at least 182 ms, because full scale does not grow above it.
+    The search changes the gain first (factors of 2), then the LED current. If both are at their
+    maximum, it sets a longer exposure of at least 182 ms, because full scale does not grow above
+    182 ms.
 
     Parameters
     ----------
@@ -36,8 +37,8 @@ class Search:
     exposure_us : int
         First exposure in us.
     led_max_mA : int
-        Largest LED current in mA; 0 if the current cannot be set. Then the search changes the gain
-        in its coarse steps, and ends at 43-90 % of full scale.
+        Largest LED current in mA; 0 if the current cannot be set. The search then changes only
+        gain, in coarse steps, and exposure; it ends at 43-90 % of full scale.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):
@@ -63,8 +64,8 @@ class Search:
         Returns
         -------
         int
-            `DONE`, `TOO_DARK` or `TOO_BRIGHT` at the end of the search. `AGAIN` if another sample
-            is needed, with the settings in the attributes `gain`, `led_mA` and `exposure_us`.
+            `DONE`, `TOO_DARK` or `TOO_BRIGHT` at the end of the search. `AGAIN` if the caller must
+            take another sample with the settings `gain`, `led_mA` and `exposure_us` (attributes).
         """
         level = _FULL if saturated else max(peak * _FULL // full_scale, 0)
         if self._low <= level < _HIGH:

@@ -1,14 +1,15 @@
-"""Estimates the position of the second of two fingers, while the first one rests.
+"""Estimates the position of the second of two fingers, while the first finger rests.
 
-The light of both fingers, l = l1 + l2, appears to come from a position between them. Let d be the
-distance between the fingers. The position is then f d from the first finger, and the brightness is
-slightly less than ln(l):
+The light of both fingers, l = l1 + l2, appears to come from one position between the fingers. Let d
+be the distance between the fingers. This position has the distance f d from the first finger, with
+0 < f < 1, and the brightness (here a natural logarithm) is slightly less than ln(l):
 
     f / (1 - f) = l2 / l1 * exp(-k d)        ln(l) - brightness = 0.39 f (1 - f) (k d)**2
 
 k is the decay at wavelengths that the dye absorbs. Both equations hold within 0.01 on strips of 30
-to 85 mm. Two measured values give the two unknowns l2 and d. No value remains to check that the
-first finger rests, so several readings must agree. Integers of 31 bits only; allocates nothing.
+to 85 mm. A reading gives two values, position and brightness, for the two unknowns l2 and d. No
+value remains to check that the first finger rests, so several readings must agree. All integers fit
+31 bits; allocates nothing.
 """
 
 try:
@@ -24,9 +25,10 @@ _STEP_UM = const(2000)
 
 
 def _part(decay, off_um, brightness, away_um):
-    """Return the light of the first finger of two in a reading, in counts times 16.
+    """Return how much of a reading's light comes from the first of two fingers, in counts times 16.
 
-    `off_um` and `away_um`: distances from the first finger to the reading and to the second one.
+    `off_um` is the distance from the first finger to the position of the reading, `away_um` the
+    distance from the first finger to the second finger.
     """
     share = (off_um << 10) // away_um
     bend = decay * away_um >> 14
@@ -39,7 +41,7 @@ def _part(decay, off_um, brightness, away_um):
 def may_rest(decay, x1_um, first, end_um, x_um, brightness):
     """Return whether the first finger may still have its brightness `first` in a later reading.
 
-    False if the first one must be dimmer even with a second one at the strip's end (`end_um`).
+    False if the first finger must be dimmer even with a second finger at the strip's end `end_um`.
     """
     off_um = x_um - x1_um
     far_um = end_um - x1_um
@@ -54,19 +56,19 @@ def may_rest(decay, x1_um, first, end_um, x_um, brightness):
 
 
 def weigh(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b):
-    """Estimate both fingers from two readings between which only the second one changed its force.
+    """Estimate both fingers from two readings; only the second finger's force differs between them.
 
     Parameters
     ----------
     found : sequence of int
-        Output: position of the second finger in um, its uncertainty in um, and the brightness of
-        the first finger in Q20 of log2.
+        Output: position of the second finger in um, uncertainty of this position in um, and
+        brightness of the first finger in Q20 of log2.
     decay, x1_um : int
         As in `locate`.
     limit_um : int
         End of the strip, in um, on the side of the second finger.
     x_um, brightness, x_next_um, next_b : int
-        Position in um and brightness in Q20 of log2 of both readings.
+        Position in um and brightness in Q20 of log2, of the earlier and of the later reading.
 
     Returns
     -------

@@ -24,8 +24,8 @@ LIMITS = {
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
-    "dark_every": (0, 10_000, 0),  # samples per dark sample, even during a touch; 0: off
-    "mains_hz": (0, 60, 0),  # 50 or 60, the frequency of the lamps' mains; 0: none
+    "dark_every": (0, 10_000, 0),  # samples between two dark samples, even during a touch; 0: off
+    "mains_hz": (0, 60, 0),  # mains frequency of the lamps, 50 or 60; 0: no such lamps
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
@@ -49,15 +49,15 @@ class BoardSettings:
     ----------
     board : object
         Module board_config, or an object with ``LED_MAX_MA``, the maximum current of the board's
-        LED in mA (int). Optional: ``STRIP_LED``, one of `light.LEDS`, and ``STRIP_LED_PIN``, which
-        ``led=gpio`` needs.
+        LED in mA (int). Optional attributes: ``STRIP_LED``, one of `light.LEDS`, and
+        ``STRIP_LED_PIN``, which the setting ``led=gpio`` needs.
 
     Attributes
     ----------
     values : dict
         Values by name: an int for each name in `LIMITS`; ``plan``, a tuple of the names of six
-        diodes; ``led``, one of `light.LEDS`; ``dark``, the stored dark frame of an LED that is
-        always on: gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples, or empty.
+        diodes; ``led``, one of `light.LEDS`; ``dark``, the stored dark frame if the LED is always
+        on: gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples; else empty.
     """
 
     def __init__(self, board):
@@ -74,7 +74,8 @@ class BoardSettings:
     def change(self, words):
         """Change settings; on an error no setting changes.
 
-        Exposure and LED current are rounded to values that the chip and `mains_hz` allow.
+        Exposure and LED current are rounded to values that the chip and the setting ``mains_hz``
+        allow.
 
         Parameters
         ----------
@@ -195,7 +196,7 @@ def save_lines(path, lines):
 
 def _move_in(path):
     if _lines_of(path) is None and _lines_of(path + ".new") is not None:
-        _remove(path)  # FAT cannot rename to an existing name
+        _remove(path)  # FAT cannot rename a file to the name of an existing file
         os.rename(path + ".new", path)
 
 
@@ -207,7 +208,7 @@ def _remove(path):
 
 
 def load_lines(path):
-    """Return the lines of a file or of its newest valid copy; an empty list without a file.
+    """Return the lines of a file or of its newest valid copy; an empty list if no file exists.
 
     Parameters
     ----------

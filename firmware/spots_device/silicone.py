@@ -1,10 +1,11 @@
-"""Compensates hysteresis and creep of the silicone, which change the light of a force.
+"""Compensates hysteresis and creep of the silicone, which change the light that a force couples.
 
-Hysteresis is a weighted sum of play operators (Prandtl-Ishlinskii), of which only the difference to
-a first load is subtracted: the force table is that of first loads. Creep follows the force with
-several time constants; a share of it is subtracted. The operators restart when the
-finger lifts or moves on, creep when another place is pressed; until then it recovers by its own
-time constants. Integers of 31 bits only; `take` allocates nothing.
+Hysteresis is a weighted sum of play operators (Prandtl-Ishlinskii). Only its difference from a
+first load is subtracted, because the force table was measured with first loads. Creep follows the
+force with several time constants; a share of the creep is subtracted. The play operators restart
+when the finger lifts or moves to another position. Creep restarts only when another position is
+pressed; after a lift it decays with its time constants. All integers fit 31 bits; `take` allocates
+nothing.
 """
 
 from array import array
@@ -18,8 +19,9 @@ except ImportError:
     const = int  # on the host
 
 _PARTS = const(3)  # play operators, and parts of the creep
-_WEIGHTS_MAX = const((1 << 14) - 1)  # of the sum of weights, so that 65 N fits 31 bits
-# Another place, if the force is large enough for a position of little noise.
+_WEIGHTS_MAX = const((1 << 14) - 1)  # limit of the sum of weights, so that 65 N fits 31 bits
+# A press is at another position if it is farther away than `_APART_UM`. Tested only above
+# `_SURE_MN`, where the position has little noise.
 _APART_UM = const(8000)
 _SURE_MN = const(400)
 _TIME_MASK = const((1 << 22) - 1)  # ticks as in contact.py
@@ -35,8 +37,8 @@ class Compensation:
     Parameters
     ----------
     values : sequence of int, length 13
-        Gain (Q12), half widths of three play operators in mN, their weights (Q12), time constants
-        of three parts of the creep in ms, their shares of the force (Q12).
+        Gain (Q12); half widths of three play operators in mN, their three weights (Q12); time
+        constants of three parts of the creep in ms, their three shares of the force (Q12).
 
     Raises
     ------
@@ -63,7 +65,7 @@ class Compensation:
         Parameters
         ----------
         reading : array of int
-            The reading, as in `decode.Decode.state`; its force is changed.
+            The reading, as in `decode.Decode.state`; its force is corrected in place.
         t : int
             Time in ticks.
         """
@@ -93,7 +95,7 @@ class Compensation:
                 loading = max(force_mN - radius, 0)
                 if moved:
                     state[_PARTS + i] = 0
-                # The force before this one is 0 if the finger had lifted.
+                # The previous force is 0 if the finger had lifted.
                 play = 0 if moved or not self._force else state[i]
                 state[i] = play = max(min(play, force_mN + radius), loading)
                 total -= values[4 + i] * (play - loading)

@@ -1,7 +1,7 @@
 """The SMUX map: connects photodiodes to the six ADCs.
 
 Source: ams AN000666, table of pixels. Each pixel p is a nibble of byte p >> 1: the high nibble if p
-is odd, else the low one. Its value is 0 (off) or the number of the ADC + 1.
+is odd, else the low nibble. The value of the nibble is 0 (off) or the number of the ADC + 1.
 """
 
 PIXELS = {

@@ -53,8 +53,8 @@ class Strip:
         Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 while an LED that is
         always on has no dark frame.
     baseline : dark.Baseline
-        The baseline. Its `floor`, six sums that `Decode.scale` knows, is subtracted from
-        each reading.
+        The baseline. Its `floor`, six sums over the number of dark samples set with
+        `Decode.scale`, is subtracted from each reading.
     """
 
     def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
@@ -74,7 +74,7 @@ class Strip:
         self._time = time
         self._reading = self.decode.state
         self._sums = array("i", bytes(4 * CHANNELS))
-        # Of the settings, see `configure`.
+        # From the settings, see `configure`.
         self._average = 1
         self._follows = False
         self._mains_hz = 0
@@ -137,7 +137,7 @@ class Strip:
             self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
 
     def streams(self):
-        """Return a list of the streamed kinds of frames: ``contact``, ``spectrum``, ``touch``."""
+        """Return a list of the kinds of streamed frames: ``contact``, ``spectrum``, ``touch``."""
         names = []
         if self._uses.streams_contacts:
             names.append("contact")
@@ -160,12 +160,12 @@ class Strip:
         return self._uses.stream_contacts("contact" in names, self.decode.calibration)
 
     def request_dark(self, done):
-        """Take a dark frame now; then call ``done()``."""
+        """Request a dark frame; ``done()`` is called when the dark frame is complete."""
         self._dark.request_pool()
         self._on_dark = done
 
     def request_search(self, done):
-        """Start a search of gain, LED current and exposure; at its end call ``done(outcome)``."""
+        """Search gain, LED current and exposure; then ``done(outcome)`` is called."""
         from .search import Search  # rare, and large
 
         s = self.settings.values
@@ -175,7 +175,7 @@ class Strip:
         self._dark.request()
 
     def request_rest(self):
-        """Take the next reading as the baseline."""
+        """Use the next reading as the baseline."""
         self.baseline.wanted = True
 
     def forget_requests(self):
@@ -185,10 +185,10 @@ class Strip:
     # Processing of a sample.
 
     # The functions that run for every sample need at most 11 words for locals and arguments.
-    # MicroPython takes a larger frame from the heap, which costs about 80 us on an RP2040.
+    # MicroPython allocates larger call frames on the heap, which costs about 80 us on an RP2040.
 
     def take(self):
-        """Process the sample that the sensor has just read."""
+        """Process the sample that `as7341.AS7341.poll` has just read."""
         sensor = self.sensor
         missed = self._pacing.missed
         if missed != self._missed:

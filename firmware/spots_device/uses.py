@@ -1,4 +1,4 @@
-"""Turns readings into key events, contacts and gamepad reports, if they are switched on.
+"""Turns readings into key events, contacts and gamepad reports; each of them can be switched off.
 
 A board without USB HID sends keys as frames only. Modules of disabled functions are not imported,
 which saves memory.
@@ -22,7 +22,7 @@ def check_layout(lines):
 
 
 class Uses:
-    """Passes readings to keypad and gamepad, and their reports to the host.
+    """Passes readings to the keypad and the gamepad, and reports of both to the host.
 
     Parameters
     ----------
@@ -34,19 +34,19 @@ class Uses:
         Board time; the caller updates it before each event.
     usb : object or None
         USB stack. Its method ``open(names) -> dict`` opens interfaces of `INTERFACES` and returns
-        a function ``send(report) -> bool`` for each opened one. It raises OSError with a sentence
-        on failure. None on a board without USB HID.
+        a function ``send(report) -> bool`` for each opened interface; on failure it raises OSError
+        with a sentence. `usb` is None on a board without USB HID.
     layout_lines : list of str
         Validated lines of a `layout.Layout`; an empty list selects ten keys in a row.
 
     Attributes
     ----------
     active : bool
-        Whether `take` must get each reading.
+        Whether the caller must pass each reading to `take`.
     streams_contacts : bool
         Whether CONTACT frames are streamed.
     two : bool
-        Whether the last reading may be of two fingers.
+        Whether two fingers may have caused the last reading.
     rests : bool
         Whether the touch has not moved for so long that it cannot be a finger.
     fault : str or None
@@ -117,12 +117,12 @@ class Uses:
         on : bool
             Whether to send a frame for each finger and reading.
         calibration : calibration.Calibration or None
-            Calibration in use; without one there are no contacts.
+            Calibration in use; without a calibration there are no contacts.
 
         Returns
         -------
         str or None
-            Sentence that says why the stream remains empty. None if it works or was ended.
+            Sentence that says why the stream remains empty. None if the stream works or was ended.
         """
         if on != self.streams_contacts:
             self.streams_contacts = on
@@ -133,12 +133,12 @@ class Uses:
         return self._memory_fault if calibration else "without a calibration there are no contacts"
 
     def note(self, calibration):
-        """Return why keys or gamepad do not work although they are switched on.
+        """Return why keys or gamepad do not work although they are switched on, or None.
 
         Parameters
         ----------
         calibration : calibration.Calibration or None
-            Calibration in use; None without one.
+            Calibration in use; None without a calibration.
 
         Returns
         -------
@@ -165,9 +165,9 @@ class Uses:
         return "; ".join(notes) or None
 
     def take(self, sensor, decode):
-        """Process a reading. Allocates nothing.
+        """Pass a reading to the keypad, the contacts and the gamepad. Allocates nothing.
 
-        Marks the reading as untrusted while there may be two fingers.
+        Marks the reading in `decode` as untrusted while there may be two fingers.
 
         Parameters
         ----------
@@ -241,7 +241,7 @@ class Uses:
         clock : object
             ``ticks_us``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
         until : int
-            Deadline in ticks.
+            Deadline of the wait, in ticks.
         """
         self.release()
         while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
@@ -255,7 +255,7 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Choose the tracker of touches: the keypad's, one for contacts only, or no tracker."""
+        """Choose the touch tracker: the keypad's, a tracker for contacts only, or no tracker."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

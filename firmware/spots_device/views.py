@@ -14,15 +14,15 @@ class Segment:
     tables : memoryview of int
         Tables of the calibration, see calibration.py.
     place : int
-        Place of the segment's weights.
+        Index of the segment's weights in `tables`.
 
     Attributes
     ----------
     position, force : memoryview of int
         Six weights each, Q13.
     contrasts, positions_um, fits, offsets : memoryview of int
-        Columns of the table of knots (the points between which the board interpolates): contrast
-        and position, misfit of one press, and correction that is subtracted from the brightness.
+        Columns of the table of knots (points between which the board interpolates): contrast,
+        position, misfit of one press, and correction that is subtracted from the brightness.
     """
 
     def __init__(self, tables, place):
@@ -33,12 +33,12 @@ class Segment:
 
 
 def view(calibration, name):
-    """Return an attribute of a calibration.
+    """Return weights, bounds or segments of a calibration by name.
 
     Parameters
     ----------
     calibration : calibration.Calibration
-        Calibration.
+        Calibration whose `tables` are viewed.
     name : str
         ``coarse`` or ``fit``, six weights each; ``bounds``, the contrasts at which segments begin;
         or ``segments``.

@@ -50,13 +50,14 @@ class Led(toml.Strict):
     blue_share : float
         Share of the blue peak in the light, 0 to 1.
     irradiance_uW_cm2_per_mA : float
-        Irradiance at the sensor per mA, for a full contact at the strip's sensor end.
+        Irradiance at the sensor per mA of LED current, for full contact at the sensor's end.
     bend_mA : float
-        The light at a current I is proportional to I / (1 + I / bend_mA).
+        Constant of the LED's droop: at a current I, the light is proportional to
+        I / (1 + I / bend_mA).
     noise_ppm_10ms : float
         Relative standard deviation of the light in an exposure of 10 ms.
     warm_up_percent, warm_up_s : float
-        Additional light at power-on, and the time constant of its decay.
+        Additional light at power-on in per cent, and the time constant of its decay in s.
     """
 
     blue_nm: Wavelength
@@ -74,19 +75,19 @@ class Led(toml.Strict):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the current in mA of a lit LED; `driver_mA` is the chip's LED setting."""
+        """Return the current of a lit LED in mA; `driver_mA` is the chip's setting."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
 class Dye(toml.Strict):
-    """Decay of the light in the dyed guide, by wavelength.
+    """Decay of the light in the dyed guide, as a function of the wavelength.
 
     Attributes
     ----------
     strength_per_mm : float
         Decay coefficient of the dye at wavelengths below the absorption edge.
     edge_nm, edge_width_nm : float
-        Wavelength and width of the absorption edge; the dye is clear above it.
+        Wavelength and width of the absorption edge; above the edge, the dye is clear.
     clear_per_mm : float
         Decay coefficient of the clear material at every wavelength.
     """
@@ -98,17 +99,17 @@ class Dye(toml.Strict):
 
 
 class ContactFile(toml.Strict):
-    """Contact area by force, see `world.coupling`.
+    """Contact area as a function of the force, see `world.coupling`.
 
     Attributes
     ----------
     threshold_mN : float
         Force of the first contact, in mN.
     half_mN : float
-        Force minus `threshold_mN` at which about half of full contact is reached, in mN.
+        Force above `threshold_mN` at which about half of full contact is reached, in mN.
     early_share, early_mN : float
-        Light coupled just below the threshold, as a share of full contact. With each decrease
-        of the force by `early_mN`, this light falls by a factor of e.
+        Light coupled just below the threshold, as a share of the light at full contact. With each
+        decrease of the force by `early_mN`, this light falls by a factor of e.
     """
 
     threshold_mN: NotNegative
@@ -139,7 +140,7 @@ class Stretch(toml.Strict):
     poisson_ratio : float
         Poisson's ratio of the material.
     bend_loss_percent : float
-        Loss of light at a bend of 180 degrees.
+        Loss of light at a bend of 180 degrees, in per cent.
     """
 
     poisson_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.45
@@ -147,7 +148,7 @@ class Stretch(toml.Strict):
 
 
 class Surroundings(toml.Strict):
-    """Constant ambient light; a scenario can add more.
+    """Ambient light with a constant mean and with flicker; a scenario can add more light.
 
     Attributes
     ----------
@@ -167,16 +168,16 @@ JOINT_TRAVEL = (0.1, 0.9)  # ends of the indenter's travel, as shares of the str
 
 
 class JointFile(toml.Strict):
-    """An indenter that a joint slides along the strip.
+    """A joint that slides an indenter along the strip.
 
     Attributes
     ----------
     radius_mm : float
-        Distance that the indenter slides on the strip per radian of the joint.
+        Distance in mm that the indenter slides on the strip per radian of the joint.
     force_mN : float
-        Force of the indenter.
+        Force of the indenter in mN.
     play_deg : float
-        Backlash of the joint.
+        Backlash of the joint in degrees.
     """
 
     radius_mm: Positive = 25.0
@@ -197,7 +198,7 @@ class SensorFile(toml.Strict):
     length_mm : float
         Length of the strip at rest, in mm.
     led, dye, contact, silicone, converter, stretch, surroundings, joint, temperature
-        Tables of the file; their classes describe them.
+        Tables of the file; the class of each table describes it.
     change : change.Change
         Change of the sensor since its calibration.
     """
@@ -223,7 +224,7 @@ class SensorFile(toml.Strict):
 
     @property
     def joint_travel_deg(self) -> float:
-        """Angle by which the joint turns while its indenter slides along `JOINT_TRAVEL`."""
+        """Angle in degrees by which the joint turns for the indenter's whole `JOINT_TRAVEL`."""
         start, end = JOINT_TRAVEL
         return 1000 * (end - start) * self.length_mm / self.joint.um_per_deg
 
@@ -235,8 +236,8 @@ class SensorFile(toml.Strict):
         angle_deg : float
             Angle of the joint in degrees.
         direction : int
-            1 if the angle was reached from below, -1 if from above. The indenter lags behind the
-            joint by half the backlash.
+            1 if the joint has reached the angle from below, -1 if from above. The indenter lags
+            behind the joint by half the backlash.
 
         Returns
         -------
@@ -246,7 +247,7 @@ class SensorFile(toml.Strict):
         return 1000 * JOINT_TRAVEL[0] * self.length_mm + lagging_deg * self.joint.um_per_deg
 
     def unchanged(self) -> SensorFile:
-        """Return a copy of the sensor as it was when it was calibrated."""
+        """Return a copy of the sensor without its change since the calibration."""
         return msgspec.structs.replace(self, change=Change())
 
 
@@ -256,11 +257,12 @@ class Finger(toml.Strict):
     Attributes
     ----------
     points : list of tuple
-        (time in s, position in mm, force in mN), joined by straight lines.
+        Points (time in s, position in mm, force in mN) of the path, joined by straight lines.
     width_mm : float
         Width of the finger along the strip, in mm.
     tilt_percent : float
-        Pressure at the finger's far edge minus the mean pressure, in per cent of the mean.
+        Pressure at the edge of the finger that is far from the sensor, minus the mean pressure, in
+        per cent of the mean pressure.
     """
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
@@ -279,7 +281,7 @@ class Ambient(toml.Strict):
     Attributes
     ----------
     steps : list of tuple
-        (time in s, irradiance in uW/cm2 from that time on).
+        Each step: time in s, and irradiance in uW/cm2 from that time on.
     flicker_percent, flicker_hz, flicker_phase_deg : float
         Amplitude in per cent of the mean, frequency and phase of the flicker.
     """
@@ -301,7 +303,7 @@ class Moments(toml.Strict):
     Attributes
     ----------
     at_s : list of float
-        Fixed start times in seconds of the scenario; they repeat with the scenario.
+        Fixed start times, in s from the start of the scenario; repeated with the scenario.
     per_min : float
         Mean number of random start times in a minute.
     last_ms : float
@@ -320,13 +322,13 @@ class Bursts(Moments):
 
 
 class SerialFaults(toml.Strict):
-    """Damage to the bytes in one direction.
+    """Damage to the bytes on the serial link, in one direction.
 
     Attributes
     ----------
     flip_percent, drop_percent, double_percent, insert_percent : float
-        Share of the bytes with a flipped bit, of lost bytes, of doubled bytes, and of bytes before
-        which a random byte is inserted.
+        Shares of all bytes, in per cent: bytes with a flipped bit, lost bytes, doubled bytes, and
+        bytes before which a random byte is inserted.
     bursts : Bursts
         Intervals of dense damage.
     """
@@ -346,9 +348,9 @@ class SerialFaults(toml.Strict):
 class BusFaults(toml.Strict):
     """Damage to transfers on the I2C bus.
 
-    `nack_percent` of all transfers are not acknowledged; during `nack_bursts`, none of them is
-    acknowledged. `wrong_percent` of the transfers have a wrong bit. In an interval of `sda_low`,
-    SDA is low until the interval ends or the board sends nine clocks.
+    `nack_percent` of all transfers are not acknowledged; in the intervals `nack_bursts`, no
+    transfer is acknowledged. `wrong_percent` of the transfers have a wrong bit. At the start of an
+    interval of `sda_low`, SDA goes low until the interval ends or the board sends nine clocks.
     """
 
     nack_percent: Percent = 0.0
@@ -373,7 +375,7 @@ class ClockFaults(toml.Strict):
 
 
 class FaultsFile(toml.Strict):
-    """Faults of a scenario; they begin at the time `from_s` of the run, see module `faults`."""
+    """Faults of a scenario; no fault begins before the time `from_s` of the run, see `faults`."""
 
     from_s: Time = 0.0
     to_host: SerialFaults = SerialFaults()
@@ -383,7 +385,7 @@ class FaultsFile(toml.Strict):
     clock: ClockFaults = ClockFaults()
 
     def moments(self) -> dict[str, Moments]:
-        """Return all `Moments` by their key in the file, such as ``clock.stalls``."""
+        """Return all `Moments` as a dict by their keys in the file, such as ``clock.stalls``."""
         parts = (getattr(self, name) for name in self.__struct_fields__[1:])
         return {
             f"{part}.{name}": value
@@ -396,10 +398,10 @@ class FaultsFile(toml.Strict):
 class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are distances on the strip in its stretched state. These keys are lists of points:
-    `strain` (time s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact,
-    position mm), and each key of `change` (time s, change since calibration). A leak is light that
-    couples without a finger. Points are joined by straight lines; before the first and after the
+    Positions are measured along the stretched strip. These keys are lists of points: `strain` (time
+    s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact, position mm), and
+    each key of `change` (time s, change since calibration). A leak is light that couples at a
+    position without a finger. Points are joined by straight lines; before the first and after the
     last point the value is constant. `strain_percent` and `bend_deg` are constants that replace the
     points of `strain` and `bend`.
     """
@@ -441,19 +443,19 @@ class ScenarioFile(toml.Strict):
 
 
 class LinkageFile(toml.Strict):
-    """A five-bar linkage with a strip in each base joint: nominal values, and their errors.
+    """A five-bar linkage with a strip in each base joint: nominal dimensions and their errors.
 
     Attributes
     ----------
     bar_mm, base_mm : tuple of float, float
-        Nominal lengths of inner bar 1, outer bar 1, outer bar 2, inner bar 2, and of the base.
+        Nominal lengths in mm: inner bar 1, outer bar 1, outer bar 2, inner bar 2; and the base.
     lowest_deg : tuple of float
-        Angle of each joint (as in Eqs. 3 and 4 of the paper) at the low end of its indenter's
-        travel, in degrees.
+        Angle of each joint in degrees, as in Eqs. 3 and 4 of the paper, where the travel of the
+        joint's indenter begins.
     bar_error_percent, base_error_percent : tuple of float, float
-        Relative errors of these lengths.
+        Relative errors of these lengths, in per cent.
     mount_error_deg : tuple of float
-        Error of each joint's mounting angle, in degrees.
+        Error of the mounting angle of each joint, in degrees.
     """
 
     bar_mm: tuple[Positive, Positive, Positive, Positive]
@@ -465,7 +467,7 @@ class LinkageFile(toml.Strict):
 
 
 class Stroke(toml.Strict):
-    """A line through points (x mm, y mm) for the end point; a curve if `smooth` is true."""
+    """Part of a path: straight lines through points (x mm, y mm); a curve if `smooth` is true."""
 
     points: Annotated[list[tuple[Coordinate, Coordinate]], msgspec.Meta(min_length=2)]
     smooth: bool = False
@@ -481,7 +483,7 @@ class PathFile(toml.Strict):
     stroke : list of Stroke
         Strokes, joined by straight lines.
     tremor_mm, tremor_hz : float
-        Amplitude and frequency of the hand's tremor.
+        Amplitude in mm and frequency in Hz of the hand's tremor.
     """
 
     speed_mm_s: Positive
@@ -546,12 +548,13 @@ def changed(sensor: str, change: str | None) -> Iterator[str]:
     sensor : str
         Sensor file: a path, or the name of a file that comes with the package.
     change : str or None
-        Change file: a path or a name. With None, `sensor` is used unchanged.
+        Change file: a path, or the name of a file of the package. With None, `sensor` is used as it
+        is.
 
     Yields
     ------
     str
-        Path or name of the sensor file, for `load`.
+        Path or name of the resulting sensor file, for `load`.
     """
     if change is None:
         yield sensor

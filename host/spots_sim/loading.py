@@ -24,7 +24,7 @@ SESSION = (
 
 
 def points(loads) -> list[list[tuple[float, float, float]]]:
-    """Return the points of each load: time in s, position as a share, force in mN."""
+    """Return the points of each load: time in s, position as a share of the length, force in mN."""
     found, at_s = [], START_S
     for share, force_mN, ramp_s, hold_s in loads:
         times_s = at_s + np.cumsum([0.0, ramp_s, hold_s or 1e-3, ramp_s])
@@ -34,25 +34,25 @@ def points(loads) -> list[list[tuple[float, float, float]]]:
 
 
 def record(sensor: SensorFile, lines, loads, seed: int = 0):
-    """Load a simulated strip and read it through the firmware.
+    """Press a simulated strip with a series of loads, and read the strip through the firmware.
 
     Parameters
     ----------
     sensor : SensorFile
         Simulated sensor.
     lines : sequence of str
-        Its calibration.
+        Lines of the sensor's calibration.
     loads : sequence of (float, float, float, float)
         Each load: its position as a share of the length, its largest force in mN, the duration of
-        loading and of unloading, and of the hold between them, in s.
+        the loading (the unloading lasts as long), and the duration of the hold between them, in s.
     seed : int
         Random seed of the noise.
 
     Returns
     -------
     numpy.ndarray, shape (5, n)
-        Of each reading: time in s, true force in mN, measured force in mN, position as a share of
-        the length, and measured position in um.
+        One column for each reading; rows: time in s, true force in mN, measured force in mN, true
+        position as a share of the length, and measured position in um.
     """
     whole = points(loads)
     end_s = whole[-1][-1][0] + REST_S
@@ -76,7 +76,7 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0):
 
 
 def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:
-    """Return the true force and the place of a series of loads.
+    """Return the true force and position of a series of loads at given times.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     force_mN, place : numpy.ndarray, shape (n,)
-        Forces in mN, and positions as shares of the length.
+        Forces in mN, and positions as shares of the length; one of each for each time.
     """
     whole = np.array(points(loads))
     force_mN = np.interp(time_s, whole[:, :, 0].ravel(), whole[:, :, 2].ravel())

@@ -50,9 +50,10 @@ class Run:
     Attributes
     ----------
     summary : dict
-        Numbers that ``spots characterize --json`` prints.
+        Results that ``spots characterize --json`` prints.
     series : dict of dict of arrays
-        Arrays to draw, by the name of the figure.
+        Arrays for the figures, by the name of the measurement (such as ``position``) and of the
+        array.
     """
 
     summary: dict = field(default_factory=dict)
@@ -83,7 +84,7 @@ def characterize(
     change : Change
         Change of the strip since its calibration, added to the change in the sensor file.
     hand : Hand
-        Options of the re-zero: a few presses that correct the calibration after that change.
+        Options of the re-zero, which corrects the calibration after the change with a few presses.
 
     Returns
     -------
@@ -180,7 +181,8 @@ def _fewer(rig: Rig, count: int) -> int:
 def _jittered(rig: Rig, rng, place_um: float, count: int):
     """Press `count` times around a position, with random offsets of position and force.
 
-    `rng` is the random generator. Yields true position in um, true force in mN, reading and counts.
+    `rng` is the random generator. Yields a tuple for each press: true position in um, true force in
+    mN, reading, counts.
     """
     for _ in range(count):
         at_um = place_um + rng.uniform(-_JITTER_UM, _JITTER_UM)
@@ -190,16 +192,16 @@ def _jittered(rig: Rig, rng, place_um: float, count: int):
 
 
 def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: OnePair):
-    """Press `count` times around `place_um`; compare the errors of the position with their bound.
+    """Press `count` times around `place_um`; compare the position errors with the Cramer-Rao bound.
 
     Returns
     -------
     errors : numpy.ndarray, shape (count,)
-        Errors of the board's position, in um.
+        Errors of the positions that the board reports, in um.
     scatter : float
         Standard deviation of these errors, in um.
     pair_scatter : float
-        Standard deviation of the errors of `pair`, the estimate from two channels, in um.
+        Standard deviation of the errors of `pair`, the position estimate from two channels, in um.
     least : float
         Cramer-Rao bound of the standard deviation, in um.
     untrusted : float
@@ -270,10 +272,10 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Compare the noise of the estimate `pair` with its bound at the positions `x_um`.
+    """Compare the noise of the estimate `pair` with the Cramer-Rao bound at the positions `x_um`.
 
-    Returns the ratios of noise and bound, and signal-to-noise ratios. Readings are single samples
-    here, because the board rounds the mean counts of several, and this would change the noise.
+    Returns the ratios of noise to bound, and the signal-to-noise ratios. Each reading is a single
+    sample, because the board rounds the mean counts of several samples, which changes the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -341,7 +343,7 @@ def _threshold_mN(rig: Rig) -> float:
 
 
 def _accuracy_um(rig: Rig, rng) -> np.ndarray:
-    """Measure the accuracy along the strip; `rng` draws the presses.
+    """Measure the position accuracy along the strip; the generator `rng` draws the presses.
 
     Returns an array of shape (3, n) for n positions: positions, mean errors and mean absolute
     errors, all in um.
@@ -358,7 +360,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return the array of `_accuracy_um` for the flat, unstretched strip, as stored in `run`."""
+    """Return the result of `_accuracy_um` for the flat, unstretched strip from `run.series`."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 

@@ -1,4 +1,4 @@
-"""A simulated person, who calibrates a strip by following the texts that a session shows."""
+"""A simulated person, who follows the instructions of a calibration session and presses a strip."""
 
 from __future__ import annotations
 
@@ -26,13 +26,14 @@ _STARTS_S = 0.4  # from the request to the press
 _EARLY_S = 0.5  # a press that is lifted early
 _FORGOTTEN_S = 20.0
 
-# Pieces of a finger's way: start and end in s from now, and the press. The end may be infinite.
+# Pieces of a finger's path: start and end in s after the start of the movement, and the press. The
+# end may be infinite.
 Way = list[tuple[float, float, Press]]
 
 
 @dataclass(frozen=True)
 class Habits:
-    """Errors of a person.
+    """Errors that a simulated person makes.
 
     Attributes
     ----------
@@ -45,7 +46,8 @@ class Habits:
     typos : float
         Share of presses whose position the person types wrongly, by 10 mm or more.
     width_mm : float
-        Width of the finger in mm, for presses without a scale; the others are with an indenter.
+        Width of the finger in mm, for presses without a scale. Presses on a scale are made with
+        an indenter instead.
     """
 
     place_mm: float = 0.5
@@ -56,12 +58,13 @@ class Habits:
 
 
 class Person:
-    """Reads a session's messages, moves a finger, and answers questions.
+    """Reads the messages of a calibration session, moves a finger, and answers questions.
 
     Parameters
     ----------
     move : callable
-        ``move(way)`` starts a movement of the finger; an empty list lifts the finger.
+        ``move(way)`` starts a movement of the finger; `way` is a list as in `follow`, and an empty
+        list lifts the finger.
     length_mm : float
         Length of the strip in mm.
     habits : Habits
@@ -82,7 +85,7 @@ class Person:
         self.presses = 0
 
     def hear(self, text: str) -> None:
-        """Do what a message of the session asks for."""
+        """Press or lift the finger if a message of the session asks for it."""
         if found := _PRESS.search(text):
             place_mm, grams, firm, newtons = found.groups()
             low, high = _HARD_MN if firm == "your hardest" else _FIRM_MN
@@ -121,7 +124,7 @@ class Person:
         self._move([*way, (start_s, float("inf"), press)])
 
     def answer(self, question: str) -> str:
-        """Return what the person types, without the end of the line."""
+        """Return the line that the person types as an answer, without its line end."""
         if not _QUESTION.search(question):
             return ""
         place_mm, force_mN = self._shown
@@ -146,7 +149,8 @@ def follow(held: Held, way: Way) -> None:
     held : Held
         Finger of the stage.
     way : list of tuple
-        Pieces of the path: start and end in s from now, and the press.
+        Pieces of the path, each a tuple: start and end in s after the start of the movement, and
+        the `Press` between them.
     """
     began: list[float] = []
 
@@ -166,7 +170,7 @@ def line_of(way: Way) -> str:
 
 
 def follow_pipe(held: Held, pipe: Path) -> None:
-    """Move the simulated stage's finger in a thread, along the paths from a named pipe.
+    """Start a thread that moves the simulated stage's finger along the paths from a named pipe.
 
     Parameters
     ----------

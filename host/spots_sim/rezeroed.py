@@ -1,4 +1,4 @@
-"""Changes a calibrated simulated strip, then corrects the calibration with presses (re-zero)."""
+"""Changes a calibrated simulated strip, then corrects its calibration with presses (re-zero)."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ _NOBODY = Path("characterize")
 
 @dataclass(frozen=True)
 class Hand:
-    """Options of a re-zero: marked positions are pressed again to correct a calibration.
+    """Options of a re-zero, which presses marked positions again to correct a calibration.
 
     Attributes
     ----------
     marks : int
         Number of marks to press: 0 for no re-zero, 1 for a quick re-zero, 3 for a complete one.
     presses : int
-        Number of presses of each mark.
+        Number of presses on each mark.
     error_um : float
-        Standard deviation of the position of a press on a mark, in um. The presses of the
-        calibration have no such error.
+        Standard deviation of the position error of a press on a mark, in um. The presses of the
+        calibration itself have no position error.
     scale : bool
         Whether a scale shows the force of each press, so that the force is corrected too.
     """
@@ -93,7 +93,7 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
 
 @kept(tuple[str, ...])
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
-    """Calibrate a simulated sensor, change it, and correct the calibration (re-zero).
+    """Calibrate a simulated sensor, change the sensor, and correct the calibration (re-zero).
 
     Returns the lines of the corrected calibration.
 
@@ -119,7 +119,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     hand : Hand
         Options of the re-zero.
     seed : int
-        Random seed of the errors `hand.error_um`.
+        Random seed of the position errors, see `Hand.error_um`.
 
     Returns
     -------

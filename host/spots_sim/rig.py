@@ -38,16 +38,16 @@ class Rig:
     average : int
         Number of samples in a reading.
     compensated : bool
-        Whether forces are compensated for hysteresis and creep, if the sensor has any.
+        Whether the board compensates hysteresis and creep, if the sensor has any of them.
 
     Attributes
     ----------
     along : dict of int to Presses
-        The calibration's presses along the strip, for each strain in ppm.
+        By strain in ppm: the presses along the strip that the calibration uses.
     noise : Noise
-        Noise of the counts, measured from these presses.
+        Noise of the counts, estimated from the presses of the calibration.
     lines : tuple of str
-        Lines of the calibration as it was made, before calls of `shift`.
+        Lines of the calibration as made, without the corrections of `shift`.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Rig:
 
     @property
     def shifted_lines(self) -> tuple[str, ...]:
-        """Lines of the calibration that the board has now, after calls of `shift`."""
+        """Lines of the calibration on the board, with the corrections of `shift`."""
         return tuple(shifted(self.lines, *self._shift)) if self._shift else self.lines
 
     @property
@@ -97,7 +97,7 @@ class Rig:
         return self.conditions.exposure_us * self.average
 
     def learn_strains(self, percents) -> None:
-        """Calibrate at further strains; `percents` is a sequence of int in per cent."""
+        """Calibrate at further strains of the strip: `percents`, a sequence of int in per cent."""
         self.board.command("set average=1")
         changed, self.stage.held.changed = self.stage.held.changed, NONE
         for percent in percents:
@@ -109,7 +109,7 @@ class Rig:
         self._use()
 
     def shift(self, place_um, shifts) -> None:
-        """Correct the calibration on the board as a re-zero does, see `spots.calibrate.shift`.
+        """Correct the calibration on the board as a re-zero does; see `spots.calibrate.shift`.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class Rig:
         self.board.command("stream touch spectrum")
 
     def _dark_frame(self) -> list[int]:
-        """Let the board average as many dark samples as it can, and return its dark frame."""
+        """Let the board average as many dark samples as possible; return the dark frame."""
         exposure_us = self.conditions.exposure_us
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)
@@ -146,7 +146,7 @@ class Rig:
         return self.board.command("get")["dark"]
 
     def readings(self, position_um: float, force_mN: float, count: int):
-        """Press the strip, and return readings whose integration lies completely within the press.
+        """Press the strip; return readings whose integration lies completely within the press.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Rig:
         return self._held(count)
 
     def turned(self, angle_deg: float, direction: int, count: int):
-        """Turn the joint, and return readings and counts as `readings` does.
+        """Turn the joint whose indenter presses the strip; return the same values as `readings`.
 
         Parameters
         ----------
@@ -206,7 +206,7 @@ class Rig:
 
 @kept(str)
 def _silicone_line(sensor: SensorFile, exposure_us: int) -> str:
-    """Calibrate hysteresis and creep of a simulated strip; return the line of the compensation."""
+    """Calibrate hysteresis and creep of a simulated strip; return the line ``silicone``."""
     with Rig(sensor, 0, exposure_us, 1, compensated=False) as rig:
         lines = rig.lines
     return fit_silicone(*record(sensor, lines, SESSION)[:4]).line

@@ -1,8 +1,9 @@
-"""Memory of a strip's silicone: creep, hysteresis and softening of the contact area.
+"""Simulates creep, hysteresis and softening of a strip's silicone, which change the contact area.
 
-At each place, the contact area depends on all earlier forces there. It is that of an ideal material
-under another force, the *effective force*. Each effect has two models of different structure, so
-that a compensation can be tested on a material for which it was not made:
+At each position, the contact area depends on all earlier forces at this position. The model
+computes an *effective force*: the force under which an ideal material has this contact area. Each
+effect has two models of different structure, so that a compensation can be tested on a material for
+which it was not made:
 
 ==========  =========================================  =======================================
 effect      ``model = "spectrum"``                     ``model = "power"``
@@ -10,8 +11,9 @@ effect      ``model = "spectrum"``                     ``model = "power"``
 creep       a Prony series: four time constants        a power law of time, as of fractional
                                                        elements (Scott Blair, 1947)
 hysteresis  play operators (Prandtl-Ishlinskii)        Bouc-Wen (Wen, J. Eng. Mech. 102, 1976)
-softening   below the largest force so far (Ogden and  by the largest force so far, at every
-            Roxburgh, Proc. R. Soc. A 455, 1999)       force
+softening   only at forces below the largest force so  at every force, by an amount that
+            far (Ogden and Roxburgh, Proc. R. Soc. A   depends on the largest force so far
+            455, 1999)
 ==========  =========================================  =======================================
 """
 
@@ -29,7 +31,7 @@ _Percent = Annotated[float, msgspec.Meta(ge=0, le=50)]
 _Force = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
 FULL_MN = 10_000.0  # the percentages of hysteresis and softening are shares of this force
 _HELD_S = 60.0
-_CELL_MM = 2.0  # a cell has its own memory; between two cells the effective force is interpolated
+_CELL_MM = 2.0  # length of a cell; the effective force is interpolated between two cells
 # Constants of the models, all assumed. Creep of rubber is nearly linear in the logarithm of time
 # (Gent, Engineering with Rubber), so each decade has the same share.
 _TAUS_S = np.array([0.5, 5.0, 50.0, 500.0])
@@ -41,20 +43,21 @@ _SOFTENED_MN = 4000.0
 
 
 class Silicone(toml.Strict):
-    """Size of the effects; without this table the material is ideal.
+    """Table ``[silicone]`` of a sensor file: size of the effects; all are 0 in an ideal material.
 
     Attributes
     ----------
     model : str
-        ``spectrum`` or ``power``, see the module.
+        ``spectrum`` or ``power``, see the table in the module docstring.
     creep_percent : float
-        Growth of the effective force in the first 60 s of a steady press.
+        Growth of the effective force in the first 60 s of a constant force, in per cent.
     hysteresis_percent : float
-        Largest difference between unloading and loading of a load of 10 N, in per cent of 10 N.
+        Largest difference of the effective force between unloading and loading, for a load of
+        10 N; in per cent of 10 N.
     softening_percent : float
-        Growth of the effective force by the first load of 10 N (Mullins effect).
+        Growth of the effective force by the first load of 10 N (Mullins effect), in per cent.
     preload_mN : float
-        Largest force with which the whole strip was pressed before.
+        Largest force with which the whole strip was pressed before the simulation, in mN.
     """
 
     model: Literal["spectrum", "power"] = "spectrum"
@@ -65,12 +68,12 @@ class Silicone(toml.Strict):
 
     @property
     def ideal(self) -> bool:
-        """Whether the material has no memory."""
+        """Whether all effects are 0."""
         return not (self.creep_percent or self.hysteresis_percent or self.softening_percent)
 
 
 class _Spectrum:
-    """Creep, hysteresis and softening of one cell, see the table of the module."""
+    """Model ``spectrum`` of one cell (a short piece of the strip), see the module docstring."""
 
     def __init__(self, silicone: Silicone):
         self._creep = silicone.creep_percent / 100 / (1 - np.exp(-_HELD_S / _TAUS_S)).sum()
@@ -100,7 +103,7 @@ class _Spectrum:
 
 
 class _Power:
-    """Creep, hysteresis and softening of one cell; each change of the force makes it slower."""
+    """Model ``power`` of one cell; computing time grows with the number of changes of the force."""
 
     def __init__(self, silicone: Silicone):
         whole = (1 + _HELD_S / _SOONEST_S) ** _POWER - 1
@@ -147,7 +150,7 @@ _MODELS = {"spectrum": _Spectrum, "power": _Power}
 
 
 class Memory:
-    """The memory of all places of one strip.
+    """Creep, hysteresis and softening at all positions of one strip.
 
     Parameters
     ----------
@@ -162,7 +165,7 @@ class Memory:
         self._pressed: set[int] = set()
 
     def effective_mN(self, presses, time_s: float) -> list[float]:
-        """Return the effective force of each press at a time that never decreases.
+        """Return the effective force of each press at a time; the time must never decrease.
 
         Parameters
         ----------

@@ -21,15 +21,15 @@ _KEPT = 64
 
 
 def coupling(contact: ContactFile, force_mN: float) -> float:
-    """Return the contact area at a force, as a share of full contact.
+    """Return the contact area under a finger at a force, as a share of full contact.
 
     The material is hyper-elastic: each further newton adds less area (paper, section III.B and
-    Fig. 3A). Below the threshold, a small share couples across the gap before contact.
+    Fig. 3A). Below the threshold, before contact, a small share of the light crosses the air gap.
 
     Parameters
     ----------
     contact : ContactFile
-        Contact area by force, from the sensor file.
+        Table of the sensor file that gives the contact area by force.
     force_mN : float
         Force of the press in mN.
 
@@ -46,7 +46,7 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
 
 
 class World:
-    """The light source of a simulated chip: a strip with its LED, fingers and ambient light.
+    """What a simulated chip measures: the light of a strip with LED, fingers and ambient light.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class World:
     scenario : scenario.Scenario or scenario.Held
         Fingers, strain and ambient light over time.
     rng : numpy.random.Generator
-        Generator of the LED's noise.
+        Random generator for the LED's noise.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
     """
@@ -73,15 +73,15 @@ class World:
         self._memory = None if sensor.silicone.ideal else Memory(sensor.silicone)
 
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
-        """Return the counts of an ideal converter at gain 1x, for each diode.
+        """Return the counts of each diode for an ideal converter at gain 1x.
 
         Parameters
         ----------
         start_us, end_us : float
             Bounds of the integration, in us of simulated time.
         led_mA : float
-            Current of the chip's LED driver, in mA; 0 for off. It has no effect on an LED that is
-            not wired to this driver.
+            Current of the chip's LED driver, in mA; 0 for off. The current has no effect if the
+            LED is not wired to this driver.
 
         Returns
         -------
@@ -107,7 +107,7 @@ class World:
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
     def switch(self, on: bool) -> None:
-        """Set the board's LED pin, which switches the LED if ``led.wired`` is ``gpio``."""
+        """Set the level of the board's LED pin; switches the LED if ``led.wired`` is ``gpio``."""
         self._pin_on = on
 
     def _strip_mA(self, driver_mA: float) -> float:
@@ -119,7 +119,7 @@ class World:
         return 0.0 if dark else led.current_mA(driver_mA)
 
     def outside(self, start_us: float, end_us: float) -> float:
-        """Return the mean irradiance of ambient light.
+        """Return the mean irradiance of the ambient light in an interval.
 
         Parameters
         ----------

@@ -1,1 +1,1 @@
-"""Replaces MicroPython's library ``usb-device``."""
+"""Package ``usb`` of the virtual board; replaces MicroPython's library ``usb-device``."""

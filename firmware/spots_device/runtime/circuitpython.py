@@ -66,8 +66,7 @@ class AdafruitSensor(AS7341):
     Notes
     -----
     ``busio.I2C`` raises RuntimeError without pull-ups, or if a chip holds a wire low. A chip does
-    so after a reset of the board in the middle of a byte. So each `start` tries again to open the
-    bus.
+    so if the board was reset in the middle of a byte. So each `start` tries again to open the bus.
     """
 
     def __init__(self, scl, sda, frequency_hz, clock):
@@ -228,8 +227,8 @@ class CircuitUsb:
     Parameters
     ----------
     board_config : module
-        Configuration of the board. The optional ``LED_PIN`` names the LED that shows caps lock;
-        ``LED_ON`` is the level that switches it on.
+        Configuration of the board. The optional ``LED_PIN`` names the pin of the LED that shows
+        caps lock; ``LED_ON`` is the level that switches this LED on.
     """
 
     def __init__(self, board_config):
@@ -246,12 +245,12 @@ class CircuitUsb:
         Parameters
         ----------
         names : list of str
-            Names of `uses.INTERFACES`.
+            Names of interfaces, from `uses.INTERFACES`.
 
         Returns
         -------
         dict
-            ``send(report) -> bool`` by name.
+            For the name of each opened interface, the function ``send(report) -> bool``.
         """
         from .usb_circuitpython import open_interfaces
 
@@ -265,7 +264,8 @@ class CircuitUsb:
 def boot():
     """Set up USB after a reset; does nothing if the board's button is pressed.
 
-    It makes the drive writable for the board, so that ``save`` works, and read-only for the host.
+    It makes the drive writable for the board, so that the command ``save`` works, and read-only
+    for the host.
     """
     import board_config
 
@@ -283,8 +283,8 @@ def boot():
 def main():
     """Run the application on this board until a command or Ctrl-C ends it.
 
-    Returns to the prompt if there is no data port. After an exception of the application, the
-    board sends a log line and restarts.
+    Returns to the prompt if boot.py has not enabled the data port. After an exception of the
+    application, the board sends a log line and restarts.
     """
     import board_config
 
@@ -313,7 +313,7 @@ def main():
 
 
 def _strip_led(board_config):
-    """Return a function ``gpio(on)`` that switches the strip's LED and opens its pin once."""
+    """Return a function ``gpio(on)`` that switches the strip's LED; the first call opens a pin."""
     pin = None
 
     def switch(on):

@@ -1,4 +1,4 @@
-"""Code that all runtimes share: constants, bus recovery, safe boot, end of the application."""
+"""Code that all runtimes share: constants, bus recovery, safe boot, run of the application."""
 
 from .stay import stay_after_reset
 
@@ -10,7 +10,7 @@ AFTER_CRASH_MS = 1_000  # pause before the restart, so that Ctrl-C works if each
 CRASH_CHARACTERS = 300  # length of the end of a traceback that is sent; it must fit a frame
 
 _RECOVERY_CLOCKS = 9
-# Time to press the button after a reset; during the reset it would start the chip's bootloader.
+# Time to press the button after a reset; a press during the reset starts the chip's bootloader.
 _SAFE_BOOT_MS = 500
 _SAFE_BOOT_STEP_MS = 20
 
@@ -76,8 +76,8 @@ def run(app, watchdog, traceback_of, sleep_ms, reset):
     Raises
     ------
     KeyboardInterrupt
-        On Ctrl-C without a watchdog. A watchdog cannot be stopped; with it, Ctrl-C resets the
-        board, and the board does not start the application again.
+        On Ctrl-C without a watchdog. A watchdog cannot be stopped; if it runs, Ctrl-C resets the
+        board, and the board does not start the application after this reset.
     """
     watched = app.settings.values["watchdog"]
     if watched:

@@ -72,8 +72,8 @@ class StdioSerial:
     direction has its own poll object, because `ipoll` then allocates only at its first call.
 
     If the host does not read, the port of an RP2040 becomes full and is not writable. The port of
-    an ESP32 is always writable, and a write then blocks. So after a slow write nothing is sent for
-    a back-off time, or until the host sends a byte.
+    an ESP32 is always writable, and a write then blocks. So after a slow write, no frame is sent
+    for a back-off time, or until the host sends a byte.
     """
 
     def __init__(self):
@@ -122,7 +122,8 @@ class StdioSerial:
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits.
 
-        A USB port raises KeyboardInterrupt at Ctrl-C by itself; for other ports this method does.
+        A USB port raises KeyboardInterrupt at Ctrl-C by itself; for other ports, this method raises
+        KeyboardInterrupt.
         """
         for _, event in self._readable.ipoll(0):
             if event & select.POLLIN and self._in.readinto(self._byte) == 1:
@@ -148,9 +149,9 @@ class MachineUsb:
     Parameters
     ----------
     board_config : module
-        Configuration of the board. The optional ``LED_PIN`` is the LED that shows caps lock;
-        ``LED_ON`` is the level that switches it on. The optional ``USB_HID_MAX`` is the largest
-        number of HID interfaces beside the serial port.
+        Configuration of the board. The optional ``LED_PIN`` is the pin of the LED that shows caps
+        lock; ``LED_ON`` is the level that switches this LED on. The optional ``USB_HID_MAX`` is the
+        largest number of HID interfaces beside the serial port.
     """
 
     def __init__(self, board_config):
@@ -162,22 +163,23 @@ class MachineUsb:
             self._led = machine.Pin(pin, machine.Pin.OUT, value=1 - self._on)
 
     def open(self, names):
-        """Open HID interfaces, which makes USB reconnect.
+        """Open HID interfaces; USB disconnects and connects again.
 
         Parameters
         ----------
         names : list of str
-            Names of `uses.INTERFACES`.
+            Names of interfaces, from `uses.INTERFACES`.
 
         Returns
         -------
         dict
-            ``send(report) -> bool`` by name.
+            For the name of each opened interface, the function ``send(report) -> bool``.
 
         Raises
         ------
         OSError
-            If this MicroPython or this board cannot open them; the text says what to do.
+            If this MicroPython or this board cannot open the interfaces; the message says what to
+            do.
         """
         if not hasattr(machine, "USBDevice"):
             raise OSError("this MicroPython cannot be a USB device: update it")

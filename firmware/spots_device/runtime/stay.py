@@ -1,6 +1,7 @@
 """A marker file that prevents the start of the application after the next reset.
 
-Ctrl-C uses it while a watchdog runs: the watchdog cannot be stopped, so the board is reset.
+The file is created on Ctrl-C while a watchdog runs: a watchdog cannot be stopped, so Ctrl-C must
+reset the board.
 """
 
 import os

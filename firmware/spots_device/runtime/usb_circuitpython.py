@@ -2,8 +2,9 @@
 
 All devices share one endpoint, which the host polls every 8 ms. While the endpoint is full,
 ``send_report`` blocks for up to 2 s. While the host sleeps, ``send_report`` discards the report
-without an error (shared-module/usb_hid/Device.c). So there is a minimum time between two reports,
-no report is sent while the host is disconnected, and the back-off doubles after each timeout.
+without an error (shared-module/usb_hid/Device.c). So there is a minimum time between two reports.
+No report is sent while the host is disconnected or asleep. A timeout is followed by a pause without
+reports, and the pause doubles with each further timeout.
 """
 
 import supervisor
@@ -26,7 +27,7 @@ def enable(keyboard, gamepad):
     Parameters
     ----------
     keyboard, gamepad : bool
-        Whether the board is a keyboard with media keys, and a gamepad.
+        Whether to enable a keyboard with media keys, and whether to enable a gamepad.
     """
     devices = []
     if keyboard:
@@ -51,15 +52,15 @@ def open_interfaces(names, show_leds):
     Parameters
     ----------
     names : list of str
-        Names of `uses.INTERFACES`.
+        Names of interfaces, from `uses.INTERFACES`.
     show_leds : callable
-        ``show_leds(leds)`` shows the LEDs of a keyboard that the host has set; bit 1 is caps lock.
+        ``show_leds(leds)`` shows the keyboard LEDs as the host has set them; bit 1 is caps lock.
         Called before the next keyboard report.
 
     Returns
     -------
     dict
-        ``send(report) -> bool`` by name; without the interfaces that are not enabled.
+        For the name of each enabled interface, the function ``send(report) -> bool``.
     """
     endpoint = _Endpoint()
     sends = {}
@@ -72,7 +73,7 @@ def open_interfaces(names, show_leds):
 
 
 class _Endpoint:
-    """Schedules the reports of all interfaces, which share one endpoint."""
+    """Limits the rate of the reports of all interfaces, which share one endpoint."""
 
     def __init__(self):
         self._from_ms = supervisor.ticks_ms()

@@ -1,4 +1,4 @@
-"""USB reports through MicroPython's library usb-device-hid, which must be on the board."""
+"""USB reports through MicroPython's library usb-device-hid, which the board must have."""
 
 import usb.device
 from micropython import const
@@ -67,19 +67,19 @@ class _Reports(HIDInterface):
 
 
 def open_interfaces(names, show_leds):
-    """Open HID interfaces and return the functions that send reports; USB reconnects.
+    """Open HID interfaces and return their functions that send reports; makes USB reconnect.
 
     Parameters
     ----------
     names : list of str
-        Names of `uses.INTERFACES`.
+        Names of interfaces, from `uses.INTERFACES`.
     show_leds : callable
-        ``show_leds(leds)`` shows the LEDs of a keyboard that the host has set; bit 1 is caps lock.
+        ``show_leds(leds)`` shows the keyboard LEDs as the host has set them; bit 1 is caps lock.
 
     Returns
     -------
     dict
-        ``send(report) -> bool`` by name.
+        For the name of each interface, the function ``send(report) -> bool``.
     """
     interfaces = {name: _Reports(show_leds, *_INTERFACES[name]) for name in names}
     # Without the built-in driver there would be no serial port, and no prompt.

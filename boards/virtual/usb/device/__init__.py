@@ -23,7 +23,7 @@ class _Device:
 
 
 class Descriptor:
-    """Stores the numbers of the last interface."""
+    """USB descriptor: stores the arguments of the last call of `interface`."""
 
     def __init__(self, b):
         self.b = b

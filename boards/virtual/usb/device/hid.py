@@ -7,7 +7,7 @@ _HID = const(3)
 
 
 class HIDInterface:
-    """Has the methods of the published class that the firmware uses."""
+    """Replaces MicroPython's class of this name; has only the methods that the firmware uses."""
 
     def __init__(self, report_descriptor, set_report_buf=None, protocol=0):
         self.report_descriptor = report_descriptor
