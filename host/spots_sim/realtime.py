@@ -1,8 +1,8 @@
 """A virtual board in real time: a process with pseudo-terminals that pyserial opens.
 
 Run it as ``python -m spots_sim.realtime SENSOR SCENARIO SEED BOARD FOLDER``. FOLDER is the board's
-file system, to which no firmware is copied. If FOLDER is empty, the file system is a temporary
-folder with the firmware.
+file system, firmware included. If FOLDER is an empty string, a temporary folder is made and the
+firmware copied to it.
 
 The process prints one JSON object: the port for frames, the port for the prompt, and the host's
 monotonic time of power-on. The two ports differ only on CircuitPython. The process ends when its
@@ -149,8 +149,8 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     board : str
         Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
     folder : str
-        File system of the board, to which no firmware is copied. Empty for a temporary folder
-        with the firmware.
+        Folder with the board's file system, firmware included. With an empty string, a temporary
+        folder is made and the firmware copied to it.
 
     Raises
     ------

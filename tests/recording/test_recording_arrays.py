@@ -145,7 +145,7 @@ def test_times_with_other_clocks_and_hours_of_quiet(path, size):
 def test_a_clock_that_is_none_is_the_same_refusal(path, bad):
     content = {"clock": known(**bad) if bad else 7}
     assert check(recording_of(path, touch(1) + note(3, content) + touch(2))) == 0
-    with pytest.raises(spots.SpotsError, match="has an invalid note"):
+    with pytest.raises(spots.SpotsError, match="a block of its metadata is invalid"):
         spots.read_arrays(path)
 
 

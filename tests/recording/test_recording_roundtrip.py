@@ -200,7 +200,7 @@ def test_a_clock_that_is_none_is_told(tmp_path):
     path = tmp_path / "a.spots"
     record(path, stream(1))
     path.write_bytes(path.read_bytes() + note(1, {"clock": {"low_s": "x"}}))
-    with pytest.raises(spots.SpotsError, match="has an invalid note"):
+    with pytest.raises(spots.SpotsError, match="a block of its metadata is invalid"):
         replayed(path)
 
 

@@ -136,7 +136,7 @@ def _parsed(path: Path, pieces: dict) -> Header:
     protocol = header.info.get("protocol")
     if protocol != PROTOCOL:
         raise SpotsError(
-            f"{path} is of a board with protocol {protocol}, but this program reads {PROTOCOL}: "
-            f"use the program that wrote it, {header.program}"
+            f"{path} was recorded from a board with protocol {protocol}, but this program reads "
+            f"{PROTOCOL}: use the program that wrote this file, {header.program}"
         )
     return msgspec.structs.replace(header, info=info)

@@ -129,7 +129,9 @@ def _noted(path: Path, content: object) -> ClockMap:
     try:
         return _clock_map(msgspec.convert(content, Clock))
     except msgspec.ValidationError as error:
-        raise SpotsError(f"{path} has an invalid note ({error}): name another file") from None
+        raise SpotsError(
+            f"{path} is damaged: a block of its metadata is invalid ({error}); name another file"
+        ) from None
 
 
 def _others(path: Path, first: Header) -> dict[Path, Header]:
