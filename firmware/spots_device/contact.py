@@ -37,8 +37,8 @@ except ImportError:
 from array import array
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
-from .locate import locate, noise, power
-from .second import may_rest, weigh
+from .locate import power
+from .second import locate, may_rest, noise, weigh
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
@@ -234,7 +234,7 @@ class ContactTracker:
             Length of the strip in um. With 0, one finger is expected: each movement is a slide,
             and readings that do not fit one press are ignored.
         decay : int
-            Decay of the light by the dye, see `locate.locate`.
+            Decay of the light by the dye, see `second.locate`.
         """
         s = self._s
         self._layout = layout
@@ -641,7 +641,7 @@ class ContactTracker:
         return abs(s[_FOUND_UM] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate from a reading a finger beside another finger at `x1_um`, see `locate.locate`.
+        """Estimate from a reading a finger beside another finger at `x1_um`, see `second.locate`.
 
         Stores the result in the element `_FOUND_UM` of the state and in the next two. Returns
         whether the estimate succeeds with a position on the strip.

@@ -1,17 +1,10 @@
-"""Estimates the position of the second of two fingers from one reading, see second.py.
+"""Solves for the position of the second of two fingers, see second.py.
 
 Boards with ``viper = true`` in board.toml get locate_viper.py instead of this file: the same
 functions with identical results, in machine code. All integers fit 31 bits; allocates nothing.
 """
 
-from .log2 import log2_q20
-
-NEAR_UM = 4500  # least distance between two fingers
 FAR_LOG2 = 18  # distances are below 2**18 um
-# The misfit grows with the loss of brightness (Q20 of log2) that two fingers cause. The loss is
-# below `_FIT` if the reading fits one press, and above `_MISFIT` if it does not.
-_FIT = 45_000
-_MISFIT = 12_000
 
 
 def power(exponent):
@@ -22,40 +15,23 @@ def power(exponent):
     return value << whole if whole >= 0 else value >> -whole
 
 
-def noise(product, brightness):
-    """Return a position's standard deviation in um: `product` divided by the counts; at most 20000.
-
-    Parameters
-    ----------
-    product : int
-        Product of counts and standard deviation of the position in um; a constant of the strip.
-    brightness : int
-        Brightness in Q20 of log2, from which the counts are computed.
-    """
-    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
-
-
-def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
-    """Estimate the second finger in a reading; return whether there is a second finger.
+def solve(found, decay, off_um, first, brightness):
+    """Solve the equations of second.py; return whether they have a solution.
 
     Parameters
     ----------
     found : array.array
-        Output, ``array("i")``: position of the second finger in um, uncertainty of this position in
-        um, and brightness of the second finger in Q20 of log2.
+        Output, ``array("i")`` of five elements: distance d of the second finger from the first one
+        in um, loss of brightness (Q20 of log2), (1 - f) / f (Q10), light l2 in sixteenths of a
+        count, and (1 - f) l / l2 (Q8).
     decay : int
         Decay of the light by the dye (k in second.py) in log2 units per um, Q24; at most 1000.
-    x1_um, first : int
-        Position of the first finger in um, and its brightness in Q20 of log2.
-    x_um, brightness : int
-        Position of the reading in um, and its brightness in Q20 of log2.
-    fits : int
-        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. The
-        spectrum of two fingers fits one press only if the fingers are near each other.
-    noise_um : int
-        Standard deviation of the reading's position, in um.
+    off_um : int
+        Distance of the reading's position from the first finger, in um.
+    first, brightness : int
+        Brightness of the first finger and of the reading, in Q20 of log2.
     """
-    off_um = away_um = x_um - x1_um
+    away_um = off_um
     alone = power(first) >> 6  # sixteenths of a count
     shift = alone >> 19 and 4
     share = 0
@@ -80,14 +56,9 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
         away_um += step_um
         if not step_um + 64 >> 7:
             break
-    apart_um = abs(away_um)
-    room = 0
-    if fits >= 0:
-        room = _FIT - lost if fits else lost - _MISFIT
-    if apart_um < NEAR_UM or apart_um >> FAR_LOG2 or room < 0:
-        return False
-    lever = (256 - share) * light // other
-    found[0] = x1_um + away_um
-    found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
-    found[2] = log2_q20(other) - (4 << 20)
+    found[0] = away_um
+    found[1] = lost
+    found[2] = ratio
+    found[3] = other
+    found[4] = (256 - share) * light // other
     return True

@@ -12,16 +12,73 @@ value remains to check that the first finger rests, so several readings must agr
 31 bits; allocates nothing.
 """
 
+from array import array
+
 try:
     from micropython import const
 except ImportError:
     const = int  # on the host
 
-from .locate import FAR_LOG2, NEAR_UM, power
+from .locate import FAR_LOG2, power, solve
 from .log2 import log2_q20
 
+_NEAR_UM = const(4500)  # least distance between two fingers
 _ROOM_UM = const(300)
 _STEP_UM = const(2000)
+# The misfit grows with the loss of brightness (Q20 of log2) that two fingers cause. The loss is
+# below `_FIT` if the reading fits one press, and above `_MISFIT` if it does not.
+_FIT = const(45_000)
+_MISFIT = const(12_000)
+
+_solved = array("i", bytes(20))
+
+
+def noise(product, brightness):
+    """Return a position's standard deviation in um: `product` divided by the counts; at most 20000.
+
+    Parameters
+    ----------
+    product : int
+        Product of counts and standard deviation of the position in um; a constant of the strip.
+    brightness : int
+        Brightness in Q20 of log2, from which the counts are computed.
+    """
+    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
+
+
+def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
+    """Estimate the second finger in a reading; return whether there is a second finger.
+
+    Parameters
+    ----------
+    found : array.array
+        Output, ``array("i")``: position of the second finger in um, uncertainty of this position in
+        um, and brightness of the second finger in Q20 of log2.
+    decay : int
+        Decay of the light by the dye (k, see the module) in log2 units per um, Q24; at most 1000.
+    x1_um, first : int
+        Position of the first finger in um, and its brightness in Q20 of log2.
+    x_um, brightness : int
+        Position of the reading in um, and its brightness in Q20 of log2.
+    fits : int
+        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. The
+        spectrum of two fingers fits one press only if the fingers are near each other.
+    noise_um : int
+        Standard deviation of the reading's position, in um.
+    """
+    if not solve(_solved, decay, x_um - x1_um, first, brightness):
+        return False
+    away_um, lost, ratio, other, lever = _solved
+    apart_um = abs(away_um)
+    room = 0
+    if fits >= 0:
+        room = _FIT - lost if fits else lost - _MISFIT
+    if apart_um < _NEAR_UM or apart_um >> FAR_LOG2 or room < 0:
+        return False
+    found[0] = x1_um + away_um
+    found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
+    found[2] = log2_q20(other) - (4 << 20)
+    return True
 
 
 def _part(decay, off_um, brightness, away_um):
@@ -95,7 +152,7 @@ def weigh(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b):
         else:
             high = middle
     light = _part(decay, b_um, next_b, low)
-    if light < 16 or abs(low) < NEAR_UM:
+    if light < 16 or abs(low) < _NEAR_UM:
         return False
     farther = low + sign * _STEP_UM
     gap = _part(decay, a_um, brightness, farther) - _part(decay, b_um, next_b, farther)

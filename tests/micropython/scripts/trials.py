@@ -17,10 +17,10 @@ from spots_device.decode import (
 from spots_device.frame import Time32
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout
-from spots_device.locate import locate as locate_second
 from spots_device.locate import power as power_of_two
 from spots_device.log2 import log2_q20
 from spots_device.pacing import Pacing
+from spots_device.second import locate as locate_second
 
 _BURST_US = 390
 _CLEAR_US = 73
