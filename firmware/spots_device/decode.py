@@ -49,11 +49,10 @@ DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
 AVERAGE_MAX = 64  # with 4 samples of a dark frame, full-scale counts reach 2**24
 
 _NO_TABLES = array("i", bytes(4))
-_FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
 
 
 class Decode:
-    """Converts sums of counts to the fields of a TOUCH frame; each field is an attribute.
+    """What `kernel.estimate` needs and finds for one strip; the host has `views.Decoded`.
 
     Attributes
     ----------
@@ -61,12 +60,6 @@ class Decode:
         Fields of the TOUCH frame, and the other values that `kernel.estimate` stores for a strip.
     tables : array of int
         The tables of the calibration.
-    flags : int
-        Flag bits that this module defines, without `DROPPED`, which `frame.Framer` sets.
-    contrast, brightness : int
-        Position contrast and brightness, in Q20 of log2.
-    position_um, force_mN : int
-        Position in um and force in mN; 0 if the flags mark them as unknown.
     """
 
     def __init__(self):
@@ -74,12 +67,6 @@ class Decode:
         self.state[FLAGS] = NOT_CALIBRATED
         self.calibration = None
         self.scale(1, 4)
-
-    def __getattr__(self, name):
-        try:
-            return self.state[_FIELDS.index(name)]
-        except ValueError:
-            raise AttributeError(name)
 
     @property
     def calibration(self):
@@ -104,23 +91,3 @@ class Decode:
         state[SAMPLES] = samples
         state[FLOOR_SAMPLES] = dark_samples
         state[LOG_SAMPLES] = log2_q20(samples * dark_samples)
-
-    def update(self, sums, samples, dark, flags):
-        """Decode one reading.
-
-        Parameters
-        ----------
-        sums : sequence of int
-            Six sums of counts over `samples` samples.
-        samples : int
-            Samples in the reading, 1 to `AVERAGE_MAX`.
-        dark : sequence of int
-            Six sums over the number of dark samples set with `scale`; zeros without a dark frame.
-        flags : int
-            Flag bits that apply to `sums`: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
-        """
-        from .kernel import estimate  # kernel.py imports this module
-
-        if samples != self.state[SAMPLES]:
-            self.scale(samples, self.state[FLOOR_SAMPLES])
-        estimate(self.state, self.tables, sums, dark, flags)

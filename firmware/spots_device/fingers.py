@@ -3,6 +3,8 @@
 Imported only while contacts are streamed. Integers only; allocates nothing.
 """
 
+from .decode import BRIGHTNESS, FORCE_MN, POSITION_UM
+
 # States of a finger.
 DOWN = 0  # first frame of the finger
 PROVISIONAL = 1  # not alone, or just lifted; position: an estimate, or from its last reading alone
@@ -50,15 +52,15 @@ class Fingers:
         self._sink = sink
         tracker.sink = self
 
-    def send(self, sensor, decode):
+    def send(self, sensor, reading):
         """Send a frame for each finger of a reading that the tracker has already processed.
 
         Parameters
         ----------
         sensor : int
             Number of the sensor, from 0.
-        decode : decode.Decode
-            Contains the reading.
+        reading : array of int
+            The reading, as in `decode.Decode.state`.
         """
         self._sensor = sensor
         tracker = self._tracker
@@ -68,9 +70,9 @@ class Fingers:
             if not first.there:
                 self._begin(first)
             first.alone = True
-            first.x_um = decode.position_um
-            first.sigma_um = tracker.noise_um(decode.brightness)
-            self._report(first, CONFIRMED, decode.force_mN)
+            first.x_um = reading[POSITION_UM]
+            first.sigma_um = tracker.noise_um(reading[BRIGHTNESS])
+            self._report(first, CONFIRMED, reading[FORCE_MN])
         elif first.there:
             if tracker.two:
                 first.x_um = tracker.x_um

@@ -78,6 +78,10 @@ class Time32:
         """Set the time to the present ticks of the clock."""
         self.set(self._ticks_us())
 
+    def ticks(self):
+        """Return the time in units of 1024 us, see `contact.TICK_US`; 22 bits, so it wraps."""
+        return self.high << 6 | self.low >> 10
+
     def us(self):
         """Return the board time in us; allocates if it does not fit a small integer."""
         return self.high << 16 | self.low

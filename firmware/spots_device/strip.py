@@ -244,12 +244,10 @@ class Strip:
             self._idle_us += lasted_us
         self._time.set(self.sensor.complete, lasted_us >> 1)
         if self.decode.compensation:
-            self.decode.compensation.take(
-                self._reading, self._time.high << 6 | self._time.low >> 10
-            )
+            self.decode.compensation.take(self._reading, self._time.ticks())
         uses = self._uses
         if uses.active:
-            uses.take(self.index, self.decode)
+            uses.take(self.index, self._reading)
         if self.stream_touch:
             self._framer.touch(self.index, self._reading)
         # Readings of two fingers look like ambient light. They have less weight in the detection,

@@ -164,34 +164,34 @@ class Uses:
             notes.append("keys are sent as frames only")
         return "; ".join(notes) or None
 
-    def take(self, sensor, decode):
+    def take(self, sensor, state):
         """Pass a reading to the keypad, the contacts and the gamepad. Allocates nothing.
 
-        Marks the reading in `decode` as untrusted while there may be two fingers.
+        Marks the reading as untrusted while there may be two fingers.
 
         Parameters
         ----------
         sensor : int
             Number of the sensor, from 0.
-        decode : decode.Decode
-            Contains the reading.
+        state : array of int
+            The reading, as in `decode.Decode.state`.
         """
         self._sensor = sensor
         self.rests = self.two = False
         if self._tracker is not None:
-            self._track(decode)
+            self._track(state)
             if self._fingers is not None:
-                self._fingers.send(sensor, decode)
-            if decode.flags & TOUCHING and self._tracker.two:
+                self._fingers.send(sensor, state)
+            flags = state[FLAGS]
+            if flags & TOUCHING and self._tracker.two:
                 self.two = True
                 # A spectrum that fits one press gets both bits, see contact.TWO_FIT.
-                decode.state[FLAGS] |= MISFIT if decode.flags & MISFIT else MISFIT | TOO_DARK
+                state[FLAGS] = flags | (MISFIT if flags & MISFIT else MISFIT | TOO_DARK)
         if self._gamepad_on and not self.two:
-            self._axes.take(decode.flags, decode.position_um, decode.force_mN)
+            self._axes.take(state[FLAGS], state[POSITION_UM], state[FORCE_MN])
 
-    def _track(self, decode):
-        state = decode.state
-        t = self._time.high << 6 | self._time.low >> 10
+    def _track(self, state):
+        t = self._time.ticks()
         self._tracker.take(state[FLAGS], state[POSITION_UM], state[FORCE_MN], state[BRIGHTNESS], t)
         if self._keys_on:
             self._keypad.tick(t)

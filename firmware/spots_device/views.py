@@ -1,9 +1,13 @@
-"""Views of a calibration's tables by name, for the host; boards do not have this module."""
+"""Calibrations and readings with names, for the host; boards do not have this module."""
 
 from array import array
 
 from .calibration import BOUNDS, SEGMENTS, WEIGHTS, columns_of
+from .decode import FLOOR_SAMPLES, SAMPLES, Decode
+from .kernel import estimate
 from .smux import CHANNELS
+
+_FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
 
 
 class Segment:
@@ -54,3 +58,41 @@ def view(calibration, name):
     if name == "bounds":
         return array("i", [tables[place] for place in places])
     return tuple(Segment(tables, tables[place + 1]) for place in places)
+
+
+class Decoded(Decode):
+    """Decodes readings; the fields of the latest reading are attributes.
+
+    Attributes
+    ----------
+    flags : int
+        Flag bits that decode.py defines, without `DROPPED`, which `frame.Framer` sets.
+    contrast, brightness : int
+        Position contrast and brightness, in Q20 of log2.
+    position_um, force_mN : int
+        Position in um and force in mN; 0 if the flags mark them as unknown.
+    """
+
+    def __getattr__(self, name):
+        try:
+            return self.state[_FIELDS.index(name)]
+        except ValueError:
+            raise AttributeError(name)
+
+    def update(self, sums, samples, dark, flags):
+        """Decode one reading.
+
+        Parameters
+        ----------
+        sums : sequence of int
+            Six sums of counts over `samples` samples.
+        samples : int
+            Samples in the reading, 1 to `AVERAGE_MAX`.
+        dark : sequence of int
+            Six sums over the number of dark samples set with `scale`; zeros without a dark frame.
+        flags : int
+            Flag bits that apply to `sums`: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
+        """
+        if samples != self.state[SAMPLES]:
+            self.scale(samples, self.state[FLOOR_SAMPLES])
+        estimate(self.state, self.tables, sums, dark, flags)

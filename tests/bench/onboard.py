@@ -13,9 +13,11 @@ import time
 import canned
 from floats import FloatPath
 from spots_device.app import BoardApp
+from spots_device.kernel import estimate
 
 try:
     from spots_device_viper.app import BoardApp as ViperApp
+    from spots_device_viper.kernel import estimate as viper_estimate
 except SyntaxError:  # this MicroPython makes no machine code
     ViperApp = None
 
@@ -42,13 +44,13 @@ class Port:
 class Spots:
     """Runs the firmware: the whole loop, the part after the counts, or the arithmetic alone."""
 
-    def __init__(self, calibration, make):
+    def __init__(self, calibration, make, estimate):
         self.port = Port()
         self.app, self.bus, self.clock, _ = canned.app(calibration, self.port, make=make)
         strip = self.app.strip
         strip.stream_spectrum = False
         self._decode = strip.decode
-        self._update = strip.decode.update
+        self._estimate = estimate
         self._touch = self.app.framer.touch
         # Bound once: binding a method allocates memory that is not part of a sample.
         self._step = self.app.step
@@ -68,13 +70,14 @@ class Spots:
 
     def from_sums(self, samples):
         """Run arithmetic and framing alone, without averaging, dark frames and time."""
-        update = self._update
+        estimate = self._estimate
         touch = self._touch
         state = self._decode.state
+        tables = self._decode.tables
         counts = self.app.strip.sensor.counts
         dark = self.app.strip.baseline.floor
         for _ in range(samples):
-            update(counts, 1, dark, 0)
+            estimate(state, tables, counts, dark, 0)
             touch(0, state)
 
     def dark(self):
@@ -109,14 +112,14 @@ def main():
     """Measure, and print the results."""
     with open("inputs.json") as file:
         given = json.load(file)
-    spots = Spots(given["calibration"], BoardApp)
+    spots = Spots(given["calibration"], BoardApp, estimate)
     paths = {
         "spots": spots,
         "float_json": Floats(given["calibration"], spots.dark(), "send_json"),
         "float_struct": Floats(given["calibration"], spots.dark(), "send_struct"),
     }
     if ViperApp:
-        paths["spots_viper"] = Spots(given["calibration"], ViperApp)
+        paths["spots_viper"] = Spots(given["calibration"], ViperApp, viper_estimate)
     found = {name: measure_space(path, given) for name, path in paths.items()}
     for name in paths:
         found[name]["vm_us"] = []

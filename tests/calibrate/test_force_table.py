@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spots_device.calibration import Calibration
-from spots_device.decode import Decode
+from spots_device.views import Decoded
 from spots_sim.bound import Bound
 from spots_sim.files import SensorFile, load
 from spots_sim.stage import calibrate
@@ -15,7 +15,7 @@ SAMPLES = 64  # the counts of so many samples have hardly any rounding
 def errors_mN(name):
     """Return the errors of the force that a board reads from light without noise."""
     sensor = load(SensorFile, name)
-    decode = Decode()
+    decode = Decoded()
     decode.calibration = table = Calibration(calibrate(sensor))
     c = table.conditions
     light = Bound(sensor, c.plan, c.gain, c.exposure_us, c.led_mA)

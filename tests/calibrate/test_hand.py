@@ -18,7 +18,7 @@ from spots.calibrate.presser import Presser
 from spots.calibrate.session import Session, settings
 from spots.calibrate.typed import typed
 from spots_device.calibration import Calibration
-from spots_device.decode import Decode
+from spots_device.views import Decoded
 from spots_sim.person import Habits, Person, follow
 from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
@@ -62,7 +62,7 @@ def calibrate(room, path, kind, count, plan=PLAN):
 
 def errors_um(stage, made):
     """Return the mean error of readings under 3 N at places along the strip."""
-    decode = Decode()
+    decode = Decoded()
     decode.calibration = Calibration(made.lines)
     del stage.held.presses
     found = []
@@ -75,7 +75,7 @@ def errors_um(stage, made):
 
 def relative_forces(stage, made):
     """Return readings of the force and the light of presses with ascending forces."""
-    decode = Decode()
+    decode = Decoded()
     decode.calibration = Calibration(made.lines)
     found = []
     for force_mN in (1000.0, 2000.0, 4000.0, 8000.0):

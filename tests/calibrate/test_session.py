@@ -30,8 +30,9 @@ from spots.calibrate.session import Session, Wanted, settings
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
 from spots_device.calibration import Calibration, Conditions
-from spots_device.decode import DARK_SAMPLES, Decode
+from spots_device.decode import DARK_SAMPLES
 from spots_device.settings import checksum
+from spots_device.views import Decoded
 from spots_sim.bound import Bound
 from spots_sim.files import DATA
 from spots_sim.scenario import Press
@@ -626,7 +627,7 @@ def test_the_integers_agree_with_float64(sensor, full, strain_ppm):
     calibration = Calibration(made.lines, strain_ppm)
     bound = Bound(sensor, made.plan, made.gain, made.exposure_us, made.led_mA)
     rng = np.random.default_rng(0)
-    decode = Decode()
+    decode = Decoded()
     decode.calibration = calibration
     least_mN = calibration.forces_mN[0] + 20
     decoded = 0

@@ -11,6 +11,7 @@ from smallint import SmallInt, small
 from spots_device import decode, kernel
 from spots_device.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
 from spots_device.log2 import ONE
+from spots_device.views import Decoded
 
 LOG_MAX = 24 * ONE
 logs = st.lists(st.integers(0, LOG_MAX), min_size=6, max_size=6)
@@ -75,7 +76,7 @@ def test_knots_give_their_own_values(table):
 
 @pytest.fixture
 def decoder(calibration):
-    made = decode.Decode()
+    made = Decoded()
     made.calibration = Calibration(calibration)
     return made
 
@@ -93,7 +94,7 @@ def test_a_lit_spectrum_is_a_trusted_touch(decoder):
 
 @given(st.integers(1, 64))
 def test_averaging_changes_nothing_but_the_noise(calibration, samples):
-    one, many = decode.Decode(), decode.Decode()
+    one, many = Decoded(), Decoded()
     one.calibration = many.calibration = Calibration(calibration)
     one.update(LIT, 1, NO_DARK, 0)
     many.update([samples * count for count in LIT], samples, NO_DARK, 0)
@@ -107,7 +108,7 @@ def test_averaging_changes_nothing_but_the_noise(calibration, samples):
     st.integers(1, 64),
 )
 def test_any_counts_give_a_position_on_the_strip_or_a_flag(calibration, counts, dark, samples):
-    made = decode.Decode()
+    made = Decoded()
     made.calibration = Calibration(calibration)
     made.update(small(samples * c for c in counts), samples, small(dark), 0)
     assert 0 <= made.position_um <= 85_000
@@ -168,7 +169,7 @@ def test_a_misfit_too_large_for_a_drift_is_good_for_nothing(decoder):
 
 
 def test_without_a_calibration_nothing_is_claimed():
-    made = decode.Decode()
+    made = Decoded()
     made.update(LIT, 1, NO_DARK, 0)
     assert made.flags == decode.NOT_CALIBRATED
     assert made.position_um == made.force_mN == 0

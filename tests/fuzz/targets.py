@@ -41,9 +41,10 @@ from spots.web.guard import Guard
 from spots.web.pace import PagePace
 from spots_device import PROTOCOL, settings
 from spots_device.calibration import Calibration, CalibrationError
-from spots_device.decode import AVERAGE_MAX, Decode
+from spots_device.decode import AVERAGE_MAX
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout, LayoutError
+from spots_device.views import Decoded
 from spots_sim import files
 from spots_sim import mechanism as linkage
 from spots_sim.faults import BoardFaults, of_scenario
@@ -128,7 +129,7 @@ def calibration(data: bytes) -> None:
         except CalibrationError:
             continue
         desk.shrink(made)
-        decode = Decode()
+        decode = Decoded()
         decode.calibration = made
         for samples in (1, AVERAGE_MAX):
             full = samples * 65_535

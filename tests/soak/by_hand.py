@@ -22,7 +22,7 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots_device.calibration import Calibration
-from spots_device.decode import Decode
+from spots_device.views import Decoded
 from spots_sim.demo_applications import type_on_board
 from spots_sim.files import ScenarioFile, SensorFile, load
 from spots_sim.lockstep import LockstepLink
@@ -106,7 +106,7 @@ _FACES = {"page": _on_page, "terminal": _in_terminal}
 
 def _error_um(sensor, seed, made) -> float:
     """Return the mean error of readings under 3 N at 37 places."""
-    decode, found = Decode(), []
+    decode, found = Decoded(), []
     decode.calibration = Calibration(made.lines)
     with Stage(sensor, seed) as stage:
         stage.board.command("set " + settings(made.conditions))

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from spots_device.calibration import Calibration, CalibrationError
-from spots_device.decode import Decode
+from spots_device.views import Decoded
 
 from ..errors import SpotsError
 from . import calibration_file as file
@@ -102,7 +102,7 @@ def _joint(session: Session, say: Callable[[str], None]) -> dict:
 
 
 def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses) -> file.Residual:
-    decode = Decode()
+    decode = Decoded()
     decode.calibration = Calibration(lines, strain_ppm)
 
     def decoded(presses: Presses) -> np.ndarray:
