@@ -13,6 +13,20 @@ from .surface import Surface, fitted
 from .typed import grams
 
 _KINDS = ("hand", "position", "force", "mark")
+# Presses with two forces, which find hysteresis and creep: share of the length, first force in mN,
+# second force in mN, hold in s. The first place was not pressed before: a repeated press of its
+# first force shows whether the second force has softened the strip.
+_LOADS = (
+    (0.3, 2000.0, 9000.0, 0.0),
+    (0.7, 9000.0, 1000.0, 0.0),
+    (0.2, 9000.0, 2500.0, 0.0),
+    (0.8, 5000.0, 1200.0, 30.0),
+    (0.6, 2000.0, 800.0, 0.0),
+    (0.4, 4500.0, 1000.0, 0.0),
+)
+_LOADS_FROM = 12  # presses; then it is known which forces light the strip
+_UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
+_SOFTER, _SOFTER_SIGMAS = 0.08, 2.5  # least growth of a repeated reading that is softening
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
 # Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
@@ -56,11 +70,14 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     while (done := len(session.of("hand"))) < (total := _total(bench, count, least, rough)):
         if session.removed:
             removed = session.removed.pop()
-            wanted = _wanted(removed.place_um, removed.force_mN)
+            wanted = _wanted(removed.place_um, removed.force_mN, removed.then_mN, removed.hold_s)
         elif wanted is None:
             wanted = _next(session, surface, bench.length_um, rough, dark_mN)
         try:
             reading = bench.take(wanted)
+            trace, holds = bench.trace, bench.holds
+            if wanted.then_mN:
+                bench.change(wanted)
         except BadPressError as bad:
             dark, tries = isinstance(bad, TooDarkError), tries + 1
             if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
@@ -74,10 +91,17 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
         read = bench.presser.read_off(wanted, bench.length_um)
         if read is None:
             continue
-        session.add(point(read, reading, bench.reader.conditions, length_um=bench.length_um))
+        traced = {"trace": tuple(trace), "holds": tuple(holds)} if read.force_mN else {}
+        conditions = bench.reader.conditions
+        session.add(point(read, reading, conditions, length_um=bench.length_um, **traced))
         bench.spent, tries = bench.spent - 1, 0
         guide.taken(read, reading)
         wanted, surface = None, _surface(session, bench.length_um, surface)
+        if surface and (softer := _softened(session, surface)):
+            guide.say(
+                f"a firm press has softened the strip by {softer:.0%}: press it everywhere with "
+                "10 N (1 kg) some times, then begin another session"
+            )
         if done < _FITTED_MIN:
             continue
         if removals < _REMOVALS * count and _removed(session, surface, guide):
@@ -118,8 +142,40 @@ def _total(bench: Bench, count: int, least: int, rough: bool) -> int:
     return min(count, max(least, count + _OTHERS[rough] - bench.spent))
 
 
-def _wanted(place_um: float, force_mN: float) -> Wanted:
-    return Wanted(kind="hand", place_um=float(place_um), force_mN=float(f"{force_mN:.2g}"))
+def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: float = 0.0) -> Wanted:
+    force_mN, then_mN = float(f"{force_mN:.2g}"), float(f"{then_mN:.2g}")
+    place_um = float(place_um)
+    return Wanted(kind="hand", place_um=place_um, force_mN=force_mN, then_mN=then_mN, hold_s=hold_s)
+
+
+def _load(session: Session, surface: Surface, length_um: float) -> Wanted | None:
+    """Return the next press with two forces, or the repeated press after the first of them."""
+    hand = session.of("hand")
+    loads = [i for i, p in enumerate(hand) if p.then_mN]
+    if len(loads) == 1 and len(hand) == loads[0] + 1:
+        return _wanted(hand[-1].place_um, hand[-1].force_mN)
+    if len(loads) == len(_LOADS) or (loads and len(hand) < _LOADS_FROM):
+        return None
+    share, force_mN, then_mN, hold_s = _LOADS[len(loads)]
+    place_um = round(share * length_um, -3)
+    if then_mN < force_mN:
+        least_mN = surface.least_lit_mN(place_um)
+        then_mN = min(max(then_mN, least_mN), _UNLOADED * force_mN)
+        force_mN = max(force_mN, least_mN / _UNLOADED)
+    return _wanted(place_um, force_mN, then_mN, hold_s)
+
+
+def _softened(session: Session, surface: Surface) -> float:
+    """Return the growth of a reading by softening, right after a press has shown it; else 0."""
+    hand = session.of("hand")
+    if len(hand) < 2 or not hand[-2].then_mN > hand[-2].force_mN or hand[-1].then_mN:
+        return 0.0
+    if sum(bool(p.then_mN) for p in hand) > 1:
+        return 0.0
+    before, after = (surface.find(np.array(p.counts))[1] / p.force_mN for p in hand[-2:])
+    sigma = np.sqrt(2) * surface.sizes.force_share
+    softer = after / before - 1
+    return softer if softer > max(_SOFTER, _SOFTER_SIGMAS * sigma) else 0.0
 
 
 def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float):
@@ -131,6 +187,8 @@ def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_
     elif rough:  # without a scale, only the place can be chosen
         places_um, sigma_um = surface.errors()[0]
         place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
+    elif load := _load(session, surface, length_um):
+        return load
     else:
         place_um, force_mN = surface.next_press(dark_mN)
     return _wanted(np.clip(round(place_um, -3), _END_UM, length_um - _END_UM), force_mN)
