@@ -14,8 +14,7 @@ from .typed import grams
 
 _KINDS = ("hand", "position", "force", "mark")
 # Presses with two forces, which find hysteresis and creep: share of the length, first force in mN,
-# second force in mN, hold in s. The first place was not pressed before: a repeated press of its
-# first force shows whether the second force has softened the strip.
+# second force in mN, hold in s.
 _LOADS = (
     (0.3, 2000.0, 9000.0, 0.0),
     (0.7, 9000.0, 1000.0, 0.0),
@@ -26,7 +25,9 @@ _LOADS = (
 )
 _LOADS_FROM = 12  # presses; then it is known which forces light the strip
 _UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
-_SOFTER, _SOFTER_SIGMAS = 0.08, 2.5  # least growth of a repeated reading that is softening
+# Softening: distance of presses at one place; force below the earlier one that shows most of it;
+# least size; least ratio to its standard deviation.
+_NEAR_UM, _SOFTENED_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 0.05, 4.0
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
 # Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
@@ -67,6 +68,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     guide.skip(len(session.of("hand")))
     surface, dark_mN, wanted = _surface(session, bench.length_um), 0.0, None
     removals = tries = 0
+    advised = False
     while (done := len(session.of("hand"))) < (total := _total(bench, count, least, rough)):
         if session.removed:
             removed = session.removed.pop()
@@ -97,11 +99,6 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
         bench.spent, tries = bench.spent - 1, 0
         guide.taken(read, reading)
         wanted, surface = None, _surface(session, bench.length_um, surface)
-        if surface and (softer := _softened(session, surface)):
-            guide.say(
-                f"a firm press has softened the strip by {softer:.0%}: press it everywhere with "
-                "10 N (1 kg) some times, then begin another session"
-            )
         if done < _FITTED_MIN:
             continue
         if removals < _REMOVALS * count and _removed(session, surface, guide):
@@ -109,6 +106,14 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             surface = _surface(session, bench.length_um, surface)
         else:
             guide.fitted(_progress(surface, done + 1, total))
+        if not rough and done >= _LOADS_FROM:
+            softer, sigma = _softening(session, surface)
+            if not advised and softer > max(_SOFTER, _SOFTER_SIGMAS * sigma):
+                advised = True
+                guide.say(
+                    f"firm presses have softened the strip by about {softer:.0%}: press it "
+                    "everywhere with 10 N (1 kg) some times, then begin another session"
+                )
 
 
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
@@ -149,14 +154,12 @@ def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: floa
 
 
 def _load(session: Session, surface: Surface, length_um: float) -> Wanted | None:
-    """Return the next press with two forces, or the repeated press after the first of them."""
+    """Return the next press with two forces; None if it is not their turn, or all are taken."""
     hand = session.of("hand")
-    loads = [i for i, p in enumerate(hand) if p.then_mN]
-    if len(loads) == 1 and len(hand) == loads[0] + 1:
-        return _wanted(hand[-1].place_um, hand[-1].force_mN)
-    if len(loads) == len(_LOADS) or (loads and len(hand) < _LOADS_FROM):
+    loads = sum(bool(p.then_mN) for p in hand)
+    if loads == len(_LOADS) or len(hand) < _LOADS_FROM:
         return None
-    share, force_mN, then_mN, hold_s = _LOADS[len(loads)]
+    share, force_mN, then_mN, hold_s = _LOADS[loads]
     place_um = round(share * length_um, -3)
     if then_mN < force_mN:
         least_mN = surface.least_lit_mN(place_um)
@@ -165,17 +168,30 @@ def _load(session: Session, surface: Surface, length_um: float) -> Wanted | None
     return _wanted(place_um, force_mN, then_mN, hold_s)
 
 
-def _softened(session: Session, surface: Surface) -> float:
-    """Return the growth of a reading by softening, right after a press has shown it; else 0."""
-    hand = session.of("hand")
-    if len(hand) < 2 or not hand[-2].then_mN > hand[-2].force_mN or hand[-1].then_mN:
-        return 0.0
-    if sum(bool(p.then_mN) for p in hand) > 1:
-        return 0.0
-    before, after = (surface.find(np.array(p.counts))[1] / p.force_mN for p in hand[-2:])
-    sigma = np.sqrt(2) * surface.sizes.force_share
-    softer = after / before - 1
-    return softer if softer > max(_SOFTER, _SOFTER_SIGMAS * sigma) else 0.0
+def _softening(session: Session, surface: Surface) -> tuple[float, float]:
+    """Return by how much firm presses have softened the strip, and the standard deviation of it.
+
+    A softened place gives more light under forces below the largest earlier one. So the error of
+    each force is fitted to a constant, the logarithm of the force, and this softening.
+    """
+    forces_mN, off_share = surface.taken.force_mN, surface.misfits[2]
+    errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))
+    rows, off = [], []
+    for i, p in enumerate(session.points):
+        if p.kind != "hand" or (p.place_um, p.force_mN) not in errors:
+            continue
+        before = [q for q in session.points[:i] if abs(q.place_um - p.place_um) < _NEAR_UM]
+        most_mN = max((max(q.force_mN, q.then_mN) for q in before), default=0.0)
+        softer = np.tanh(max(most_mN - p.force_mN, 0.0) / _SOFTENED_MN)
+        rows.append((1.0, np.log(p.force_mN), softer))
+        off.append(errors[p.place_um, p.force_mN])
+    design, off = np.array(rows), np.array(off)
+    if np.linalg.matrix_rank(design) < design.shape[1] or len(off) <= design.shape[1]:
+        return 0.0, np.inf
+    inverse = np.linalg.inv(design.T @ design)
+    found = inverse @ design.T @ off
+    variance = np.sum((off - design @ found) ** 2) / (len(off) - len(found))
+    return float(found[2]), float(np.sqrt(variance * inverse[2, 2]))
 
 
 def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float):

@@ -8,6 +8,7 @@ See `spots_device.silicone`.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -80,7 +81,7 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
     Returns
     -------
     Compensated or None
-        None if no press has two forces, or the presses show neither hysteresis nor creep.
+        None if the presses have too few readings, or show neither hysteresis nor creep.
     """
     if not any(len(p.holds) > 1 for p in points):
         return None
@@ -96,8 +97,10 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
             sums = [max(round(_DECODED_SAMPLES * count), 0) for count in counts]
             decode.update(sums, _DECODED_SAMPLES, [0] * len(sums), 0)
             rows.append((time_s, force_mN, decode.force_mN, i))
-    found = fit_silicone(*np.array(rows).T, force_share=max(force_share, _SHARE_MIN))
-    return found if found.line else None
+    with suppress(SpotsError):  # older sessions have few readings of this kind
+        found = fit_silicone(*np.array(rows).T, force_share=max(force_share, _SHARE_MIN))
+        return found if found.line else None
+    return None
 
 
 def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> Compensated:
