@@ -129,6 +129,14 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "real strip still creeps, as its readings begin at once after a step of the force.",
         ),
         (
+            "Cramer-Rao bound of the force, with the noise of the LED",
+            "",
+            "",
+            each("{:.1f} mN", lambda s: s["force"]["bound_mN"]),
+            "It includes the rounding of counts, part of which does not scatter at rest. Softened "
+            "silicone gives less change of light per force.",
+        ),
+        (
             "Force accuracy",
             "III.B",
             "0.14 N",
