@@ -208,7 +208,7 @@ def test_lines_for_people(machine, capsys):
     assert cli.main([*arguments, "--seconds", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert 6 <= len(lines) <= 9
-    assert all("terminal" in line and "mm/s" in line for line in lines[1:])
+    assert all("end point" in line and "mm/s" in line for line in lines[1:])
 
 
 def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monkeypatch):
