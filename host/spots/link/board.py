@@ -603,7 +603,7 @@ class Board:
         if version != PROTOCOL:
             raise SpotsError(
                 f"the board on {self.port} has protocol {version}, but the program has {PROTOCOL}: "
-                "update whichever is older"
+                "update the older one of firmware and program"
             )
         return cast("Hello", self._validated(reply))
 

@@ -137,7 +137,7 @@ class Twin:
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
         if len(encoders) != 2:
             raise SpotsError(
-                f"a linkage needs two encoders, not {len(encoders)}: give one for each joint"
+                f"a linkage needs two encoders, not {len(encoders)}: give one encoder per joint"
             )
         self.linkage = linkage
         self.encoders = tuple(encoders)

@@ -219,8 +219,8 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     missing = [name for name in wanted if name not in there]
     if missing:
         raise SpotsError(
-            f"no board {' and no board '.join(missing)}, with which the joints were calibrated: "
-            "plug in each missing board, or name ports with --port; found: "
+            f"the joints were calibrated with boards that are missing ({', '.join(missing)}): plug "
+            "in each missing board, or name ports with --port; found: "
             f"{', '.join(there) or 'no board'}"
         )
     for name in there.keys() - set(wanted):
