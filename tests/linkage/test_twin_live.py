@@ -246,7 +246,7 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
         assert given == [("port A", "A"), ("port B", "B")]
         assert closed == ["port C"]
     names.remove("A")
-    with pytest.raises(SpotsError, match=r"no board A, .* found: B, C"), ExitStack() as stack:
+    with pytest.raises(SpotsError, match=r"missing \(A\): .* found: B, C"), ExitStack() as stack:
         stack.enter_context(twin_source.opened(machine.arm))
     assert closed.count("port B") == 2
 
