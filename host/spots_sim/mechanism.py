@@ -35,7 +35,7 @@ class Motion:
     x_mm, y_mm : numpy.ndarray, shape (n,)
         Positions of the end point in mm.
     drawing : numpy.ndarray of bool, shape (n,)
-        True where the motion draws a stroke, False on the way to the next stroke.
+        True where the motion draws a stroke, False during the move to the next stroke.
     """
 
     time_s: np.ndarray

@@ -66,7 +66,7 @@ class Board:
     log : collections.deque of dict
         The latest log lines of the board.
     patience_s : float
-        How long the port of a streaming board may be unplugged before PortLostError is raised.
+        Time in seconds for which a streaming board may be unplugged before PortLostError is raised.
     calibration : list of str or None
         Lines of the calibration that this object uploaded, otherwise None: a board reports only
         their checksum.
@@ -172,7 +172,7 @@ class Board:
         ----------
         least_s : float
             Time without a reading, in seconds, after which to return True. For a slow board, the
-            time of three readings is used if it is longer.
+            time of three readings is used if that is longer.
         """
         return self._loss.silent(self.now_s(), least_s)
 

@@ -52,7 +52,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each joint's calibration is uploaded to the joint's board, and must be made with this board.
+    Each joint's calibration is uploaded to the joint's board, and must have been made with it.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
 
 
 class DrivenLinkage(Protocol):
-    """A linkage that opens the boards of its joints itself, such as a simulated one.
+    """A linkage that opens the boards of its joints itself, such as a simulated linkage.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return the first function `linkage` that a port's scheme offers; None if there is none.
+    """Return the function `linkage` of the first port whose scheme has this function, else None.
 
     The function makes a `DrivenLinkage`, see `link.ports`.
     """
