@@ -1,6 +1,6 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-It returns the true positions, with which a digital twin is compared. This module shares no formula
+The true positions are for the comparison with a digital twin. This module shares no formula
 with `linkage.fivebar`.
 """
 

@@ -232,7 +232,7 @@ class Prompt:
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt; return the facts that a program on the board prints about it."""
+        """Enter the raw prompt; return the facts about the board that a program on it prints."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors

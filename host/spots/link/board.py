@@ -408,7 +408,7 @@ class Board:
         Returns
         -------
         readers.Subscription
-            The subscription. It ends with its method ``cancel()``, or when the board is closed.
+            The subscription, which ends with its method ``cancel()``, or when the board is closed.
 
         Examples
         --------

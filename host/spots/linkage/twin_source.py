@@ -52,7 +52,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each joint's calibration is uploaded to the joint's board, and must have been made with it.
+    Each joint's calibration must be of the joint's board, and is uploaded to this board.
 
     Parameters
     ----------
