@@ -161,8 +161,9 @@ def document(
     lines = [_HEAD, _workspace(surveys, linkage, mechanism), _CALIBRATION]
     first = next(iter(surveys.values()))[0].kinematics
     lines.append(
-        f"From {CALIBRATION_PLACES} places, known to {PLACE_SIGMA_MM:g} mm, of the simulated "
-        "linkage (the first seed):\n\n| | nominal | true | fitted | standard error |\n"
+        f"A fit to {CALIBRATION_PLACES} places of the simulated linkage, known to "
+        f"{PLACE_SIGMA_MM:g} mm (the first seed):\n\n"
+        "| | nominal | true | fitted | standard error |\n"
         "| --- | --- | --- | --- | --- |\n"
     )
     truth = (*mechanism.bar_mm, mechanism.base_mm)
@@ -216,8 +217,8 @@ and a base of {base:g} mm. The true lengths differ by up to {off}, the true moun
 by up to {turned}. Each joint moves an indenter with backlash along its own strip, over
 {travel}. The real firmware reads each strip in simulated time. Each strip is calibrated, then
 the joint of the strip. The end point stops at {places} points of a grid over the workspace; its
-position follows from one reading of {each:g} ms of each joint. Seeds {min(SEEDS)} to
-{max(SEEDS)}; distances from the true position in mm:
+position follows from one reading of {each:g} ms of each joint. The table shows its distance from
+the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 
 """
     text += "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
@@ -244,8 +245,8 @@ def _path(runs: dict[str, dict[int, list[PathRun]]]) -> str:
 ## On a path
 
 A hand with a tremor moves the end point along "SUST" (`host/spots_sim/data/paths/sust.toml`). The
-twin uses the true lengths. The strips are those [above](#over-the-workspace). Errors in mm, seeds
-{min(SEEDS)} to {max(SEEDS)}:
+twin uses the true lengths. The strips are those [above](#over-the-workspace). The table shows the
+errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 
 | strips | exposure | positions a second | mean | 95 % below | at most | rms | expected rms |
 | --- | --- | --- | --- | --- | --- | --- | --- |
