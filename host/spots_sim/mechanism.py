@@ -315,7 +315,7 @@ def _line(stroke: Stroke) -> np.ndarray:
 
 
 def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
-    """Return the angle of an inner bar in rad from +y, from the intersection of two circles.
+    """Intersect two circles, and return the angle of an inner bar, in rad from +y.
 
     `x_mm` and `y_mm` are the position of the end point relative to the joint; `inner` and `outer`
     are the lengths of the bars in mm.

@@ -132,7 +132,7 @@ class Scenario:
 
 
 class Held:
-    """A scenario whose only press a simulated stage sets; has the methods of `Scenario`.
+    """A scenario with one press, which a simulated stage sets; has the methods of `Scenario`.
 
     Attributes
     ----------

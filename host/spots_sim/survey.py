@@ -151,7 +151,7 @@ def survey(
 
 @dataclass(frozen=True)
 class PathRun:
-    """Positions that a digital twin with the true lengths estimated during a motion on a path.
+    """Estimates of a digital twin with the true lengths, during a motion on a path.
 
     Attributes
     ----------
