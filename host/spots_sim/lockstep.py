@@ -1,7 +1,7 @@
 """A virtual board in simulated time, which runs only while the host reads from it.
 
-The same sensor, scenario and seed give the same bytes in each run. The class has the same methods
-as `link.serial_link.SerialLink`.
+The same sensor, scenario and seed give the same bytes in each run. `LockstepLink` has the same
+methods as `link.serial_link.SerialLink`.
 """
 
 from __future__ import annotations
