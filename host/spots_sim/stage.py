@@ -69,7 +69,7 @@ class Stage:
         return 1000 * self.sensor.length_mm * (1 + self.held.strain)
 
     def expose(self, exposure_us: int | None = None) -> None:
-        """Let the board search gain and LED current, while the stage presses firmly near the sensor.
+        """Press firmly near the sensor, and let the board search gain and LED current.
 
         Parameters
         ----------

@@ -294,8 +294,8 @@ def readings(
         read without a limit, and recordings until all of them have ended.
     restarted : callable, optional
         Called with a board that has restarted and streams again. The board has lost everything
-        that it had not stored. If the function raises SpotsError, the call is
-        repeated for up to 10 s.
+        that it had not stored. If the function raises SpotsError, the call is repeated for up to
+        10 s.
 
     Yields
     ------
