@@ -66,7 +66,7 @@ def answer(request: bytes, bus: I2CBus, usb: UsbHost, fd: int, rate: float = 1.0
     Raises
     ------
     SpotsError
-        If the pipe is full, because the board does not read its answers.
+        If the pipe is full, because the board does not read the answers to its requests.
     """
     data, error, (_, a, b, c) = b"", 0, request[:4]
     try:
@@ -101,5 +101,5 @@ def answer(request: bytes, bus: I2CBus, usb: UsbHost, fd: int, rate: float = 1.0
         pass  # the board has ended; the caller detects it at the next request
     except BlockingIOError:
         raise SpotsError(
-            "the virtual board does not read its answers: close it and open it again"
+            "the virtual board reads no answers to its requests: close it and open it again"
         ) from None

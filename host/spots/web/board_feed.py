@@ -123,7 +123,7 @@ class BoardReader:
             board.command("stream touch spectrum")
         info = board.command("hello")
         if self._id not in (None, info["id"]):
-            raise SpotsError(f"the board on {board.port} is {info['id']} instead of {self._id}")
+            raise SpotsError(f"{board.port} now has board {info['id']} instead of {self._id}")
         self._id = info["id"]
         settings = _settings(board)
         self._known = {

@@ -27,7 +27,7 @@ _MORE = 6  # presses to add if a complete session is continued
 # Phases of a session, for the web UI.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
-_BEHIND = "the session has gone on in the meantime: look at the page again"
+_BEHIND = "the answer is for an earlier step: answer the step that the page shows"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
