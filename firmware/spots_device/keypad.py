@@ -251,34 +251,36 @@ class Keypad:
         """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
         `again` is the row of the key that was tapped before, or -1. A quick second tap is less
-        accurate: if it has another action than the first tap, a position up to ``slack_um`` beside
-        the key counts as on the key, but at most a sixteenth of the key's width.
+        accurate: a position up to ``slack_um`` beside this key, but at most a sixteenth of its
+        width, counts as on the key. On another key, only a second tap with a meaning has a slack.
         """
         layout = self._layout
         keys = layout.keys
         length_mm = self._length_mm
         self._row_layer = layer = self.layer
+        row = layout.first(layer)
+        last = layout.first(layer + 1) - KEY_SIZE
+        # The ends of the strip belong to the outermost keys.
+        while row <= last and not (
+            (x_um >= keys[row + LOW] * length_mm or keys[row + LOW] == 0)
+            and (x_um < keys[row + HIGH] * length_mm or keys[row + HIGH] == 1000)
+        ):
+            row += KEY_SIZE
+        found = row <= last
         if (
             again >= 0
             and layout.is_on(layer, again)
-            and (keys[again + HOLD] or keys[again + DOUBLE])
+            and not (found and not keys[again + HOLD] and not keys[again + DOUBLE])
         ):
             low_um = keys[again + LOW] * length_mm
             high_um = keys[again + HIGH] * length_mm
             slack_um = min(layout.slack_um, high_um - low_um >> 4)
             if low_um - slack_um <= x_um < high_um + slack_um:
                 return again
-        row = layout.first(layer)
-        last = layout.first(layer + 1) - KEY_SIZE
-        while row <= last:
-            # The ends of the strip belong to the outermost keys.
-            if (x_um >= keys[row + LOW] * length_mm or keys[row + LOW] == 0) and (
-                x_um < keys[row + HIGH] * length_mm or keys[row + HIGH] == 1000
-            ):
-                self._once = _NONE
-                return row
-            row += KEY_SIZE
-        return _NONE
+        if not found:
+            return _NONE
+        self._once = _NONE
+        return row
 
     def _action(self, slot):
         return self._layout.keys[self._row + slot]
