@@ -313,7 +313,7 @@ class ContactTracker:
         s = self._s
         if not s[_LEAVING]:
             s[_LEAVING] = True
-            s[_LEFT] = t
+            s[_LEFT] = s[_T]
         if elapsed(s[_LEFT], t) < s[_RELEASE_T]:
             return
         s[_LEAVING] = False
