@@ -184,6 +184,25 @@ def apart(function, *arguments, timeout_s=120.0):
     return result.result(timeout_s)
 
 
+def send_from_other_site(browser, server, other_port, path, *messages):
+    """Let a page of another site send messages, in a browser that has the token of the server."""
+    context = browser.new_context()
+    try:
+        context.new_page().goto(server.url)  # now this browser has the token
+        page = context.new_page()
+        for host in ("localhost", "127.0.0.1"):
+            page.goto(f"http://{host}:{other_port}/")
+            for message in messages:
+                page.evaluate(
+                    """([url, body]) => fetch(url, {
+                      method: "POST", mode: "no-cors", credentials: "include", body,
+                    }).then(() => 0, () => 0)""",
+                    [f"http://127.0.0.1:{server.port}/{path}", message],
+                )
+    finally:
+        context.close()
+
+
 def run(coroutine):
     """Run a coroutine to its end."""
     return apart(asyncio.run, coroutine)

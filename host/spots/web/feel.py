@@ -163,11 +163,22 @@ def _ignored(*event) -> None:
     pass
 
 
+def stored_layout(info: Mapping, layout: KeyLayout) -> str:
+    """Return which layout a board stores: ``this`` (`layout`), ``default`` or ``other``.
+
+    `info` is the board's reply to ``hello``.
+    """
+    stored = info.get("layout")
+    if stored is None:
+        return "default"
+    return "this" if stored == checksum(layout.lines) else "other"
+
+
 def _is_on(info: Mapping, layout: KeyLayout) -> bool:
     """Return whether a board uses a layout, according to `info`, the board's ``hello`` reply."""
     zones = [line for line in layout.lines if line.split()[0] not in LIMITS]
-    stored = info.get("layout")
-    return zones == default_lines() if stored is None else stored == checksum(layout.lines)
+    stored = stored_layout(info, layout)
+    return stored == "this" or (stored == "default" and zones == default_lines())
 
 
 def layout_shown(layout: KeyLayout) -> dict:

@@ -14,6 +14,7 @@ from ..errors import SpotsError
 from ..keyboard import keys
 from ..keyboard.layout import FLAVOURS, KeyLayout, compiled, load
 from ..link.board import Board
+from .feel import stored_layout
 from .orders import Orders
 from .state import PageState
 
@@ -117,7 +118,7 @@ class LayoutEditor(Orders):
             raise SpotsError("another browser has changed the layout: reload this window")
         layout = compiled(Path(self._path.name), request.text)
         loses = self._lost(layout)
-        if self._stored(board.command("hello")) == "other":
+        if stored_layout(board.command("hello"), self.layout) == "other":
             loses = [_UNKNOWN, *loses]
         if not set(loses) <= set(request.loses):
             return {"loses": loses, "note": None}
@@ -136,20 +137,13 @@ class LayoutEditor(Orders):
     def _lost(self, layout: KeyLayout) -> list[str]:
         return [keys.say(layout, one) for one in sorted(self.layout.typed - layout.typed)]
 
-    def _stored(self, info) -> str:
-        """Return which layout a board stores: ``this`` (the editor's), ``default`` or ``other``."""
-        stored = info.get("layout")
-        if stored is None:
-            return "default"
-        return "this" if stored == checksum(self.layout.lines) else "other"
-
     def _show(self, info) -> None:
         shown = {
             "file": self._path.name,
             "text": self.layout.text,
             "content": self.layout.content,
             "base": checksum([self.layout.text]),
-            "stored": info and self._stored(info),
+            "stored": info and stored_layout(info, self.layout),
             "limits": LIMITS,
             "flavours": FLAVOURS,
         }
