@@ -18,6 +18,7 @@ from spots.web.calibration import PageCalibration
 from spots.web.layout_editor import LayoutEditor
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
+from spots.web.settings_editor import SettingsEditor
 from spots.web.state import PageState
 from spots_sim.lockstep import LockstepLink
 from spots_sim.paced import PacedLink
@@ -82,6 +83,7 @@ class Bench:
         session=None,
         speed=1.0,
         edit=None,
+        settings=None,
     ):
         self._speed = speed
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
@@ -92,6 +94,8 @@ class Bench:
             self.orders["calibration"] = PageCalibration(session, self.state)
         if edit:
             self.orders["layout"] = LayoutEditor(edit, load(layout), self.state)
+        for name, path in (settings or {}).items():
+            self.orders[name] = SettingsEditor(name, path, self.state)
         self.link = None
         self.there = True
         self.asked_for = []
