@@ -253,6 +253,11 @@ class _Person(Presser):
         self._page.request(PRESS)
         super().press(wanted)
 
+    def change(self, wanted: Wanted) -> None:
+        """Ask the person for the second force of a press."""
+        self._page.request(PRESS)
+        super().change(wanted)
+
     def release(self) -> None:
         """Ask the person to release the strip."""
         self._page.request(RELEASE)
