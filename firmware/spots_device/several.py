@@ -16,7 +16,7 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
 # A strip whose last poll was too early goes first, unless another strip is late by this time: its
 # next poll bounds the time of its sample.
-_PUNCTUAL_US = const(2_000)
+_PUNCTUAL_US = const(500)
 _PREFIX = "sensor="
 _FOR_ALL = ("save", "reboot")  # commands that concern all strips
 
