@@ -146,9 +146,25 @@ class StripApp(BoardApp):
         self._clock = clock
         self.pacing = self._sensor.pacing
         self.remaining_us = self._sensor.remaining_us
+        self._start, self._sensor.start = self._sensor.start, self._start_sensor
+        self._write, self._sensor._write = self._sensor._write, self._write_register
+        self._starts = False
         self.uses._sensor = self.index
         self.uses.release = self._release
         self.replies.log = self._log
+
+    def _start_sensor(self, *settings):
+        self._starts = True
+        try:
+            self._start(*settings)
+        finally:
+            self._starts = False
+
+    def _write_register(self, register, value):
+        # A start takes longer than an exposure, so other strips are sampled between its steps.
+        self._write(register, value)
+        if self._starts:
+            self._sensor._clock.sleep_us(1)
 
     def search(self, now):
         """Start a lost sensor if that is due at `now` (ticks). Other strips are sampled meanwhile.
