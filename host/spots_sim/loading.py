@@ -44,7 +44,8 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
         Lines of the sensor's calibration.
     loads : sequence of (float, float, float, float)
         Each load: its position as a share of the length, its largest force in mN, the duration of
-        the loading (the unloading lasts as long), and the duration of the hold between them, in s.
+        the loading (the unloading lasts as long), and the duration of the hold before the
+        unloading, in s.
     seed : int
         Random seed of the noise.
     led : str

@@ -70,12 +70,12 @@ class Stage:
         return 1000 * self.sensor.length_mm * (1 + self.held.strain)
 
     def expose(self, exposure_us: int | None = None) -> None:
-        """Let the board search gain and LED current, under a full press near the sensor.
+        """Press firmly near the sensor, and let the board search gain and LED current.
 
         Parameters
         ----------
         exposure_us : int, optional
-            Exposure in us to set after the search, which can lengthen the exposure of a dim strip.
+            Exposure in us to set after the search, because the search may lengthen the exposure.
 
         Raises
         ------

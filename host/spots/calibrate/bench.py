@@ -291,7 +291,9 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
         return
     line = np.polyfit(places[near] - wanted.place_um, logs[near].mean(axis=1), 1)
     if abs(log.mean() - line[1]) > _OUTLIER:
-        raise BadPressError("the brightness does not fit the neighbours: press with the same force")
+        raise BadPressError(
+            "the brightness does not fit the neighbouring presses: press with the same force"
+        )
 
 
 def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
