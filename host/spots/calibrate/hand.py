@@ -180,7 +180,7 @@ def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))
     rows, off = [], []
     for i, p in enumerate(session.points):
-        if p.kind != "hand" or (p.place_um, p.force_mN) not in errors:
+        if p.kind != "hand" or not p.force_mN or (p.place_um, p.force_mN) not in errors:
             continue
         before = [q for q in session.points[:i] if abs(q.place_um - p.place_um) < _NEAR_UM]
         most_mN = max((max(q.force_mN, q.then_mN) for q in before), default=0.0)
