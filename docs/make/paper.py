@@ -149,9 +149,9 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.C",
             "similar",
             each("{}", bent("strain")),
-            "The simulated strain is known exactly, uniform, and calibrated at each value. The real "
-            "strip was re-zeroed at rest, up to 90 % of its length. Under 25 % strain this correction "
-            "is extrapolated, which gives most of the error.",
+            "The simulated strain is known exactly, uniform, and calibrated at each value. The "
+            "real strip was re-zeroed at rest, up to 90 % of its length. Under 25 % strain this "
+            "correction is extrapolated, which gives most of the error.",
         ),
         (
             "Accuracy straight, then bent up to 180°",
