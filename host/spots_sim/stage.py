@@ -12,6 +12,7 @@ from spots.link.board import Board
 
 from .files import SensorFile
 from .kept import kept
+from .loading import silicone_lines
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
@@ -241,8 +242,13 @@ def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
     """
     if sensor.mains_hz:
         board.command(f"set mains_hz={sensor.mains_hz}")
-    if sensor.led.wired != "ldr":
-        board.command("set " + _calibrated(sensor)[1])
+    if led := led_settings(sensor):
+        board.command("set " + led)
+
+
+def led_settings(sensor: SensorFile) -> str:
+    """Return the LED settings that `calibrate` used, for ``set``; empty for the usual LED."""
+    return "" if sensor.led.wired == "ldr" else _calibrated(sensor)[1]
 
 
 @kept(tuple[tuple[str, ...], str])
@@ -259,4 +265,4 @@ def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
             state = stage.board.command("get")
             numbers = state["gain"], state["exposure_us"], *state["dark"]
             led += " dark=" + ",".join(map(str, numbers))
-        return lines, led
+    return (*lines, *silicone_lines(sensor, lines, "" if sensor.led.wired == "ldr" else led)), led
