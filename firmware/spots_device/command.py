@@ -194,7 +194,7 @@ class Upload:
 class Commands:
     """Executes the commands; `spots command --help` shows this list.
 
-    commands of the board:
+    commands of the board; with several strips, sensor=N at the end of a line selects a strip:
       hello               board, firmware, id, settings, calibration
       get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
@@ -241,6 +241,8 @@ class Commands:
         if not words:
             return {"re": "", "error": "the line is empty: send a command"}
         name = words[0]
+        if words[-1].startswith("sensor="):
+            return {"re": name, "error": "this board has one sensor: leave sensor= out"}
         if name not in self._TABLE:
             known = ", ".join(sorted(self._TABLE))
             return {"re": name[:NAME_MAX], "error": "no such command; use one of " + known}

@@ -597,6 +597,7 @@ class ContactTracker:
                 self._solve(s[_X_UM], s[_B], x_um, brightness, fits)
                 and abs(s[_FOUND_UM] - s[_X_SECOND_UM]) < _NEAR_UM
             ):
+                s[_X_SECOND_UM] = s[_FOUND_UM]
                 s[_B_SECOND] = s[_FOUND_B]
             return False
         if fits and abs(x_um - s[_X_SECOND_UM]) < _NEAR_UM and (brightness < s[_B_SECOND] + _MORE):
