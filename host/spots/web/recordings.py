@@ -14,6 +14,7 @@ from ..errors import SpotsError
 from ..link.board import Board
 from ..recording.arrays import RecordingBlocks
 from ..recording.recorder import Recorder
+from ..recording.replay import open_recording
 from ..terminal.view import Pace
 from .orders import Orders
 from .state import PageState
@@ -123,7 +124,9 @@ class Recordings(Orders):
     def _play(self, board: Board, name: str) -> None:
         if self._recorder:
             raise SpotsError("a recording runs: stop it before you play another one")
-        self.playing = self._file(name)
+        path = self._file(name)
+        open_recording(path).close()  # an error must not end the present view
+        self.playing = path
         self._put({**self._shown, "playing": name})
 
     def _live(self, board: Board) -> None:
