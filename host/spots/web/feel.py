@@ -201,9 +201,19 @@ def _ignored(*event) -> None:
 
 
 def stored_layout(info: Mapping, layout: KeyLayout) -> str:
-    """Return which layout a board stores: ``this`` (`layout`), ``default`` or ``other``.
+    """Return which layout a board stores.
 
-    `info` is the board's reply to ``hello``.
+    Parameters
+    ----------
+    info : Mapping
+        The board's reply to ``hello``.
+    layout : KeyLayout
+        Layout that the web UI uses.
+
+    Returns
+    -------
+    str
+        ``this`` for `layout`, ``default`` without a stored layout, else ``other``.
     """
     stored = info.get("layout")
     if stored is None:
