@@ -7,9 +7,11 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from serving import Bench, until
+from spots.link.board import Board
 from spots.web.board_feed import _NEXT
 from spots.web.settings_editor import KINDS
 from spots.web.state import PageState
+from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 from test_page_states import SCREENS
 
@@ -75,6 +77,25 @@ def test_an_editor_of_settings(bench, serve, open_page, scheme, tmp_path, name):
     lit = {"controller": "#controller .card.lit", "gestures": "#gestures .last"}[name]
     expect(page.locator(lit)).to_have_count(1, timeout=LONG_MS)
     assert serious(page) == []
+
+
+def test_recordings(bench, serve, open_page, scheme, sensor, tmp_path):
+    for name in "ab":
+        with Board(LockstepLink(sensor, Held())) as board:
+            board.command("stream touch")
+            with board.record(tmp_path / f"{name}.spots"):
+                next(board.frames(0.1))
+    one = bench(Held(), record_to=tmp_path)
+    page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+    page.locator("#open-recordings").click(timeout=LONG_MS)
+    page.get_by_label("Compare a.spots").check(timeout=LONG_MS)
+    page.get_by_label("Compare b.spots").check()
+    compare = page.get_by_role("button", name="Compare", exact=True)
+    compare.focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#recordings canvas").first).to_be_visible(timeout=LONG_MS)
+    assert serious(page) == []
+    assert reached(page, "recordings") == 0
 
 
 def test_a_linkage(linkage_page, scheme):
