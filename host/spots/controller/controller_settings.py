@@ -182,6 +182,11 @@ def parsed(text: str, path: Path) -> ControllerSettings:
     -------
     ControllerSettings
         The settings, with default values where the text has none.
+
+    Raises
+    ------
+    SpotsError
+        If a key is unknown, missing or out of range.
     """
     return toml.checked(text, ControllerSettings, f"settings file {path}")
 
