@@ -13,15 +13,15 @@ from .surface import Surface, fitted
 from .typed import grams
 
 _KINDS = ("hand", "position", "force", "mark")
-# Presses with two forces, which find hysteresis and creep: share of the length, first force in mN,
-# second force in mN, hold in s.
+# Presses with two forces, which find hysteresis and creep: first force in mN, second force in mN,
+# hold in s.
 _LOADS = (
-    (0.3, 2000.0, 9000.0, 0.0),
-    (0.7, 9000.0, 1000.0, 0.0),
-    (0.2, 9000.0, 2500.0, 0.0),
-    (0.8, 5000.0, 1200.0, 30.0),
-    (0.6, 2000.0, 800.0, 0.0),
-    (0.4, 4500.0, 1000.0, 0.0),
+    (2000.0, 9000.0, 0.0),
+    (9000.0, 1000.0, 0.0),
+    (9000.0, 2500.0, 0.0),
+    (5000.0, 1200.0, 30.0),
+    (2000.0, 800.0, 0.0),
+    (4500.0, 1000.0, 0.0),
 )
 _LOADS_FROM = 12  # presses; then it is known which forces light the strip
 _UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
@@ -153,19 +153,21 @@ def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: floa
     return Wanted(kind="hand", place_um=place_um, force_mN=force_mN, then_mN=then_mN, hold_s=hold_s)
 
 
-def _load(session: Session, surface: Surface, length_um: float) -> Wanted | None:
-    """Return the next press with two forces; None if it is not their turn, or all are taken."""
+def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
+    """Return the forces and the hold of the next press with two forces, which is at `place_um`.
+
+    Returns None before the turn of these presses, and after the last of them.
+    """
     hand = session.of("hand")
     loads = sum(bool(p.then_mN) for p in hand)
     if loads == len(_LOADS) or len(hand) < _LOADS_FROM:
         return None
-    share, force_mN, then_mN, hold_s = _LOADS[loads]
-    place_um = round(share * length_um, -3)
+    force_mN, then_mN, hold_s = _LOADS[loads]
     if then_mN < force_mN:
         least_mN = surface.least_lit_mN(place_um)
         then_mN = min(max(then_mN, least_mN), _UNLOADED * force_mN)
         force_mN = max(force_mN, least_mN / _UNLOADED)
-    return _wanted(place_um, force_mN, then_mN, hold_s)
+    return force_mN, then_mN, hold_s
 
 
 def _softening(session: Session, surface: Surface) -> tuple[float, float]:
@@ -178,7 +180,7 @@ def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))
     rows, off = [], []
     for i, p in enumerate(session.points):
-        if p.kind != "hand" or (p.place_um, p.force_mN) not in errors:
+        if p.kind != "hand" or not p.force_mN or (p.place_um, p.force_mN) not in errors:
             continue
         before = [q for q in session.points[:i] if abs(q.place_um - p.place_um) < _NEAR_UM]
         most_mN = max((max(q.force_mN, q.then_mN) for q in before), default=0.0)
@@ -203,11 +205,11 @@ def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_
     elif rough:  # without a scale, only the place can be chosen
         places_um, sigma_um = surface.errors()[0]
         place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
-    elif load := _load(session, surface, length_um):
-        return load
     else:
         place_um, force_mN = surface.next_press(dark_mN)
-    return _wanted(np.clip(round(place_um, -3), _END_UM, length_um - _END_UM), force_mN)
+    place_um = np.clip(round(place_um, -3), _END_UM, length_um - _END_UM)
+    load = None if rough or surface is None else _load(session, surface, place_um)
+    return _wanted(place_um, *(load or (force_mN,)))
 
 
 def _surface(session: Session, length_um: float, start: Surface | None = None) -> Surface | None:
