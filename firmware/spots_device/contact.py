@@ -313,7 +313,7 @@ class ContactTracker:
         s = self._s
         if not s[_LEAVING]:
             s[_LEAVING] = True
-            s[_LEFT] = t
+            s[_LEFT] = s[_T]
         if elapsed(s[_LEFT], t) < s[_RELEASE_T]:
             return
         s[_LEAVING] = False
@@ -581,6 +581,7 @@ class ContactTracker:
                 self._solve(s[_X_UM], s[_B], x_um, brightness, fits)
                 and abs(s[_FOUND_UM] - s[_X_SECOND_UM]) < _NEAR_UM
             ):
+                s[_X_SECOND_UM] = s[_FOUND_UM]
                 s[_B_SECOND] = s[_FOUND_B]
             return False
         if fits and abs(x_um - s[_X_SECOND_UM]) < _NEAR_UM and (brightness < s[_B_SECOND] + _MORE):

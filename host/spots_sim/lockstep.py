@@ -1,7 +1,7 @@
 """A virtual board in simulated time, which runs only while the host reads from it.
 
-The same sensor, scenario and seed give the same bytes in each run. The class has the same methods
-as `link.serial_link.SerialLink`.
+The same sensor, scenario and seed give the same bytes in each run. `LockstepLink` has the same
+methods as `link.serial_link.SerialLink`.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class LockstepLink:
         Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
         Processor time of one loop pass in us, added at each read of registers, on MicroPython only;
-        0 by default. The argument of a function ``busy_us(free_bytes) -> float`` is the number of
-        free heap bytes, which the board reports at each transfer. This doubles the run time.
+        0 by default. With a function ``busy_us(free_bytes) -> float``, the board reports its number
+        of free heap bytes at each transfer, which doubles the run time.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
     second : tuple, optional

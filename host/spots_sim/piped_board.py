@@ -109,7 +109,7 @@ class PipedBoard:
             return sent
 
     def step(self) -> None:
-        """Answer the firmware's request (such as an I2C transfer); run it until the next one."""
+        """Answer the firmware's request (such as an I2C transfer); run it until its next one."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
             if self.busy_us and server.is_poll(self._pending):

@@ -77,7 +77,7 @@ def answer(
     Raises
     ------
     SpotsError
-        If the pipe is full, because the board does not read its answers.
+        If the pipe is full, because the board does not read the answers to its requests.
     """
     data, error, (_, a, b, c) = b"", 0, request[:4]
     selected = c if request[0] == protocol.SPEED else a if request[0] in _ON_A_BUS else 0
@@ -115,5 +115,5 @@ def answer(
         pass  # the board has ended; the caller detects it at the next request
     except BlockingIOError:
         raise SpotsError(
-            "the virtual board does not read its answers: close it and open it again"
+            "the virtual board reads no answers to its requests: close it and open it again"
         ) from None

@@ -12,6 +12,7 @@ from spots.link.board import Board
 
 from .files import SensorFile
 from .kept import kept
+from .loading import silicone_lines
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
@@ -69,12 +70,12 @@ class Stage:
         return 1000 * self.sensor.length_mm * (1 + self.held.strain)
 
     def expose(self, exposure_us: int | None = None) -> None:
-        """Let the board search gain and LED current, under a full press near the sensor.
+        """Press firmly near the sensor, and let the board search gain and LED current.
 
         Parameters
         ----------
         exposure_us : int, optional
-            Exposure in us to set after the search, which can lengthen the exposure of a dim strip.
+            Exposure in us to set after the search, because the search may lengthen the exposure.
 
         Raises
         ------
@@ -241,8 +242,13 @@ def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
     """
     if sensor.mains_hz:
         board.command(f"set mains_hz={sensor.mains_hz}")
-    if sensor.led.wired != "ldr":
-        board.command("set " + _calibrated(sensor)[1])
+    if led := led_settings(sensor):
+        board.command("set " + led)
+
+
+def led_settings(sensor: SensorFile) -> str:
+    """Return the LED settings that `calibrate` used, for ``set``; empty for the usual LED."""
+    return "" if sensor.led.wired == "ldr" else _calibrated(sensor)[1]
 
 
 @kept(tuple[tuple[str, ...], str])
@@ -259,4 +265,4 @@ def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
             state = stage.board.command("get")
             numbers = state["gain"], state["exposure_us"], *state["dark"]
             led += " dark=" + ",".join(map(str, numbers))
-        return lines, led
+    return (*lines, *silicone_lines(sensor, lines, "" if sensor.led.wired == "ldr" else led)), led

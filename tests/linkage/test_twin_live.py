@@ -208,7 +208,7 @@ def test_lines_for_people(machine, capsys):
     assert cli.main([*arguments, "--seconds", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert 6 <= len(lines) <= 9
-    assert all("terminal" in line and "mm/s" in line for line in lines[1:])
+    assert all("end point" in line and "mm/s" in line for line in lines[1:])
 
 
 def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monkeypatch):
@@ -246,7 +246,7 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
         assert given == [("port A", "A"), ("port B", "B")]
         assert closed == ["port C"]
     names.remove("A")
-    with pytest.raises(SpotsError, match=r"no board A, .* found: B, C"), ExitStack() as stack:
+    with pytest.raises(SpotsError, match=r"missing \(A\): .* found: B, C"), ExitStack() as stack:
         stack.enter_context(twin_source.opened(machine.arm))
     assert closed.count("port B") == 2
 

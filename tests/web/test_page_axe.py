@@ -7,11 +7,8 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from serving import Bench, until
-from spots.keyboard.layout import load
 from spots.web.board_feed import _NEXT
 from spots.web.state import PageState
-from spots.web.twin_feed import driven_readers
-from spots_sim.linkage_demo import endless
 from spots_sim.scenario import Held, Press
 from test_page_states import SCREENS
 
@@ -66,18 +63,8 @@ def test_an_editor_of_keys(bench, serve, open_page, scheme, tmp_path):
     assert serious(page) == []
 
 
-def test_a_linkage(serve, open_page, scheme):
-    state = PageState()
-    readers = driven_readers(endless("default"), load("digits"), state)
-    for reader in readers:
-        reader.start()
-    try:
-        page = open_page(serve(state).url, **scheme)
-        expect(page.locator("#twin .figures")).to_contain_text(" mm", timeout=LONG_MS)
-        assert serious(page) == []
-    finally:
-        for reader in readers:
-            reader.stop()
+def test_a_linkage(linkage_page, scheme):
+    assert serious(linkage_page(**scheme)) == []
 
 
 @pytest.mark.parametrize("state", _NEXT)

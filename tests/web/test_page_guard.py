@@ -309,6 +309,8 @@ def test_home_needs_no_token():
         (["--layout", "nowhere"], "cannot read the layout"),
         (["--port", "virtual", "--sensor", "nowhere"], "cannot read the sensor file"),
         (["--port", "virtual", "--scenario", "nowhere"], "cannot read the scenario file"),
+        (["--edit", "mine.toml", "--port", "recording:run.spots"], "--edit works with one board"),
+        (["--edit", "mini", "--port", "virtual"], "give a name that ends in .toml"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, arguments, says):

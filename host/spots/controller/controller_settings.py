@@ -165,6 +165,11 @@ def load(path: str | Path = DEFAULT) -> ControllerSettings:
         If the file does not exist, or a key in it is unknown, missing or out of range.
     """
     path, text = toml.find(path, DEFAULT.parent, "settings")
+    return parsed(text, path)
+
+
+def parsed(text: str, path: Path) -> ControllerSettings:
+    """Return the settings in the text of a settings file; `path` is for error messages."""
     return toml.checked(text, ControllerSettings, f"settings file {path}")
 
 

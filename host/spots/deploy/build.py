@@ -81,7 +81,7 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
         raise SpotsError(
-            f"{target} was not written by 'spots build': move this folder, or build in another one"
+            f"{target} was not written by 'spots build': move this folder, or name another"
         )
     try:
         _build(device, target, strips)

@@ -279,7 +279,7 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 
 def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
-    """Remove those folders of removed files that are empty now.
+    """Remove the folders that contained removed files and are now empty.
 
     Parameters
     ----------

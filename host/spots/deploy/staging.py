@@ -138,8 +138,8 @@ def device_of(board: str, strips: int = 1) -> Device:
 def names(runtime: str) -> set[str]:
     """Return the paths of this version's files on a board, both as sources and compiled.
 
-    The paths identify the firmware on a board without a manifest, on which ``mip`` or a person
-    copied the files.
+    The paths identify the firmware on a board without a manifest, to which ``mip`` or a person
+    has copied the files.
     """
     modules = [path.relative_to(_FIRMWARE.parent) for path in _FIRMWARE.rglob("*.py")]
     forms = {path.with_suffix(end).as_posix() for path in modules for end in (".py", ".mpy")}
@@ -187,7 +187,7 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
 
 
 def use_viper(package: Path) -> None:
-    """Replace portable modules in a copy of the firmware's package by their machine code."""
+    """Replace modules in a copy of the firmware's package by their ``_viper`` versions."""
     for path in package.glob(f"*{VIPER}.py"):
         path.replace(path.with_stem(path.stem.removesuffix(VIPER)))
 

@@ -81,7 +81,7 @@ class Board:
     log : collections.deque of dict
         The latest log lines of the board.
     patience_s : float
-        How long the port of a streaming board may be unplugged before PortLostError is raised.
+        Time in seconds for which a streaming board may be unplugged before PortLostError is raised.
     calibration : list of str or None
         Lines of the calibration that this object uploaded, otherwise None: a board reports only
         their checksum.
@@ -191,7 +191,7 @@ class Board:
         ----------
         least_s : float
             Time without a reading, in seconds, after which to return True. For a slow board, the
-            time of three readings is used if it is longer.
+            time of three readings is used if that is longer.
         """
         return self._loss.silent(self.now_s(), least_s)
 
@@ -457,7 +457,7 @@ class Board:
         Returns
         -------
         readers.Subscription
-            The subscription. It ends with its method ``cancel()``, or when the board is closed.
+            The subscription, which ends with its method ``cancel()``, or when the board is closed.
 
         Examples
         --------
@@ -659,7 +659,7 @@ class Board:
         if version != PROTOCOL:
             raise SpotsError(
                 f"the board on {self.port} has protocol {version}, but the program has {PROTOCOL}: "
-                "update whichever is older"
+                "update the older one of firmware and program"
             )
         return cast("Hello", self._validated(reply))
 

@@ -137,7 +137,7 @@ class Twin:
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
         if len(encoders) != 2:
             raise SpotsError(
-                f"a linkage needs two encoders, not {len(encoders)}: give one for each joint"
+                f"a linkage needs two encoders, not {len(encoders)}: give one encoder per joint"
             )
         self.linkage = linkage
         self.encoders = tuple(encoders)
@@ -261,7 +261,7 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
 
 
 def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
-    """Return a correction of linear interpolation between the last two readings, in rad.
+    """Return a correction for linear interpolation between the last two readings, in rad.
 
     The correction is the distance, at `time_s`, from the line to a parabola through three readings.
     It is 0 if the curvature is within the noise.
@@ -294,7 +294,8 @@ def readings(
         read without a limit, and recordings until all of them have ended.
     restarted : callable, optional
         Called with a board that has restarted and streams again. The board has lost everything
-        that it had not stored. If the function raises SpotsError, it is called again for 10 s.
+        that it had not stored. If the function raises SpotsError, the call is repeated for up to
+        10 s.
 
     Yields
     ------

@@ -52,7 +52,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the two boards of a linkage file; use it in a ``with`` block.
 
-    Each joint's calibration is uploaded to the joint's board, and must be made with this board.
+    Each joint's calibration must be of the joint's board, and is uploaded to this board.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
 
 
 class DrivenLinkage(Protocol):
-    """A linkage that opens the boards of its joints itself, such as a simulated one.
+    """A linkage that opens the boards of its joints itself, such as a simulated linkage.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return the first function `linkage` that a port's scheme offers; None if there is none.
+    """Return the function `linkage` of the first port whose scheme has this function, else None.
 
     The function makes a `DrivenLinkage`, see `link.ports`.
     """
@@ -219,8 +219,8 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     missing = [name for name in wanted if name not in there]
     if missing:
         raise SpotsError(
-            f"no board {' and no board '.join(missing)}, with which the joints were calibrated: "
-            "plug in each missing board, or name ports with --port; found: "
+            f"the joints were calibrated with boards that are missing ({', '.join(missing)}): plug "
+            "in each missing board, or name ports with --port; found: "
             f"{', '.join(there) or 'no board'}"
         )
     for name in there.keys() - set(wanted):

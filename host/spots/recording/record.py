@@ -19,7 +19,7 @@ def record(
     rotate_bytes: int | None,
     calibration: list[str] | None,
 ) -> None:
-    """Record a board for a given time or until Ctrl-C; show the progress on stderr.
+    """Record the data of a board, for a given time or until Ctrl-C; show progress on stderr.
 
     Parameters
     ----------

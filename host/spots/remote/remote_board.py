@@ -40,7 +40,7 @@ class Remote(Board):
         elif name in READ_ONLY:
             reply = self._far.ask(name, timeout_s)
         else:
-            reply = {"error": "a remote board is read-only: send the command on its own machine"}
+            reply = {"error": "a remote board is read-only: send the command on its machine"}
         if reply is None:
             return None
         if name == "hello" and "error" in reply:

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection
 from statistics import median
+from typing import Any
 
 from spots_device.smux import CHANNELS
 
@@ -68,7 +69,8 @@ class BoardReader:
         on_touch: Callable[[Touch], None] = lambda touch: None,
         orders: Collection[Orders] = (),
     ):
-        self._open_board, self._layout, self._state = open_board, layout, state
+        self._open_board, self._state = open_board, state
+        self._settings: dict[str, Any] = {"layout": layout}  # arguments of `Feel`
         self._search_every_s = search_every_s
         self._on_touch, self._orders = on_touch, orders
         self._fingers: list[float] = []  # positions in the next reading, in um
@@ -116,14 +118,14 @@ class BoardReader:
         """Read a board until it restarts, or until a request may have changed its settings."""
         restarts = board.stats.restarts
         for one in self._orders:
-            self._layout = one.layout or self._layout
+            self._settings |= one.feel
         try:
             board.command("stream contact touch spectrum")
         except SpotsError:  # the firmware is too old for contacts
             board.command("stream touch spectrum")
         info = board.command("hello")
         if self._id not in (None, info["id"]):
-            raise SpotsError(f"the board on {board.port} is {info['id']} instead of {self._id}")
+            raise SpotsError(f"{board.port} now has board {info['id']} instead of {self._id}")
         self._id = info["id"]
         settings = _settings(board)
         self._known = {
@@ -131,10 +133,10 @@ class BoardReader:
             "port": board.port,
             "full_scale": settings["full_scale"],
             "expected": expected_shown(board, info, settings["dark"]),
-            "layout": layout_shown(self._layout) if info.get("length_um") else None,
+            "layout": layout_shown(self._settings["layout"]) if info.get("length_um") else None,
         }
         self._say(CONNECTED, "")
-        feel = Feel(board, info, self._layout, self._state)
+        feel = Feel(board, info, self._state, **self._settings)
         health = _Health(board, self._state)
         left = self._orders
         try:
@@ -202,7 +204,7 @@ def _settings(board: Board) -> dict:
 
 _FACTS = (
     *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
-    *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
+    *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm", "sensors"),
 )
 
 

@@ -8,6 +8,7 @@ from spots_device.layout import LIMITS, action, default_lines
 from spots_device.settings import checksum
 
 from ..controller.controller import controller_for
+from ..controller.controller_settings import ControllerSettings
 from ..controller.controller_settings import load as load_controller
 from ..errors import SpotsError
 from ..keyboard.key_engine import KeyEngine
@@ -18,10 +19,9 @@ from ..link.untrusted import Untrusted
 from ..outputs.devices import AXIS_MAX
 from ..outputs.usages import name_of
 from ..terminal.view import flag_words
+from ..wearable import wearable
 from ..wearable.gestures import Gestures
 from .state import PageState
-
-_BUTTONS = 3
 
 
 class Feel:
@@ -33,14 +33,27 @@ class Feel:
         The board that is read.
     info : dict
         The board's reply to ``hello``. Without a calibration only the readings are shown.
-    layout : KeyLayout
-        Key layout; gives only the zones of the keys if the board itself is a keyboard.
     state : PageState
         State that gets the parts ``touch``, ``keys``, ``stick``, ``untrusted`` and the events.
+    layout : KeyLayout
+        Key layout; gives only the zones of the keys if the board itself is a keyboard.
+    controller : ControllerSettings, optional
+        Settings of the gamepad; by default those of the package.
+    gestures : Mapping, optional
+        Keys of the gestures; each gesture is shown with the name of the key that it presses.
     """
 
-    def __init__(self, board: Board, info: dict, layout: KeyLayout, state: PageState):
+    def __init__(
+        self,
+        board: Board,
+        info: dict,
+        state: PageState,
+        layout: KeyLayout,
+        controller: ControllerSettings | None = None,
+        gestures: wearable.Mapping | None = None,
+    ):
         self._state, self._layout = state, layout
+        self._does = gestures.pressed_by if gestures else lambda gesture: ""
         self._engine = self._gestures = self._controller = None
         self._own = info.get("keys")  # if true, the engine only tracks the layers
         self._untrusted = Untrusted()
@@ -50,7 +63,9 @@ class Feel:
         if length_um:
             self._gestures = Gestures()
             with contextlib.suppress(SpotsError):  # too slow for a gamepad
-                self._controller = controller_for(board, load_controller())
+                settings = controller or load_controller()
+                self._buttons = max((one.number for one in settings.button), default=0)
+                self._controller = controller_for(board, settings)
             if not info["keys"] or _is_on(info, layout):
                 sink = SimpleNamespace(key=_ignored) if info["keys"] else self
                 self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
@@ -76,7 +91,9 @@ class Feel:
         for engine in self._engines:
             found = engine.take(touch, now_s)
             for gesture in found if engine is self._gestures else ():
-                self._state.add_event({"kind": "gesture", **gesture._asdict()})
+                self._state.add_event(
+                    {"kind": "gesture", "does": self._does(gesture), **gesture._asdict()}
+                )
         self._show()
 
     def take_key(self, key: Key) -> None:
@@ -154,7 +171,7 @@ class Feel:
             "x": x / AXIS_MAX,
             "y": y / AXIS_MAX,
             "z": z / AXIS_MAX,
-            "buttons": [bool(buttons >> i & 1) for i in range(_BUTTONS)],
+            "buttons": [bool(buttons >> i & 1) for i in range(self._buttons)],
             "held": self._controller.held,
         }
 
@@ -163,11 +180,22 @@ def _ignored(*event) -> None:
     pass
 
 
+def stored_layout(info: Mapping, layout: KeyLayout) -> str:
+    """Return which layout a board stores: ``this`` (`layout`), ``default`` or ``other``.
+
+    `info` is the board's reply to ``hello``.
+    """
+    stored = info.get("layout")
+    if stored is None:
+        return "default"
+    return "this" if stored == checksum(layout.lines) else "other"
+
+
 def _is_on(info: Mapping, layout: KeyLayout) -> bool:
     """Return whether a board uses a layout, according to `info`, the board's ``hello`` reply."""
     zones = [line for line in layout.lines if line.split()[0] not in LIMITS]
-    stored = info.get("layout")
-    return zones == default_lines() if stored is None else stored == checksum(layout.lines)
+    stored = stored_layout(info, layout)
+    return stored == "this" or (stored == "default" and zones == default_lines())
 
 
 def layout_shown(layout: KeyLayout) -> dict:

@@ -6,6 +6,8 @@ import { board } from "./panels/board.js";
 import { figures } from "./panels/figures.js";
 import { calibration } from "./panels/calibration.js";
 import { editor } from "./panels/editor.js";
+import { controller } from "./panels/controller.js";
+import { gestures } from "./panels/gestures.js";
 import { strip } from "./panels/strip.js";
 import { history } from "./panels/history.js";
 import { spectrum } from "./panels/spectrum.js";
@@ -23,6 +25,8 @@ const PANELS = [
   [strip, ANSWER, "board", "touch"],
   [keyboard, ANSWER, "board", "touch", "keys"],
   [editor, ANSWER, "editor", "may_command", "board", "touch", "keys"],
+  [controller, LOOK, "controller", "may_command", "board", "touch", "stick"],
+  [gestures, LOOK, "gestures", "may_command", "board"],
   [calibration, LOOK, "calibration", "hold", "may_command", "board"],
   [figures, READ, "board", "touch"],
   [board, READ, "board", "connection"],
