@@ -135,9 +135,9 @@ def test_a_command_for_a_strip_that_is_not_there_is_refused():
         with pytest.raises(SpotsError, match="sensor must be one of 0, 1"):
             board.command("set gain=3 sensor=x")
         assert board.command("get")["gain"] == 9
-    with Board(LockstepLink(SENSOR, Scenario(load(ScenarioFile, "demo")))) as board:
-        with pytest.raises(SpotsError, match="this board has one sensor"):
-            board.command("get sensor=1")
+    link = LockstepLink(SENSOR, Scenario(load(ScenarioFile, "demo")))
+    with Board(link) as board, pytest.raises(SpotsError, match="this board has one sensor"):
+        board.command("get sensor=1")
 
 
 def test_a_board_for_one_strip_of_two_is_like_a_board_with_one_strip():
@@ -177,4 +177,5 @@ def test_the_times_of_both_strips_agree(monkeypatch):
     means = [float(np.mean(errors[sensor])) for sensor in (0, 1)]
     assert all(math.isfinite(mean) for mean in means)
     assert abs(means[0] - means[1]) <= 20
-    assert np.ptp(errors[0]) < 600 and np.ptp(errors[1]) < 600
+    assert np.ptp(errors[0]) < 600
+    assert np.ptp(errors[1]) < 600

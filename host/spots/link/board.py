@@ -597,7 +597,9 @@ class Board:
         SpotsError
             If the file exists or cannot be written.
         """
-        info = self.command("hello")
+        info: dict[str, Any] = dict(self.command("hello"))
+        if others := [self.command(of_sensor("hello", i)) for i in self.sensors[1:]]:
+            info["strips"] = [dict(info), *others]
 
         def describe() -> dict[str, Any]:
             return {
