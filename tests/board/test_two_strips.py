@@ -10,11 +10,15 @@ import pytest
 
 from spots.errors import SpotsError
 from spots.link.board import Board
+from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots_device.decode import DROPPED
+from spots_device.layout import KEYBOARD, action
+from spots_device.settings import checksum
 from spots_sim.files import ScenarioFile, SensorFile, load
 from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
+from spots_sim.scenario import Held, Press, Scenario
+from spots_sim.stage import calibrate
 
 SENSOR = load(SensorFile, "default")
 BOARDS = ["virtual", "virtual_circuitpython"]
@@ -179,3 +183,75 @@ def test_the_times_of_both_strips_agree(monkeypatch):
     assert abs(means[0] - means[1]) <= 20
     assert np.ptp(errors[0]) < 600
     assert np.ptp(errors[1]) < 600
+
+
+class TestKeyboard:
+    """Both strips of a board type on one USB keyboard."""
+
+    @pytest.fixture(params=BOARDS)
+    def start(self, request, tmp_path):
+        def start():
+            self.fingers = [Held(), Held()]
+            first, second = self.fingers
+            link = LockstepLink(
+                SENSOR, first, 1, folder=tmp_path, board=request.param, second=(second, 2)
+            )
+            return Board(link)
+
+        return start
+
+    def press(self, sensor, zone):
+        self.fingers[sensor].press = Press(85 * (zone + 0.5) / 10, 1500, 4.0)
+
+    def lift(self, sensor):
+        self.fingers[sensor].press = None
+
+    @pytest.fixture
+    def board(self, start):
+        lines = calibrate(SENSOR)
+        with start() as board:
+            own = board.info["id"]
+            prepare(board, lines)
+            prepare(board, [line.replace(f"board {own}", f"board {own}-1") for line in lines], 1)
+            halves = enumerate(((0, 500), (500, 1000)))
+            layout = ["layer 0 0"]
+            layout += [
+                f"key {low} {high} {action(KEYBOARD, 4 + i)} 0 0 0 0 0" for i, (low, high) in halves
+            ]
+            board.command("layout begin sensor=1")
+            for line in layout:
+                board.command("layout " + line)
+            board.command("layout end " + checksum(layout))
+            assert "save and reboot" in board.command("keys on sensor=1")["note"]
+            board.command("keys on")
+            board.command("save")
+        with start() as board:
+            self.wait(board, 0.5)
+            yield board
+
+    def wait(self, board, seconds):
+        for _ in board.frames(seconds):
+            pass
+
+    def test_each_strip_types_the_keys_of_its_own_layout(self, board):
+        for sensor, zone in ((0, 0), (1, 2), (0, 9), (1, 7)):
+            self.press(sensor, zone)
+            self.wait(board, 0.2)
+            self.lift(sensor)
+            self.wait(board, 0.2)
+        keys = [data[2] for _, data in board._link.usb.reports]
+        assert keys == [30, 0, 4, 0, 39, 0, 5, 0]
+
+    def test_a_lost_strip_releases_its_own_key_only(self, board):
+        plug = board._link.second = Plug(board._link.second)
+        self.press(0, 0)
+        self.wait(board, 0.2)
+        self.press(1, 2)
+        self.wait(board, 0.2)
+        plug.pull()
+        self.wait(board, 0.5)
+        down = [sorted(filter(None, data[2:])) for _, data in board._link.usb.reports]
+        assert down == [[30], [4, 30], [30]]
+        self.lift(0)
+        self.wait(board, 0.2)
+        assert not any(board._link.usb.reports[-1][1])
