@@ -8,6 +8,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+import spots
 from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.connect import prepare
@@ -19,6 +20,7 @@ from spots_sim.files import ScenarioFile, SensorFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press, Scenario
 from spots_sim.stage import calibrate
+from spots_sim.virtual import start_simulator
 
 SENSOR = load(SensorFile, "default")
 BOARDS = ["virtual", "virtual_circuitpython"]
@@ -185,6 +187,20 @@ def test_the_times_of_both_strips_agree(monkeypatch):
     assert np.ptp(errors[1]) < 600
 
 
+def test_a_port_with_the_number_of_a_strip_is_that_strip():
+    start, end = start_simulator("default", "demo", 0, strips=2)
+    try:
+        with spots.open(start["port"] + "#1") as board:
+            assert board.info["id"].endswith("-1")
+            assert {touch.sensor for touch in board.touches(0.3)} == {0}
+        with spots.open(start["port"]) as board:
+            assert {touch.sensor for touch in board.touches(0.3)} == {0, 1}
+        with pytest.raises(SpotsError, match="sensor must be one of 0, 1"):
+            spots.open(start["port"] + "#2")
+    finally:
+        end()
+
+
 class TestKeyboard:
     """Both strips of a board type on one USB keyboard."""
 
@@ -242,8 +258,11 @@ class TestKeyboard:
         keys = [data[2] for _, data in board._link.usb.reports]
         assert keys == [30, 0, 4, 0, 39, 0, 5, 0]
 
-    def test_a_lost_strip_releases_its_own_key_only(self, board):
-        plug = board._link.second = Plug(board._link.second)
+    @pytest.mark.parametrize("lost", [0, 1])
+    def test_a_lost_strip_releases_its_own_key_only(self, board, lost):
+        name = ("bus", "second")[lost]
+        plug = Plug(getattr(board._link, name))
+        setattr(board._link, name, plug)
         self.press(0, 0)
         self.wait(board, 0.2)
         self.press(1, 2)
@@ -251,7 +270,7 @@ class TestKeyboard:
         plug.pull()
         self.wait(board, 0.5)
         down = [sorted(filter(None, data[2:])) for _, data in board._link.usb.reports]
-        assert down == [[30], [4, 30], [30]]
-        self.lift(0)
+        assert down == [[30], [4, 30], [(4, 30)[lost]]]
+        self.lift(1 - lost)
         self.wait(board, 0.2)
         assert not any(board._link.usb.reports[-1][1])

@@ -355,7 +355,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--port", "0"], "but --port was given 1 times"),
+        (["--port", "0"], "both joints have the calibration of strip 0"),
         (["--port", "0", "--port", "1", "--port", "0"], "but --port was given 3 times"),
         (["--port", "0", "--port", "1", "--record", "a"], "give it once for each board"),
         (["--port", "recording:a", "--port", "1"], "only one --port is a recording"),

@@ -657,6 +657,8 @@ class Board:
                 f"the device on {self.port} does not answer 'hello': it is not a SPOTS board, or "
                 "its firmware does not run; name another port, or flash the board"
             )
+        if refusal := reply.content.get("error"):
+            raise SpotsError(f"the board on {self.port} refuses 'hello': {refusal}")
         version = reply.content.get("protocol")
         if version != PROTOCOL:
             raise SpotsError(

@@ -70,12 +70,9 @@ def _opened(port: str) -> Board:
     if not mark or not number.isdecimal():
         return Board(SerialLink(port))
     board = Board(SerialLink(name), int(number))
-    count: Any = board.info.get("sensors") or 1
-    if int(number) >= count:
+    if board.info.get("sensor", 0) != int(number):  # a firmware for one strip
         board.close()
-        raise SpotsError(
-            f"the board on {name} has no strip {number}: name {name}#0 to #{count - 1}"
-        )
+        raise SpotsError(f"the board on {name} has one strip: leave out #{number}")
     return board
 
 

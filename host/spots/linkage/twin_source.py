@@ -187,6 +187,14 @@ def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
         yield joint, touch
 
 
+def board_of(strip: CalibrationFile) -> str:
+    """Return the id of the board on which a strip was calibrated.
+
+    The id of a strip is that of its board, followed by the strip's number if this is not 0.
+    """
+    return strip.board.partition("-")[0]
+
+
 def give(board: Board, strip: CalibrationFile, number: int) -> int:
     """Find the strip of a joint's calibration file on a board, and upload the calibration.
 
@@ -243,8 +251,7 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
             f"both joints have a calibration of board {wanted[0]}, but each joint needs a strip: "
             "correct the linkage file, or name ports with --port"
         )
-    # A strip's id is the board's, and the strip's number if it is not 0.
-    wanted = list(dict.fromkeys(name.partition("-")[0] for name in wanted))
+    wanted = list(dict.fromkeys(map(board_of, strips)))
     there = {board.info["id"]: stack.enter_context(board) for board in find()[0]}
     missing = [name for name in wanted if name not in there]
     if missing:
