@@ -280,7 +280,19 @@ def start_s(sensor: SensorFile) -> float:
 
 
 def moved(strip: CalibrationFile, number: int) -> CalibrationFile:
-    """Return the calibration of a strip that is now strip `number` of its board."""
+    """Return the calibration of a strip as another strip of its board.
+
+    Parameters
+    ----------
+    strip : CalibrationFile
+        Calibration of strip 0.
+    number : int
+        New number of the strip.
+
+    Returns
+    -------
+    CalibrationFile
+    """
     board = f"{strip.board}-{number}"
     lines = [line.replace(f"board {strip.board}", f"board {board}") for line in strip.lines]
     return msgspec.structs.replace(strip, board=board, lines=tuple(lines))

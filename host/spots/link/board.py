@@ -51,7 +51,19 @@ _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
 
 
 def of_sensor(line: str, sensor: int) -> str:
-    """Return a command for a sensor of a board, which has several strips if `sensor` is not 0."""
+    """Return a command for one sensor of a board.
+
+    Parameters
+    ----------
+    line : str
+        The command.
+    sensor : int
+        Number of the sensor; not 0 only for a board with several strips.
+
+    Returns
+    -------
+    str
+    """
     return f"{line} sensor={sensor}" if sensor else line
 
 
