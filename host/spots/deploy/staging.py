@@ -115,6 +115,7 @@ def device_of(board: str, strips: int = 1) -> Device:
     Returns
     -------
     Device
+        Values of the board file.
 
     Raises
     ------

@@ -181,9 +181,19 @@ def _ignored(*event) -> None:
 
 
 def stored_layout(info: Mapping, layout: KeyLayout) -> str:
-    """Return which layout a board stores: ``this`` (`layout`), ``default`` or ``other``.
+    """Return which layout a board stores.
 
-    `info` is the board's reply to ``hello``.
+    Parameters
+    ----------
+    info : Mapping
+        The board's reply to ``hello``.
+    layout : KeyLayout
+        The layout to compare with the stored one.
+
+    Returns
+    -------
+    str
+        ``this`` if the board stores `layout`, ``default`` if it stores no layout, else ``other``.
     """
     stored = info.get("layout")
     if stored is None:
