@@ -52,8 +52,9 @@ workspace of this document, the angle between the outer bars is at least 30°.
 
 ```sh
 python examples/track_joint.py CALIBRATION.toml      # a joint's angle and speed
-spots twin --linkage arm.toml                        # two boards on USB, found by their ids
+spots twin --linkage arm.toml                        # one or two boards on USB, found by their ids
 spots twin --linkage arm.toml --port /dev/ttyACM0 --port /dev/ttyACM1
+spots twin --linkage arm.toml --port /dev/ttyACM0    # one board with both strips
 spots twin --port virtual                            # no hardware: a simulated linkage writes SUST
 spots twin --json --picture sust.png                 # the same in simulated time; true errors
 ```
@@ -83,7 +84,8 @@ with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/d
 ```
 
 With `--record a.spots --record b.spots` both boards are recorded, and
-`--port recording:a.spots --port recording:b.spots` returns exactly the same positions again.
+`--port recording:a.spots --port recording:b.spots` returns exactly the same positions again. A
+board with both strips needs one `--record` and one `--port`.
 
 ## The linkage file
 
@@ -103,7 +105,9 @@ calibration = "b.toml"
 offset_deg = -108.0
 ```
 
-Each calibration stores the id of its board, so `spots twin` finds the board of each joint.
+Each calibration stores the id of its strip, so `spots twin` finds the board and the strip of each
+joint. Both strips can be on one board ([hardware.md](hardware.md#two-strips-on-one-board)); then
+calibrate each joint with `--port PORT#0` or `--port PORT#1`.
 """
 
 _CALIBRATION = """

@@ -194,7 +194,7 @@ class Upload:
 class Commands:
     """Executes the commands; `spots command --help` shows this list.
 
-    commands of the board; with several strips, sensor=N at the end of a line selects a strip:
+    commands of the board:
       hello               board, firmware, id, settings, calibration
       get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
@@ -209,6 +209,7 @@ class Commands:
       save                store settings, layout and calibration
       sync                the board's time, and the kinds of frames that it streams
       reboot              restart the firmware
+      ... sensor=N        the command is for strip N of a board with several strips
 
     Parameters
     ----------

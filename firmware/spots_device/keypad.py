@@ -266,18 +266,17 @@ class Keypad:
             and (x_um < keys[row + HIGH] * length_mm or keys[row + HIGH] == 1000)
         ):
             row += KEY_SIZE
-        found = row <= last
         if (
             again >= 0
             and layout.is_on(layer, again)
-            and not (found and not keys[again + HOLD] and not keys[again + DOUBLE])
+            and (row > last or keys[again + HOLD] or keys[again + DOUBLE])
         ):
             low_um = keys[again + LOW] * length_mm
             high_um = keys[again + HIGH] * length_mm
             slack_um = min(layout.slack_um, high_um - low_um >> 4)
             if low_um - slack_um <= x_um < high_um + slack_um:
                 return again
-        if not found:
+        if row > last:
             return _NONE
         self._once = _NONE
         return row

@@ -8,7 +8,7 @@ from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.calibrate.spectra import SpectrumReader
 from spots.errors import SpotsError
-from spots.link.board import Board
+from spots.link.board import Board, of_sensor
 
 from .files import SensorFile
 from .kept import kept
@@ -230,7 +230,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
             raise SpotsError(f"the press at {where_mm:g} mm is {trouble}")
 
 
-def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
+def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None:
     """Set mains frequency, wiring of the LED and dark frame on a board, as `calibrate` used them.
 
     Parameters
@@ -239,11 +239,13 @@ def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
         Board to change.
     sensor : SensorFile
         Sensor file of the strip, with the lamps and the wiring of its LED.
+    number : int, optional
+        Number of the strip on the board.
     """
     if sensor.mains_hz:
-        board.command(f"set mains_hz={sensor.mains_hz}")
+        board.command(of_sensor(f"set mains_hz={sensor.mains_hz}", number))
     if led := led_settings(sensor):
-        board.command("set " + led)
+        board.command(of_sensor("set " + led, number))
 
 
 def led_settings(sensor: SensorFile) -> str:

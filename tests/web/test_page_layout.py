@@ -174,6 +174,32 @@ def test_a_border_is_dragged_and_moved_by_keys(desk, open_page):
     expect(page.get_by_role("button", name="Undo")).to_be_disabled()
 
 
+def test_a_draft_is_tried_before_it_is_pushed(desk, open_page):
+    page = open_page(desk.server.url, viewport={"width": 1440, "height": 900})
+    open_editor(page)
+    page.get_by_text("Tuning").click()
+    expect(page.get_by_role("img", name=re.compile("^Force of the last seconds"))).to_be_visible()
+    page.locator("#editor .zone").nth(2).click()
+    with page.expect_response(re.compile("/layout$")):
+        choose(page, "tap", "volume_inc")
+    tried = page.locator("#editor .trial span")
+    until(page, "drawn.length > 5")
+    tap(desk, page, 0.25, "3")  # the board keeps its layout
+    expect(tried.last).to_have_text("volume increment", timeout=LONG_MS)
+    # A change of the tuning has an effect on the next touch.
+    with page.expect_response(re.compile("/layout$")):
+        page.get_by_label("Force that begins a touch, mN").fill("9000")
+        page.get_by_label("Force that begins a touch, mN").press("Enter")
+    tap(desk, page, 0.35, "4")
+    expect(tried).to_have_count(1)
+    with page.expect_response(re.compile("/layout$")):
+        for _ in range(2):
+            page.locator("#editor").get_by_role("button", name="Undo").click()
+    tap(desk, page, 0.45, "5")
+    expect(tried.last).to_have_text("5", timeout=LONG_MS)  # of the board: nothing is changed
+    assert desk.on_board() is None
+
+
 def test_what_could_be_typed_is_lost_only_after_a_question(desk, open_page):
     page = open_page(desk.server.url)
     open_editor(page)

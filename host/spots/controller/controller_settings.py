@@ -169,7 +169,25 @@ def load(path: str | Path = DEFAULT) -> ControllerSettings:
 
 
 def parsed(text: str, path: Path) -> ControllerSettings:
-    """Return the settings in the text of a settings file; `path` is for error messages."""
+    """Return the settings in the text of a settings file.
+
+    Parameters
+    ----------
+    text : str
+        Text of the file, in TOML.
+    path : Path
+        Path of the file, for error messages.
+
+    Returns
+    -------
+    ControllerSettings
+        The settings, with default values where the text has none.
+
+    Raises
+    ------
+    SpotsError
+        If a key is unknown, missing or out of range.
+    """
     return toml.checked(text, ControllerSettings, f"settings file {path}")
 
 

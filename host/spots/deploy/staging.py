@@ -112,6 +112,11 @@ def device_of(board: str, strips: int = 1) -> Device:
         Number of strips on the board. If it is more than 1, `Device.device` has ``SENSORS``: a
         list with all values of each strip.
 
+    Returns
+    -------
+    Device
+        Values of the board file.
+
     Raises
     ------
     SpotsError

@@ -2,12 +2,12 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise, takewhile
 from typing import NamedTuple
 
 from ..errors import SpotsError
-from ..link.board import Board
+from ..link.board import Board, of_sensor
 from ..link.frames import Touch
 from .encoder import Angle, Encoder
 from .fivebar import Limit, LimitError, Linkage
@@ -159,7 +159,17 @@ class Twin:
         -------
         list of Terminal
             Positions in order of time; empty while a reading of the other joint is missing.
+
+        Raises
+        ------
+        SpotsError
+            If `joint` is neither 0 nor 1.
         """
+        if joint not in (0, 1):
+            raise SpotsError(
+                f"there is a reading of joint {joint + 1}, but a linkage has two joints: pass the "
+                "readings of two sensors"
+            )
         angle = self.encoders[joint].take(touch)
         if angle is None:
             return []
@@ -282,13 +292,14 @@ def readings(
     boards: list[Board],
     seconds: float | None = None,
     restarted: Callable[[Board], None] = lambda board: None,
+    sensors: Sequence[int] | None = None,
 ) -> Iterator[tuple[int, Touch]]:
     """Start the streams of both joints' boards, and yield the readings.
 
     Parameters
     ----------
     boards : list of Board
-        Board of joint 1 and board of joint 2.
+        Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
     seconds : float, optional
         Time after which to end, in seconds by the clock of `Board.now_s`. If not given, boards are
         read without a limit, and recordings until all of them have ended.
@@ -296,6 +307,9 @@ def readings(
         Called with a board that has restarted and streams again. The board has lost everything
         that it had not stored. If the function raises SpotsError, the call is repeated for up to
         10 s.
+    sensors : sequence of int, optional
+        Number of each joint's strip on its board. If not given, the strips of a board that occurs
+        twice are 0 and 1, and others are 0.
 
     Yields
     ------
@@ -304,8 +318,12 @@ def readings(
     touch : Touch
         The reading.
     """
-    for board in boards:
-        board.command("stream touch")
+    if sensors is None:
+        sensors = [boards[:joint].count(board) for joint, board in enumerate(boards)]
+    joints = list(zip(boards, sensors))
+    for board, sensor in joints:
+        board.command(of_sensor("stream touch", sensor))
+    boards = [board for i, board in enumerate(boards) if board not in boards[:i]]
     read_s = [board.now_s() for board in boards]
     ends_s = math.inf if seconds is None else max(read_s) + seconds
     restarts = [board.stats.restarts for board in boards]
@@ -313,18 +331,18 @@ def readings(
     # Read the board that was read longest ago. In real time the boards alternate; in simulated
     # time and in recordings, where each board has its own clock, the clocks stay together.
     while min(read_s) < ends_s:
-        joint = read_s.index(min(read_s))
-        board = boards[joint]
+        i = read_s.index(min(read_s))
+        board = boards[i]
         for frame in board.frames(_POLL_S):
-            if isinstance(frame, Touch):
-                yield joint, frame
+            if isinstance(frame, Touch) and (board, frame.sensor) in joints:
+                yield joints.index((board, frame.sensor)), frame
         seen = board.stats.restarts
-        if seen != restarts[joint]:
+        if seen != restarts[i]:
             try:
                 restarted(board)
-                restarts[joint], failing_s[joint] = seen, math.inf
+                restarts[i], failing_s[i] = seen, math.inf
             except SpotsError:  # it may have restarted again
-                failing_s[joint] = min(failing_s[joint], board.now_s())
-                if board.now_s() - failing_s[joint] >= _FAILING_S:
+                failing_s[i] = min(failing_s[i], board.now_s())
+                if board.now_s() - failing_s[i] >= _FAILING_S:
                     raise
-        read_s[joint] = math.inf if board.ended else board.now_s()
+        read_s[i] = math.inf if board.ended else board.now_s()

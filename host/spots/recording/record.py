@@ -61,7 +61,7 @@ def record(
         try:
             console = Console(stderr=True)
             with Live(console=console, get_renderable=lambda: Text(line()), transient=True):
-                board.command("stream touch spectrum")
+                board.stream("touch", "spectrum")
                 for _ in board.frames(seconds):
                     frames += 1
         except KeyboardInterrupt:

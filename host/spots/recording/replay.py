@@ -79,6 +79,10 @@ class Replay(Board):
         self._check_open()
         name = line.split()[:1]
         if name == ["hello"]:
+            sensor = line.rpartition("sensor=")[2]
+            strips: Any = self.info.get("strips")
+            if isinstance(strips, list) and sensor.isdecimal() and int(sensor) < len(strips):
+                return {**strips[int(sensor)]}
             return {**self.info}
         if name == ["stream"]:
             self._loss.expect(self.now_s())

@@ -1,7 +1,7 @@
 """Computes keys, gestures and a gamepad's state from a board's readings, for the web UI."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 
 from spots_device.layout import LIMITS, action, default_lines
@@ -39,6 +39,8 @@ class Feel:
         Key layout; gives only the zones of the keys if the board itself is a keyboard.
     controller : ControllerSettings, optional
         Settings of the gamepad; by default those of the package.
+    draft : callable
+        Returns a key layout to try beside `layout`, or None; its keys are events ``tried``.
     gestures : Mapping, optional
         Keys of the gestures; each gesture is shown with the name of the key that it presses.
     """
@@ -51,6 +53,7 @@ class Feel:
         layout: KeyLayout,
         controller: ControllerSettings | None = None,
         gestures: wearable.Mapping | None = None,
+        draft: Callable[[], KeyLayout | None] = lambda: None,
     ):
         self._state, self._layout = state, layout
         self._does = gestures.pressed_by if gestures else lambda gesture: ""
@@ -70,7 +73,8 @@ class Feel:
                 sink = SimpleNamespace(key=_ignored) if info["keys"] else self
                 self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
         engines = self._engine, self._gestures, self._controller
-        self._engines = [one for one in engines if one is not None]
+        self._engines = self._untried = [one for one in engines if one is not None]
+        self._draft, self._tried, self._sizes = draft, None, (length_um, info.get("decay"))
         self.release()
         self._show()
 
@@ -88,6 +92,7 @@ class Feel:
         """
         self._state.put("touch", _message(touch, now_s, fingers))
         self._untrusted.take(touch, now_s)
+        self._try()
         for engine in self._engines:
             found = engine.take(touch, now_s)
             for gesture in found if engine is self._gestures else ():
@@ -95,6 +100,19 @@ class Feel:
                     {"kind": "gesture", "does": self._does(gesture), **gesture._asdict()}
                 )
         self._show()
+
+    def _try(self) -> None:
+        """Begin to try the present draft, if there is another one."""
+        length_um, decay = self._sizes
+        draft = self._draft() if length_um else None
+        if draft is not self._tried:
+            self._tried, self._engines = draft, self._untried
+            if draft:
+                trial = KeyEngine(draft, length_um, SimpleNamespace(key=self._tried_key), decay)
+                self._engines = [*self._untried, trial]
+
+    def _tried_key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
+        self._state.add_event({"kind": "tried", "name": _name(page, usage), "pressed": pressed})
 
     def take_key(self, key: Key) -> None:
         """Show a key event of a board that is a keyboard itself."""
@@ -133,10 +151,8 @@ class Feel:
             layer, index = self._down[event]
         else:
             layer, index = self._down.pop(event, (None, None))
-        name = typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
-        self._state.add_event(
-            {"kind": "key", "name": name, "pressed": pressed, "layer": layer, "index": index}
-        )
+        what = {"name": _name(page, usage), "layer": layer, "index": index}
+        self._state.add_event({"kind": "key", "pressed": pressed, **what})
         self._show()
 
     def _place(self, wanted: int) -> tuple[str | None, int | None]:
@@ -176,14 +192,28 @@ class Feel:
         }
 
 
+def _name(page: int, usage: int) -> str:
+    return typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
+
+
 def _ignored(*event) -> None:
     pass
 
 
 def stored_layout(info: Mapping, layout: KeyLayout) -> str:
-    """Return which layout a board stores: ``this`` (`layout`), ``default`` or ``other``.
+    """Return which layout a board stores.
 
-    `info` is the board's reply to ``hello``.
+    Parameters
+    ----------
+    info : Mapping
+        The board's reply to ``hello``.
+    layout : KeyLayout
+        The layout to compare with the stored one.
+
+    Returns
+    -------
+    str
+        ``this`` if the board stores `layout`, ``default`` if it stores no layout, else ``other``.
     """
     stored = info.get("layout")
     if stored is None:

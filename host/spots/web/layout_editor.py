@@ -64,10 +64,12 @@ class LayoutEditor(FileEditor):
         self._show(None)
 
     def _use(self, layout: KeyLayout) -> None:
-        self.text, self.feel, self._layout = layout.text, {"layout": layout}, layout
+        self.text, self._layout, self._draft = layout.text, layout, None
+        self.feel = {"layout": layout, "draft": lambda: self._draft}
 
     def _check(self, request: Check) -> dict[str, Any]:
         layout = compiled(Path(self._path.name), request.text)
+        self._draft = None if layout.lines == self._layout.lines else layout
         return {"content": layout.content, "loses": self._lost(layout)}
 
     def _store(self, request: Push | Clear, board: Board) -> dict[str, Any] | None:

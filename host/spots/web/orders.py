@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from pathlib import Path
 from queue import Empty, Full, Queue
 from typing import Any
 
@@ -25,6 +26,8 @@ class Orders:
     ----------
     stopping : bool
         Whether the thread that runs `attend` must end; `attend` then returns soon.
+    playing : Path or None
+        Recording that is read instead of the board.
     feel : dict
         Arguments of `feel.Feel` by name, such as a key layout, that replace the present ones.
     """
@@ -32,6 +35,7 @@ class Orders:
     what = "a request"  # for error messages
     request_max = 1024  # bytes
     feel: Mapping[str, Any] = {}
+    playing: Path | None = None
 
     def __init__(self, nobody: str):
         self._nobody = nobody

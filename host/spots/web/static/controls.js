@@ -23,8 +23,8 @@ export function number(words) {
   return one;
 }
 
-export function field(input) {
-  return make("label", "", make("span", "", input.ariaLabel), input);
+export function field(input, words = input.ariaLabel) {
+  return make("label", "", make("span", "", words), input);
 }
 
 // Shows a value in a field, but not over what is being typed.
@@ -35,10 +35,10 @@ export function put(input, value, always = false) {
 
 // A number with a slider. `onValue(value, replace)` gets each value; while the slider moves,
 // `replace` is true after the first value.
-export function sliderField(words, unit, { low, high, top = high, step = 1, digits = 0 }, onValue) {
-  const exact = number(`${words}${unit && `, ${unit}`}`), slider = make("input");
+export function sliderField(words, unit, { low, high, top = high, step = 1, digits = 0, prefix = "" }, onValue) {
+  const shown = `${words}${unit && `, ${unit}`}`, exact = number(prefix + shown), slider = make("input");
   slider.type = "range";
-  slider.ariaLabel = `${words}, slider`;
+  slider.ariaLabel = `${prefix}${words}, slider`;
   Object.assign(slider, { min: Math.floor(low / step) * step, max: Math.min(high, top), step });
   Object.assign(exact, { min: low, max: high, step: digits ? "any" : 1 });
   let moving = false;
@@ -51,7 +51,7 @@ export function sliderField(words, unit, { low, high, top = high, step = 1, digi
   slider.addEventListener("input", () => { take(slider, moving); moving = true; });
   slider.addEventListener("change", () => { moving = false; });
   return {
-    root: make("div", "tune", field(exact), slider),
+    root: make("div", "tune", field(exact, shown), slider),
     show: (value) => { put(exact, String(value)); if (document.activeElement !== slider) slider.value = value; },
     disable: (off) => { exact.disabled = slider.disabled = off; },
   };

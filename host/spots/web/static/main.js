@@ -14,6 +14,7 @@ import { spectrum } from "./panels/spectrum.js";
 import { keyboard } from "./panels/keyboard.js";
 import { stick } from "./panels/stick.js";
 import { twin } from "./panels/twin.js";
+import { recordings } from "./panels/recordings.js";
 import { recording } from "./panels/recording.js";
 import { next } from "./panels/next.js";
 import { link } from "./panels/link.js";
@@ -35,8 +36,9 @@ const PANELS = [
   [spectrum, LOOK, "board", "touch", "spectrum"],
   [history, LOOK, "touch", "board"],
   [recording, READ, "recording", "may_command"],
+  [recordings, READ, "recording", "may_command"],
   [link, READ, "link"],
-  [next, READ, "board", "touch", "untrusted", "calibration", "connection"],
+  [next, READ, "board", "touch", "untrusted", "calibration", "connection", "recording"],
 ];
 // Waiting panels are drawn with the next messages, or this time after the last message.
 const QUIET_MS = 100;

@@ -40,10 +40,10 @@ export function controller(root) {
 
   function axisCard(name) {
     const title = `${name.toUpperCase()}: `, sources = name === "z" ? { "": SOURCES[""], force: SOURCES.force } : SOURCES;
-    const source = choice(`${title}follows`, sources, (from) => edit((it) => { if (from) it[name] = { from }; else delete it[name]; }));
+    const source = choice(title, "follows", sources, (from) => edit((it) => { if (from) it[name] = { from }; else delete it[name]; }));
     const pictures = make("div", "pictures"), body = make("div"), filter = oneEuro(), points = [];
     const figures = ["curve", "signal"].map((kind) => {
-      const box = make("figure", "", make("figcaption", "", kind === "curve" ? "axis over the strip's value" : "last 5 s: measured, axis"));
+      const box = make("figure", "", make("figcaption", "", kind === "curve" ? "axis over the strip's value" : "last 5 s: measured (grey), axis (red)"));
       box.role = "img";
       return { box, paint: canvas(box, HEIGHT) };
     });
@@ -59,7 +59,7 @@ export function controller(root) {
           shown = axis.from;
           points.length = 0;
           const of = (values) => (field, value, replace) => edit((it) => { values(it)[field] = value; }, replace);
-          fields = [fieldsOf(schema, STRUCTS[axis.from], of((it) => it[name]), title),
+          fields = [fieldsOf(schema, STRUCTS[axis.from], of((it) => it[name]), title, name === "z" ? ["invert"] : []),
             fieldsOf(schema, "Smooth", of((it) => (it[name].smooth ??= {})), title)];
           body.replaceChildren(...fields.map((one) => one.root));
         }
@@ -99,7 +99,7 @@ export function controller(root) {
   function buttonCard(i) {
     const change = (mutate, replace) => edit((it) => mutate(it.button[i], it), replace);
     const title = `Button ${i + 1}: `, body = make("div");
-    const when = choice(`${title}pressed by`, WHENS, (kind) => change((one, it) => {
+    const when = choice(title, "pressed by", WHENS, (kind) => change((one, it) => {
       const { number, from_percent, to_percent } = one;
       it.button[i] = JSON.parse(JSON.stringify({ number, when: kind, from_percent, to_percent }));
     }));

@@ -1,13 +1,14 @@
 // The layout editor: zones over the living strip, their actions, and the way to the board.
 // Only a browser with the token has it; the server checks and stores each layout.
 import { button, field, number, put, sliderField, text } from "../controls.js";
-import { make, placed } from "../dom.js";
+import { canvas, colours, make, placed } from "../dom.js";
 import { editing, listed } from "../editing.js";
 import { actionField, cap, matches, readUsages } from "../layout/actions.js";
 import * as file from "../layout/file.js";
 import { comments } from "../toml.js";
 
-const USUAL_LENGTH_UM = 85000, STEP_MM = 0.5, FINE_MM = 0.1;
+const USUAL_LENGTH_UM = 85000, STEP_MM = 0.5, FINE_MM = 0.1, TRIED = 8;
+const FORCE_S = 4, FORCE_KEPT = 512, FORCE_HEIGHT = 130;
 const TUNING = {
   detect: ["Readings that make a press", ""], flavour: ["A hold is decided", ""],
   press_mN: ["Force that begins a touch", "mN"], release_mN: ["Force that ends a touch", "mN"],
@@ -82,8 +83,13 @@ export function editor(root) {
   const ofLayer = make("fieldset", "layer-form", make("legend"),
     make("div", "fields", field(layerName), field(gap), ...swipes.map(([, one]) => one.root)), make("div", "buttons", removeLayer));
   const tuning = make("details", "tuning", make("summary", "", "Tuning"), make("div", "fields"));
+  const trial = make("div", "trial"), trialWords = make("p", "place"), points = [];
+  const force = make("figure", "", make("figcaption", "", "Force of the last seconds, with the limits of this draft")), paintForce = canvas(force, FORCE_HEIGHT);
+  force.role = "img";
+  force.ariaLabel = "Force of the last seconds, with the limits of this draft";
+  tuning.firstChild.after(force);
   engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), head: "", others: 0 }); }));
-  root.append(head, make("div", "layers-row", tabs, addLayer), row, place, engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
+  root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
 
   // Changes the layer in the draft, as one step of undo.
   function edit(mutate, replace = false) {
@@ -263,6 +269,39 @@ export function editor(root) {
     return `${((share * length_um) / 1000).toFixed(1)} mm`;
   }
 
+  // The force of the finger, and the forces and times that the draft compares it with.
+  function drawForce(limits) {
+    const tuned = (name) => draft.value.content.tuning?.[name] ?? limits[name][2];
+    const lines = ["press_mN", "release_mN", "firm_mN"].map((name) => [TUNING[name][0], tuned(name)]);
+    const times = ["tapping_ms", "firm_ms"].map((name) => [TUNING[name][0], tuned(name)]);
+    paintForce((c, width) => {
+      const top = Math.max(1000, ...lines.map(([, mN]) => 1.15 * mN), ...points.map(([, mN]) => mN));
+      const y = (mN) => FORCE_HEIGHT - 4 - (FORCE_HEIGHT - 20) * (mN / top), end_s = points.at(-1)?.[0] ?? 0;
+      const x = (time_s) => width * (1 - (end_s - time_s) / FORCE_S);
+      c.font = "12px -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
+      c.lineWidth = 1;
+      c.strokeStyle = colours.quiet;
+      c.fillStyle = colours.quiet;
+      for (const [text, mN] of lines) {
+        c.beginPath();
+        c.moveTo(0, Math.round(y(mN)) + 0.5);
+        c.lineTo(width, Math.round(y(mN)) + 0.5);
+        c.stroke();
+        c.fillText(`${text}, ${mN} mN`, 4, y(mN) - 3);
+      }
+      // From the begin of the last touch.
+      const from = points.findLastIndex(([, mN], i) => mN && !points[i - 1]?.[1]);
+      if (from >= 0) for (const [text, ms] of times) {
+        const at = x(points[from][0] + ms / 1000);
+        if (at <= width) { c.fillRect(Math.round(at), 0, 1, FORCE_HEIGHT); c.fillText(text, at + 4, 11 + (text === times[0][0] ? 0 : 13)); }
+      }
+      c.strokeStyle = colours.force;
+      c.lineWidth = 2;
+      c.beginPath();
+      for (const [time_s, mN] of points) if (x(time_s) > -20) c.lineTo(x(time_s), y(mN));
+      c.stroke();
+    });
+  }
   function same(a, b) {
     return file.written(a) === file.written(b);
   }
@@ -283,6 +322,17 @@ export function editor(root) {
       zoneElements[i]?.classList.toggle("under", share >= low && share < high);
       zoneElements[i]?.classList.toggle("lit", down.some((one) => one.layer === drawn.layer && one.index === i));
     });
+    const kind = engine.changed ? "tried" : "key";
+    for (const event of changes.events) {
+      if (event.kind !== kind || !event.pressed) continue;
+      trial.append(make("span", "", event.name));
+      while (trial.children.length > TRIED) trial.firstChild.remove();
+    }
+    const tries = `With ${engine.changed ? "this draft, not on the board yet" : "the layout on the board"}, the finger types:`;
+    if (trialWords.textContent !== tries) trialWords.textContent = tries;
+    for (const one of changes.touches) points.push([one.time_s, one.touching ? one.force_mN ?? 0 : 0]);
+    if (points.length > FORCE_KEPT) points.splice(0, FORCE_KEPT / 4);
+    if (tuning.open && draft.value) drawForce(shown.editor.limits);
     const words = share < 0 ? "Touch the strip to see its zone." : `The finger is at ${mm(share)}.`;
     if (place.textContent !== words) place.textContent = words;
   };

@@ -6,10 +6,14 @@ export function next(root) {
     const reading = state.calibration?.running ? "" : both(state.touch) || state.untrusted;
     const sentence = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || reading || strips(state.board?.sensors);
+      : state.board?.next || played(state.recording) || reading || strips(state.board?.sensors);
     if (root.textContent !== sentence) root.textContent = sentence;
     root.hidden = !sentence;
   };
+}
+
+function played(recording) {
+  return recording?.playing ? `the recording ${recording.playing} is played; next: to see the board again, press ‘Show the board’ in the list of recordings` : "";
 }
 
 function strips(count) {

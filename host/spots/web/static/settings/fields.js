@@ -24,19 +24,20 @@ export function complete(schema, struct, table) {
 }
 
 // Fields of a struct: {root, show(values)}. `onValue(name, value, replace)` gets each new value.
-export function fieldsOf(schema, struct, onValue, prefix = "") {
+export function fieldsOf(schema, struct, onValue, prefix = "", without = []) {
   const all = Object.entries(schema[struct].properties).flatMap(([name, one]) => {
+    if (without.includes(name)) return [];
     if (one.type === "boolean") {
       const box = make("input");
       box.type = "checkbox";
-      box.ariaLabel = `${prefix}${name === "invert" ? "Invert" : name}`;
+      box.ariaLabel = `${prefix}Invert`;
       box.addEventListener("change", () => onValue(name, box.checked));
-      return [[name, { root: field(box), show: (value) => { box.checked = value; } }]];
+      return [[name, { root: field(box, "Invert"), show: (value) => { box.checked = value; } }]];
     }
     if (!NUMBERS[name]) return [];
     const [words, unit, top, step] = NUMBERS[name];
-    const sizes = { low: one.minimum, high: one.maximum, top, step, digits: step < 1 ? 2 : 0 };
-    return [[name, sliderField(prefix + words, unit, sizes, (value, replace) => onValue(name, value, replace))]];
+    const sizes = { low: one.minimum, high: one.maximum, top, step, digits: step < 1 ? 2 : 0, prefix };
+    return [[name, sliderField(words, unit, sizes, (value, replace) => onValue(name, value, replace))]];
   });
   return {
     root: make("div", "fields", ...all.map(([, one]) => one.root)),
@@ -44,9 +45,9 @@ export function fieldsOf(schema, struct, onValue, prefix = "") {
   };
 }
 
-export function choice(words, options, onValue) {
+export function choice(prefix, words, options, onValue) {
   const select = make("select", "", ...Object.entries(options).map(([value, text]) => new Option(text, value)));
-  select.ariaLabel = words;
+  select.ariaLabel = prefix + words;
   select.addEventListener("change", () => onValue(select.value));
-  return { root: field(select), show: (value) => { select.value = value; } };
+  return { root: field(select, words), show: (value) => { select.value = value; } };
 }
