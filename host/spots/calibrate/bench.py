@@ -77,7 +77,7 @@ class Bench:
     trace : list of tuple of float
         All readings of the present press: time in s, then the six counts.
     holds : list of (float, float)
-        Begin and end of each hold of the present press, in s.
+        Start and end of each hold of the present press, in s.
     """
 
     reader: SpectrumReader
