@@ -219,7 +219,7 @@ class Bench:
             try:
                 _check_steady(reading, noise, self.window, kind)
                 if before is not None and 1 / _CHANGED < reading.counts.sum() / before < _CHANGED:
-                    raise BadPressError("the force has not changed")
+                    raise BadPressError("the force has not changed: change it without lifting")
                 steady.append(reading)
             except BadPressError as bad:
                 reason, trouble, steady = bad, str(bad), []
