@@ -112,7 +112,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
                 advised = True
                 guide.say(
                     f"firm presses have softened the strip by about {softer:.0%}: press it "
-                    "everywhere with 10 N (1 kg) some times, then begin another session"
+                    "everywhere with 10 N (1 kg) several times, then begin another session"
                 )
 
 

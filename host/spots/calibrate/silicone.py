@@ -62,8 +62,8 @@ class Compensated(NamedTuple):
 
     def __str__(self) -> str:
         return (
-            "hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s: loads read "
-            "{:.0f} mN off, compensated {:.0f} mN"
+            "hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s; mean "
+            "error of the forces: {:.0f} mN, compensated {:.0f} mN"
         ).format(*self.hysteresis_percent, *self.creep_percent, self.before_mN, self.after_mN)
 
 
