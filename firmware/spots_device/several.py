@@ -1,4 +1,4 @@
-"""The application of a board with several strips: one loop samples all of them, none waits.
+"""The application of a board with several strips: one loop samples all, no strip waits.
 
 Only a board whose board.toml has ``SENSORS`` gets this module. Sensor 0 has the files of a board
 with one strip. Each strip has its own settings, calibration, dark frame, layout and commands.
@@ -183,7 +183,7 @@ class StripApp(BoardApp):
         self.use_stored()
 
     def lose(self, error):
-        """Record that the sensor does not answer, because of `error`; the other strips go on."""
+        """Record that the sensor does not answer, because of `error`; other strips continue."""
         self.reconnect.lose(error)
         clock = self._clock
         self._again = clock.ticks_add(clock.ticks_us(), _RETRY_US)
@@ -275,7 +275,7 @@ class SeveralApp(StripApp):
         StripApp._attach(self, open_sensor, board, usb)
 
     def handle(self, line):
-        """Execute a command with the strip that ``sensor=N`` at its end names, or with sensor 0.
+        """Execute a command on the strip that ``sensor=N`` at the end of `line` names, else on 0.
 
         All lines of an upload belong to the sensor of its first line. The result is that of
         `command.Commands.handle`.

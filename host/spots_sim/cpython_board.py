@@ -248,7 +248,7 @@ class _Requests:
 
 
 class _SecondBus:
-    """Handles requests for the board's second bus, as `_Requests` does for its first one."""
+    """Handles requests for the board's second bus, as `_Requests` does for the first bus."""
 
     def __init__(self, board: CPythonBoard, requests: _Requests):
         self._board, self.ask = board, requests.ask

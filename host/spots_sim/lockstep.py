@@ -48,7 +48,7 @@ class LockstepLink:
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
     second : tuple, optional
-        Scenario and seed of a second strip on this board, whose sensor is like the first one.
+        Scenario and seed of a second strip on this board; its sensor is like that of the first.
 
     Attributes
     ----------

@@ -65,7 +65,7 @@ class Recordings(Orders):
         return body.decode()
 
     def submit(self, request: str) -> Future:
-        """Read the folder in a thread of its own; queue any other request."""
+        """Answer requests that only read the folder in a separate thread; queue all others."""
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)

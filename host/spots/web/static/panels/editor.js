@@ -30,7 +30,7 @@ export function editor(root) {
   let drawn = { layer: "", zones: [] };
   const engine = editing(root, document.getElementById("edit"), {
     path: "layout", store: "push", begin: (text, content) => ({ content, ...comments(text) }), same,
-    words: { push: "Put on the board", chooser: "Layout file to import", kept: ": only the comments at its begin are kept" },
+    words: { push: "Put on the board", chooser: "Layout file to import", kept: ": only the comments at its beginning are kept" },
     // What was not changed keeps its text, with all comments.
     written: (value, it) => {
       const unchanged = same(value.content, it.content);
