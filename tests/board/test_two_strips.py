@@ -14,6 +14,7 @@ from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
+from spots.terminal.monitor import watch
 from spots_device.decode import DROPPED
 from spots_device.layout import KEYBOARD, action
 from spots_device.settings import checksum
@@ -201,6 +202,15 @@ def test_a_port_with_the_number_of_a_strip_is_that_strip():
             spots.open(start["port"] + "#2")
     finally:
         end()
+
+
+def test_the_terminal_prints_the_readings_of_both_strips(capsys):
+    with opened() as board:
+        watch(board, 1.0, quiet=False)
+    lines = capsys.readouterr().out.splitlines()
+    shown = Counter(line[:7] for line in lines)
+    assert shown.keys() == {"strip 0", "strip 1"}
+    assert min(shown.values()) >= 3
 
 
 def test_two_strips_behind_a_multiplexer_share_one_bus(monkeypatch):
