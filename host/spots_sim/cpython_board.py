@@ -273,7 +273,10 @@ class _Sensor:
         buffer[:] = r.ask(r.bus.write_read, ADDRESS, bytes((register,)), len(buffer))
 
     def write(self, buffer) -> None:
-        self._requests.ask(self._requests.bus.write, ADDRESS, bytes(buffer))
+        self.write_to(ADDRESS, buffer)
+
+    def write_to(self, address: int, buffer) -> None:
+        self._requests.ask(self._requests.bus.write, address, bytes(buffer))
 
     def recover(self) -> None:
         """Free the bus without waits, because simulated wires need no minimum pulse width."""
