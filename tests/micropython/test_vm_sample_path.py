@@ -82,7 +82,6 @@ SCENES = {
 WITH_DARK_WINDOW = {"a dark frame on request", "the dark window when it lifts", "nobody for long"}
 AFTER_A_GAP = {
     "a port that takes again",
-    "a stall of three samples",
     "a stall of minutes",
     "a stall of minutes again",
     "a finger that never left meanwhile",
