@@ -266,23 +266,19 @@ class AS7341:
         self._bus.read_into(_STATUS, self._views[0])
         if burst[0] & _AINT:
             if self.fifo < 0:
-                self._try_fifo()
+                self._bus.read_into(_FIFO_LVL, self._byte)
+                if self._byte[0] == _ENTRIES:
+                    self._bus.read_into(_FDATA, self._views[1])
+                    self.fifo = 1
+                    for i in range(2, _FIFO_DATA):
+                        if burst[i] != burst[i + _SAMPLE]:
+                            self.fifo = 0
+                else:
+                    self._write(_CONTROL, _FIFO_CLR)  # it contains another sample
+                    self.fifo += 1
             self._write(_STATUS, _AINT)
             return True
         return False
-
-    def _try_fifo(self):
-        self._bus.read_into(_FIFO_LVL, self._byte)
-        if self._byte[0] != _ENTRIES:
-            self._write(_CONTROL, _FIFO_CLR)  # it also contains another sample
-            self.fifo += 1
-            return
-        self._bus.read_into(_FDATA, self._views[1])
-        burst = self._burst
-        self.fifo = 1
-        for i in range(2, _FIFO_DATA):
-            if burst[i] != burst[i + _SAMPLE]:
-                self.fifo = 0
 
     def _read_fifo(self):
         self._bus.read_into(_FIFO_LVL, self._byte)
