@@ -75,6 +75,8 @@ class MicroPythonProcess:
         Seconds that the board's clock counts in one true second.
     reports_memory : bool
         True if the board must report its free memory before every sleep and transfer.
+    strips : int
+        Number of strips on the board.
     """
 
     def __init__(
@@ -90,12 +92,13 @@ class MicroPythonProcess:
         data: tuple[int, int] | None = None,
         rate: float = 1.0,
         reports_memory: bool = False,
+        strips: int = 1,
     ):
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self.folder = Path(self._own.name) if self._own else folder
         if not blank:
-            stage(board, self.folder)
+            stage(board, self.folder, strips)
         launcher = BOARDS / board / _CIRCUITPYTHON
         self._entry = launcher if launcher.exists() else self.folder.resolve() / "main.py"
         self._environment = {

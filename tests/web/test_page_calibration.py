@@ -262,7 +262,7 @@ def test_a_message_of_an_earlier_step_does_nothing(table, open_page):
         {"do": "answer", "step": step - 1, "text": "42mm"},
     ):
         status, text = table.send(message)
-        assert (status, "gone on" in text) == (409, True)
+        assert (status, "earlier step" in text) == (409, True)
     assert Session(table.path).points == taken
     assert table.send({"do": "undo", "step": step})[0] == 204
     assert table.send({"do": "undo", "step": step})[0] == 409  # a double click

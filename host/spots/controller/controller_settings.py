@@ -174,13 +174,14 @@ def parsed(text: str, path: Path) -> ControllerSettings:
     Parameters
     ----------
     text : str
-        Text of the file.
+        Text of the file, in TOML.
     path : Path
         Path of the file, for error messages.
 
     Returns
     -------
     ControllerSettings
+        The settings, with default values where the text has none.
 
     Raises
     ------

@@ -135,7 +135,7 @@ class BoardReader:
         playing = self._playing()
         if not playing:
             if self._id not in (None, info["id"]):
-                raise SpotsError(f"the board on {board.port} is {info['id']} instead of {self._id}")
+                raise SpotsError(f"{board.port} now has board {info['id']} instead of {self._id}")
             self._id = info["id"]
         settings = _settings(board)
         self._known = {

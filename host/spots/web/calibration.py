@@ -28,7 +28,7 @@ _MORE = 6  # presses to add if a complete session is continued
 # Phases of a session, for the web UI.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
-_BEHIND = "the session has gone on in the meantime: look at the page again"
+_BEHIND = "the answer is for an earlier step: answer the step that the page shows"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
@@ -252,6 +252,11 @@ class _Person(Presser):
         """Ask the person for a press."""
         self._page.request(PRESS)
         super().press(wanted)
+
+    def change(self, wanted: Wanted) -> None:
+        """Ask the person for the second force of a press."""
+        self._page.request(PRESS)
+        super().change(wanted)
 
     def release(self) -> None:
         """Ask the person to release the strip."""

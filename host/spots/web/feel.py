@@ -208,12 +208,12 @@ def stored_layout(info: Mapping, layout: KeyLayout) -> str:
     info : Mapping
         The board's reply to ``hello``.
     layout : KeyLayout
-        Layout that the web UI uses.
+        The layout to compare with the stored one.
 
     Returns
     -------
     str
-        ``this`` for `layout`, ``default`` without a stored layout, else ``other``.
+        ``this`` if the board stores `layout`, ``default`` if it stores no layout, else ``other``.
     """
     stored = info.get("layout")
     if stored is None:
