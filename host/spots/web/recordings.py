@@ -92,6 +92,8 @@ class Recordings(Orders):
             self._answer(answer, handle or self._live, board, *names)
         if self._recorder and self._pace.due(time.monotonic()):
             self._show(board, on=True)
+        if self.playing and board.ended:
+            self._live(board)
         return self.playing != before
 
     def leave(self) -> None:
