@@ -27,7 +27,7 @@ _LOADS_FROM = 12  # presses; then it is known which forces light the strip
 _UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
 # Softening: distance of presses at one place; force below the earlier one that shows most of it;
 # least size; least ratio to its standard deviation.
-_NEAR_UM, _SOFTENED_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 0.05, 4.0
+_NEAR_UM, _SOFTENED_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 0.05, 3.0
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
 # Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
@@ -74,7 +74,9 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             removed = session.removed.pop()
             wanted = _wanted(removed.place_um, removed.force_mN, removed.then_mN, removed.hold_s)
         elif wanted is None:
-            wanted = _next(session, surface, bench.length_um, rough, dark_mN)
+            # A firmware without `mains_hz` has no compensation of the silicone, either.
+            loads = not rough and "mains_hz" in bench.reader.info
+            wanted = _next(session, surface, bench.length_um, rough, dark_mN, loads)
         try:
             reading = bench.take(wanted)
             trace, holds = bench.trace, bench.holds
@@ -196,7 +198,9 @@ def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     return float(found[2]), float(np.sqrt(variance * inverse[2, 2]))
 
 
-def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float):
+def _next(
+    session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float, loads: bool
+) -> Wanted:
     known = [p for kind in _KINDS for p in session.of(kind) if p.force_mN or rough]
     first = _FIRST_ROUGH if rough else _FIRST
     if len(known) < len(first) or surface is None:
@@ -208,7 +212,7 @@ def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_
     else:
         place_um, force_mN = surface.next_press(dark_mN)
     place_um = np.clip(round(place_um, -3), _END_UM, length_um - _END_UM)
-    load = None if rough or surface is None else _load(session, surface, place_um)
+    load = _load(session, surface, place_um) if loads and surface else None
     return _wanted(place_um, *(load or (force_mN,)))
 
 

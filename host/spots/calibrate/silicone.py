@@ -62,9 +62,9 @@ class Compensated(NamedTuple):
 
     def __str__(self) -> str:
         return (
-            "hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s; mean "
-            "error of the forces: {:.0f} mN, compensated {:.0f} mN"
-        ).format(*self.hysteresis_percent, *self.creep_percent, self.before_mN, self.after_mN)
+            "silicone: hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s; the "
+            "board compensates both"
+        ).format(*self.hysteresis_percent, *self.creep_percent)
 
 
 def fit_session(points: list[Point], lines: list[str], force_share: float) -> Compensated | None:
@@ -182,7 +182,7 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
         " ".join(map(str, ("silicone", *numbers))) if sure else "",
         np.sqrt(np.diag(spread)) * ONE_Q12,
         float(np.abs(off).mean()),
-        float(np.abs(after).mean()),
+        float(np.abs(off - columns[:, :terms] @ found).mean()),
         *sizes,
     )
 
