@@ -13,6 +13,7 @@ import itertools
 import os
 import pkgutil
 import platform
+import runpy
 import sys
 import tempfile
 import threading
@@ -23,15 +24,17 @@ from types import ModuleType, SimpleNamespace
 from typing import Protocol
 
 import spots_device
-from spots.deploy.staging import VIPER, device_of
+from spots.deploy.staging import BOARDS, VIPER, device_of
 from spots_device.runtime.common import ADDRESS, AFTER_CRASH_MS, CRASH_CHARACTERS, free_bus
 
 from .bus import I2CBus
+from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .protocol import protocol
 from .usb import UsbHost
 
 _TICKS = protocol.PERIOD_US
+_slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
 
 _numbers = itertools.count()
 _loading = threading.Lock()  # guards `sys.modules` while it contains a stand-in
@@ -81,6 +84,8 @@ class CPythonBoard:
     folder : Path, optional
         File system for settings and calibration. By default a temporary folder, which `close`
         removes.
+    cpu : cpu.Cpu, optional
+        Processor time of the firmware, on a simulated clock.
     """
 
     def __init__(
@@ -91,12 +96,14 @@ class CPythonBoard:
         port: BoardPort,
         faults: BoardFaults | None = None,
         folder: Path | None = None,
+        cpu: Cpu | None = None,
     ):
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self._folder = Path(self._own.name) if self._own else folder
         self._config = SimpleNamespace(**device_of("virtual").device)
         self._id, self._usb = board_id, usb
         self._port = port
+        self._cpu = cpu
         self._requests = _Requests(bus, faults)
         self._package = ""
         try:
@@ -143,6 +150,8 @@ class CPythonBoard:
     def _boot(self) -> None:
         self._unload()
         self._package = _load(self._folder)
+        if self._cpu:
+            _slow_down(self._package, self._cpu.times_us(), self._requests.spend_us)
         app, as7341 = (sys.modules[f"{self._package}.{name}"] for name in ("app", "as7341"))
         clock = self._requests
         sensor = as7341.AS7341(_Sensor(clock), clock)
@@ -231,6 +240,9 @@ class _Requests:
     def sleep_us(self, us: int) -> None:
         self.ask(self.bus.clock.pause_us, us / self._rate)
 
+    def spend_us(self, us: int) -> None:
+        self.bus.clock.spend_us(us / self._rate)
+
 
 class _Sensor:
     """Accesses the sensor's registers over I2C, for the driver `spots_device.as7341`."""
@@ -300,13 +312,13 @@ class InProcessBoard(CPythonBoard):
     free_bytes = None
     _ROOM = 1 << 16  # size of the buffer for each direction, in bytes
 
-    def __init__(self, board_id: str, bus, usb: UsbHost, faults=None, folder=None):
+    def __init__(self, board_id: str, bus, usb: UsbHost, faults=None, folder=None, cpu=None):
         self._to_board, self._to_host = bytearray(), bytearray()
         port = SimpleNamespace(
             receive=lambda: _take(self._to_board),
             send=lambda data: _put(self._to_host, data, self._ROOM),
         )
-        super().__init__(board_id, bus, usb, port, faults, folder)
+        super().__init__(board_id, bus, usb, port, faults, folder, cpu)
 
     def received(self) -> bytes:
         """Return all bytes that the board has sent since the last call."""

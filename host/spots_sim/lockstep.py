@@ -12,6 +12,7 @@ from spots.errors import SpotsError
 from spots.link.serial_link import WRITE_TIMEOUT_S, takes_nothing
 
 from .bus import I2CBus, SimulatedClock
+from .cpu import load as load_cpu
 from .cpython_board import InProcessBoard
 from .faults import BoardFaults, Faults, FaultyBus
 from .files import SensorFile
@@ -47,6 +48,9 @@ class LockstepLink:
         free heap bytes, which the board reports at each transfer. This doubles the run time.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
+    cpu : str, optional
+        Name of a processor, see `cpu.load`: the firmware is as slow as on that board. Without it,
+        only transfers and sleeps take time.
 
     Attributes
     ----------
@@ -67,10 +71,12 @@ class LockstepLink:
         faults: Faults | None = None,
         busy_us: Callable[[int], float] | float | None = None,
         warm: bool = False,
+        cpu: str | None = None,
     ):
+        slow = load_cpu(cpu, board) if cpu else None
         self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed, warm)
-        bus = I2CBus(self.chip, self.clock)
+        bus = I2CBus(self.chip, self.clock, call_us=slow.transfer_us() if slow else 0.0)
         if faults:
             bus = FaultyBus(bus, faults)
         board_faults = BoardFaults(faults) if faults else None
@@ -78,7 +84,9 @@ class LockstepLink:
         parts = board_id(sensor), bus, self.usb, board_faults, folder
         self._is_open = True
         self._board = (
-            InProcessBoard(*parts) if is_cpython(board) else PipedBoard(*parts, board, busy_us)
+            InProcessBoard(*parts, slow)
+            if is_cpython(board)
+            else PipedBoard(*parts, board, busy_us, slow)
         )
 
     @property

@@ -13,6 +13,7 @@ from spots.errors import SpotsError
 
 from . import server
 from .bus import I2CBus
+from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .usb import UsbHost
 from .vm import MicroPythonProcess
@@ -40,6 +41,8 @@ class PipedBoard:
         Name of the virtual board, see `vm.MicroPythonProcess`.
     busy_us : callable, float or None
         Processor time of a loop pass, see `lockstep.LockstepLink`.
+    cpu : cpu.Cpu or None
+        Processor time of the firmware's functions.
 
     Attributes
     ----------
@@ -58,8 +61,10 @@ class PipedBoard:
         folder: Path | None,
         board: str,
         busy_us: Callable[[int], float] | float | None,
+        cpu: Cpu | None,
     ):
         self.bus, self._usb, self._faults = bus, usb, faults
+        self._rate = faults.rate if faults else 1.0
         self.busy_us = busy_us
         self.free_bytes: int | None = None
         board_in, self._to_board = os.pipe()
@@ -83,6 +88,7 @@ class PipedBoard:
             board,
             data=data,
             reports_memory=callable(busy_us),
+            cpu=cpu,
         )
         self._pending = self._next_request()
 
@@ -108,8 +114,7 @@ class PipedBoard:
             if self.busy_us and server.is_poll(self._pending):
                 busy_us = self.busy_us
                 self.bus.clock.spend_us(busy_us(self.free_bytes) if callable(busy_us) else busy_us)
-            rate = self._faults.rate if self._faults else 1.0
-            server.answer(self._pending, self.bus, self._usb, self._machine.answers, rate)
+            server.answer(self._pending, self.bus, self._usb, self._machine.answers, self._rate)
         else:
             self._brown_out(off_us)
         self._pending = self._next_request()
@@ -131,8 +136,7 @@ class PipedBoard:
     def _next_request(self) -> bytes:
         for _ in range(3):
             request = self._request()
-            while request and (free_bytes := server.reported_free_bytes(request)) is not None:
-                self.free_bytes = free_bytes
+            while request and self._is_report(request):
                 request = self._request()
             if request is None:
                 self._machine.ended(self.received())
@@ -140,6 +144,16 @@ class PipedBoard:
                 return request
             self._machine.boot()
         raise SpotsError("the virtual board reboots at each start: check main.py and its output")
+
+    def _is_report(self, request: bytes) -> bool:
+        """Process a report of the board; return False for a request, which needs an answer."""
+        if (free_bytes := server.reported_free_bytes(request)) is not None:
+            self.free_bytes = free_bytes
+        elif (busy_us := server.busy_us(request)) is not None:
+            self.bus.clock.spend_us(busy_us / self._rate)
+        else:
+            return False
+        return True
 
     def _request(self) -> bytes | None:
         deadline_s = time.monotonic() + _HANGS_S
