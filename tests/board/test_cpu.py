@@ -9,8 +9,9 @@ from spots.deploy.doctor import examine_board
 from spots.errors import SpotsError
 from spots.link.connect import upload
 from spots_device.decode import DROPPED
+from spots_sim.files import Finger, ScenarioFile
 from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held
+from spots_sim.scenario import Held, Scenario
 
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {
@@ -31,6 +32,21 @@ MEASURED = {
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
 SECONDS = 2.0
+ONE, TWO = [(20.0, 3000)], [(20.0, 3000), (62.0, 3000)]
+# Busy time of a sample in us at 5 ms: by commands and fingers (position in mm, force in mN).
+BUSY = [
+    (["stream off"], [], 1324),
+    (["stream touch"], ONE, 1654),
+    (["stream touch spectrum"], ONE, 2299),
+    (["stream touch contact"], [], 2331),
+    (["stream touch contact"], ONE, 2802),
+    (["stream touch contact"], TWO, 4484),
+    (["stream touch", "keys on"], [], 2039),
+    (["stream touch", "keys on"], ONE, 2215),
+    (["stream touch", "keys on"], TWO, 3523),
+    (["stream spectrum", "set baseline=1"], [], 2243),
+    (["stream touch", "set average=2"], ONE, 1362),
+]
 
 
 def ready(rig, calibration, cpu, exposure_us):
@@ -71,6 +87,29 @@ def test_rate_and_busy_share_are_those_of_the_emulated_board(
     assert 1 - (clock.idle_us - idle_us) / elapsed_us == pytest.approx(busy, rel=0.15)
     if busy == 1.0:
         assert any(touch.flags & DROPPED for touch in read)
+
+
+@pytest.mark.parametrize(("commands", "fingers", "busy_us"), BUSY)
+def test_the_busy_time_of_a_sample_is_that_of_the_emulated_board(
+    rig, calibration, commands, fingers, busy_us
+):
+    points = [
+        Finger(points=[(7 + 0.3 * n, at_mm, 0), (7.1 + 0.3 * n, at_mm, mN), (60, at_mm, mN)])
+        for n, (at_mm, mN) in enumerate(fingers)
+    ]
+    scenario = Scenario(ScenarioFile(seconds=60, touch=points))
+    made = rig(cpu="pico", scenario=scenario)
+    reply = made.board.command("set exposure_us=5000")
+    upload(made.board, at_exposure(calibration, reply["exposure_us"]))
+    for command in commands:
+        made.board.command(command)
+    link, clock = made.link, made.link.clock
+    assert clock.now_us() < 7e6
+    link.sleep(max(0.0, 9.0 - link.now_s()) + 0.5)
+    began_us, idle_us, samples = clock.now_us(), clock.idle_us, link.chip.samples
+    link.sleep(1.0)
+    busy = clock.now_us() - began_us - (clock.idle_us - idle_us)
+    assert busy / (link.chip.samples - samples) == pytest.approx(busy_us, rel=0.15)
 
 
 @pytest.mark.parametrize("before_us", [10_000, 1_000])
