@@ -22,6 +22,7 @@ from _protocol import (  # the board's other modules take them from here
     READS,
     RECEIVE,  # noqa: F401
     RESET,  # noqa: F401
+    SECOND_BUS,
     SENDS,
     SLEEP,
     SPEED,  # noqa: F401
@@ -35,10 +36,12 @@ _header = bytearray(4)
 _long = bytearray(4 + 256)
 _answer = bytearray(5)
 _level = bytearray(1)
-_wires = bytearray(b"\x01\x01")  # SCL and SDA: 1 released, 0 pulled low by the board
+_wires = bytearray(b"\x01\x01\x81\x01")  # SCL and SDA: 1 released, 0 pulled low by the board
+# Wires of the first bus; those of the second bus follow after `WIRES`.
 SCL = const(0)
 SDA = const(1)
-STRIP_LED = const(2)  # a pin, not a wire of the bus
+WIRES = const(2)
+STRIP_LED = const(4)  # a pin, not a wire of the bus
 
 simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
 _memory_every = int(os.getenv("SPOTS_MEMORY_EVERY"))
@@ -74,14 +77,14 @@ def call(operation, a, b, c, buffer=None):
 
 
 def set_wire(wire, level):
-    """Release a wire of the I2C bus (level 1), or pull it low (level 0)."""
-    _wires[wire] = 1 if level else 0
-    call(LINES, _wires[SCL], _wires[SDA], 1, _level)
+    """Release a wire of an I2C bus (level 1), or pull it low (level 0)."""
+    _wires[wire] = _wires[wire] & SECOND_BUS | (1 if level else 0)
+    sda(wire // WIRES)
 
 
-def sda():
-    """Return the level of the I2C wire SDA: 1 for high, 0 for low."""
-    call(LINES, _wires[SCL], _wires[SDA], 1, _level)
+def sda(bus=0):
+    """Return the level of the wire SDA of an I2C bus, 0 or 1: 1 for high, 0 for low."""
+    call(LINES, _wires[WIRES * bus + SCL], _wires[WIRES * bus + SDA], 1, _level)
     return _level[0]
 
 

@@ -9,12 +9,9 @@ from .calibration import Calibration, CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
 from .reconnect import Reconnect
-from .settings import SETTINGS_FILE, BoardSettings, checksum, load_lines, save_lines
+from .settings import BoardSettings, checksum, load_lines, save_lines
 from .strip import Strip
 from .uses import Uses, check_layout
-
-CALIBRATION_FILE = "calibration.txt"
-LAYOUT_FILE = "layout.txt"
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
 _LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
@@ -64,7 +61,9 @@ def _nothing(*_):
 
 
 class BoardApp:
-    """The application of a board: creates all parts and runs the loop.
+    """The application of a board with one strip: creates all parts and runs the loop.
+
+    `several.SeveralApp` is the application of a board with several strips.
 
     Parameters
     ----------
@@ -86,14 +85,23 @@ class BoardApp:
     usb : object, optional
         USB stack: ``open(names) -> dict`` opens HID interfaces, see `uses.Uses`. None on a board
         that cannot be a USB keyboard.
+
+    Attributes
+    ----------
+    index : int
+        Number of the sensor.
+    sensors : int
+        Number of sensors of the board.
     """
+
+    index = 0
+    sensors = 1
 
     def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):
         self._board = board
         self._runtime = runtime
         self._uid = uid
         self._clock = clock
-        self._sensor = sensor
         self._read = serial.read
         self._time = Time32(clock)
         self._reader = LineReader()
@@ -103,20 +111,33 @@ class BoardApp:
         self._left = False
         self._answered = 0
         self._leave_until = None  # deadline in ticks
+        self.framer = Framer(serial, self._time)
+        self._attach(sensor, board, usb)
+
+    def _attach(self, sensor, board, usb):
+        """Create what belongs to one strip: its settings, files, keys and commands."""
+        self._sensor = sensor
         self.meter = Meter()
         self.settings = BoardSettings(board)
-        self.framer = Framer(serial, self._time)
         self.replies = Replies(self.framer, self._time)
-        self.log = self.replies.log
         self.calibration = CalibrationSlot()
         layout_lines = self._load()
         # The host reads the USB descriptors once, so the interfaces cannot change later.
         self.uses = Uses(self.settings, self.framer, self._time, usb, layout_lines)
         if self.uses.fault:
-            self.log("error", self.uses.fault)
-        self.strip = Strip(0, uid, sensor, self.framer, self._time, clock, self.settings, self.uses)
+            self.replies.log("error", self.uses.fault)
+        self.strip = Strip(
+            self.index,
+            self._uid,
+            sensor,
+            self.framer,
+            self._time,
+            self._clock,
+            self.settings,
+            self.uses,
+        )
         self.reconnect = Reconnect(
-            self.strip, clock, self.replies, self._use_calibration, self._sensor_lost
+            self.strip, self._clock, self.replies, self.apply_calibration, self._sensor_lost
         )
         self._commands = Commands(self)
         self._sum()
@@ -218,6 +239,10 @@ class BoardApp:
         if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), sensor.exposure_us):
             del self._pass
 
+    def log(self, level, text):
+        """Send the log line `text` to the host; `level` is ``"info"`` or ``"error"``."""
+        self.replies.log(level, text)
+
     def restart(self):
         """Start the sensor again with the present settings."""
         self.abandon("the sensor was restarted")
@@ -275,10 +300,13 @@ class BoardApp:
             Note for the user: why the calibration is not used, or why keys or gamepad do not work
             although they are switched on. None if everything works.
         """
-        notes = self._use_calibration(), self.uses.note(self.strip.decode.calibration)
+        notes = self.use_stored(), self.uses.note(self.strip.decode.calibration)
+        self.measure()
+        gc.collect()  # frees the garbage of parsing
         return "; ".join(filter(None, notes)) or None
 
-    def _use_calibration(self):
+    def use_stored(self):
+        """Use the calibration as `apply_calibration` does; return why it is not used, or None."""
         if self.reconnect.lost:
             found = why_not = None
             if self.calibration.lines:
@@ -297,8 +325,6 @@ class BoardApp:
         self.strip.configure()
         self._time.update()
         self.uses.apply(found)
-        self.measure()
-        gc.collect()  # frees the garbage of parsing
         return why_not
 
     def _sensor_lost(self):
@@ -311,7 +337,7 @@ class BoardApp:
         reply["board"] = self._board.NAME
         reply["runtime"] = self._runtime
         reply["id"] = self._uid
-        reply["sensors"] = 1
+        reply["sensors"] = self.sensors
         calibration = self.strip.decode.calibration
         reply["calibration"] = calibration and self._sums[0]
         reply["length_um"] = calibration and calibration.length_um
@@ -342,9 +368,9 @@ class BoardApp:
 
     def save(self):
         """Write settings, calibration and layout to flash."""
-        save_lines(SETTINGS_FILE, self.settings.lines())
-        save_lines(CALIBRATION_FILE, self.calibration.lines)
-        save_lines(LAYOUT_FILE, self.uses.layout_lines)
+        save_lines(self._path("settings"), self.settings.lines())
+        save_lines(self._path("calibration"), self.calibration.lines)
+        save_lines(self._path("layout"), self.uses.layout_lines)
 
     def time_us(self):
         """Return the board's time in us modulo 2**32."""
@@ -353,21 +379,22 @@ class BoardApp:
 
     def _load(self):
         """Load saved settings, calibration and layout; return the lines of the layout."""
-        self._load_lines(SETTINGS_FILE, "stored settings are", self.settings.change)
-        self.calibration.use(
-            self._load_lines(CALIBRATION_FILE, "the stored calibration is", Calibration)
-        )
-        return self._load_lines(LAYOUT_FILE, "the stored layout is", check_layout)
+        self._load_lines("settings", self.settings.change)
+        self.calibration.use(self._load_lines("calibration", Calibration))
+        return self._load_lines("layout", check_layout)
 
-    def _load_lines(self, path, what, check):
+    def _load_lines(self, name, check):
         try:
-            lines = load_lines(path)
+            lines = load_lines(self._path(name))
             if lines:
                 check(lines)
             return lines
         except ValueError as error:
-            self.log("error", "%s not used: %s" % (what, error))
+            self.replies.log("error", "stored %s not used: %s" % (name, error))
             return []
+
+    def _path(self, name):
+        return name + ".txt"
 
     def _listen(self, byte):
         # At most one command per pass, so a flood from the host cannot starve sampling.

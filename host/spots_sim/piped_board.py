@@ -43,9 +43,13 @@ class PipedBoard:
         Processor time of a loop pass, see `lockstep.LockstepLink`.
     cpu : cpu.Cpu or None
         Processor time of the firmware's functions.
+    second : bus.I2CBus, optional
+        Second I2C bus, of a board with two strips.
 
     Attributes
     ----------
+    second : bus.I2CBus or None
+        The second bus.
     busy_us : callable, float or None
         Present value of the parameter; can be a function only if the parameter was a function.
     free_bytes : int or None
@@ -61,10 +65,12 @@ class PipedBoard:
         folder: Path | None,
         board: str,
         busy_us: Callable[[int], float] | float | None,
-        cpu: Cpu | None,
+        cpu: Cpu | None = None,
+        second: I2CBus | FaultyBus | None = None,
     ):
         self.bus, self._usb, self._faults = bus, usb, faults
         self._rate = faults.rate if faults else 1.0
+        self.second = second
         self.busy_us = busy_us
         self.free_bytes: int | None = None
         board_in, self._to_board = os.pipe()
@@ -89,6 +95,7 @@ class PipedBoard:
             data=data,
             reports_memory=callable(busy_us),
             cpu=cpu,
+            strips=2 if second else 1,
         )
         self._pending = self._next_request()
 
@@ -108,13 +115,14 @@ class PipedBoard:
             return sent
 
     def step(self) -> None:
-        """Answer the firmware's request (such as an I2C transfer); run it until the next one."""
+        """Answer the firmware's request (such as an I2C transfer); run it until its next one."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
             if self.busy_us and server.is_poll(self._pending):
                 busy_us = self.busy_us
                 self.bus.clock.spend_us(busy_us(self.free_bytes) if callable(busy_us) else busy_us)
-            server.answer(self._pending, self.bus, self._usb, self._machine.answers, self._rate)
+            answers = self._machine.answers
+            server.answer(self._pending, self.bus, self._usb, answers, self._rate, self.second)
         else:
             self._brown_out(off_us)
         self._pending = self._next_request()
@@ -130,7 +138,8 @@ class PipedBoard:
         if select.select([self._board_in], [], [], 0)[0]:
             os.read(self._board_in, 1 << 16)  # a board without power loses bytes it has not read
         self.bus.clock.pause_us(off_us)
-        self.bus.chip.power_on(self.bus.clock.now_us())
+        for bus in filter(None, (self.bus, self.second)):
+            bus.chip.power_on(bus.clock.now_us())
         self._machine.boot()
 
     def _next_request(self) -> bytes:

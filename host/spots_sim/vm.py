@@ -82,6 +82,8 @@ class MicroPythonProcess:
         True if the board must report its free memory before every sleep and transfer.
     cpu : cpu.Cpu, optional
         Processor time of the firmware; only in simulated time, and not on CircuitPython.
+    strips : int
+        Number of strips on the board.
     """
 
     def __init__(
@@ -98,12 +100,13 @@ class MicroPythonProcess:
         rate: float = 1.0,
         reports_memory: bool = False,
         cpu: Cpu | None = None,
+        strips: int = 1,
     ):
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self.folder = Path(self._own.name) if self._own else folder
         if not blank:
-            stage(board, self.folder)
+            stage(board, self.folder, strips)
         launcher = BOARDS / board / _CIRCUITPYTHON
         self._entry = launcher if launcher.exists() else self.folder.resolve() / "main.py"
         self._environment = {

@@ -9,7 +9,7 @@ import pytest
 from spots.errors import SpotsError
 from spots.link.frames import Contact, Key, Touch
 from spots_device.contact import ContactTracker
-from spots_device.decode import MISFIT, TOUCHING
+from spots_device.decode import BRIGHTNESS, FORCE_MN, MISFIT, POSITION_UM, TOUCHING
 from spots_device.fingers import CONFIRMED, DOWN, NEVER_ALONE, PROVISIONAL, UP, Fingers
 from spots_device.layout import Layout, default_lines
 from spots_sim.demo import open_fast
@@ -124,9 +124,7 @@ def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
             place_um, force_mN = (
                 0 if math.isnan(value) else value for value in (frame.position_um, frame.force_mN)
             )
-            reading = SimpleNamespace(
-                position_um=place_um, force_mN=force_mN, brightness=frame.brightness_q20
-            )
+            reading = {POSITION_UM: place_um, FORCE_MN: force_mN, BRIGHTNESS: frame.brightness_q20}
             flags, t = frame.flags, frame.t_us >> 10
             tracker.take(flags, place_um, force_mN, frame.brightness_q20, t)
             here.send(0, reading)

@@ -215,21 +215,31 @@ def main():
     if _is_safe_boot(board_config):
         print("the button is pressed, so the application was not started: reset to start it")
         return
-    from spots_device.app import BoardApp
-    from spots_device.as7341 import AS7341
 
-    bus = MachineBus(
-        board_config.I2C_ID, board_config.SCL_PIN, board_config.SDA_PIN, board_config.I2C_HZ
-    )
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
     uid = "".join("%02x" % byte for byte in machine.unique_id())
     usb = MachineUsb(board_config) if board_config.USB_HID else None
-    sensor = AS7341(bus, time)
-    # The pin is an output from its first use on.
-    sensor.gpio = lambda on: machine.Pin(board_config.STRIP_LED_PIN, machine.Pin.OUT, value=on)
+    if hasattr(board_config, "SENSORS"):
+        from spots_device.several import SeveralApp as BoardApp
+
+        sensor = _open_sensor
+    else:
+        from spots_device.app import BoardApp
+
+        sensor = _open_sensor(board_config, time)
     app = BoardApp(board_config, runtime, uid, sensor, time, StdioSerial(), usb)
     app.interrupt_at = micropython.kbd_intr
     run(app, _watchdog, _traceback, time.sleep_ms, machine.reset)
+
+
+def _open_sensor(config, clock):
+    from spots_device.as7341 import AS7341
+
+    bus = MachineBus(config.I2C_ID, config.SCL_PIN, config.SDA_PIN, config.I2C_HZ)
+    sensor = AS7341(bus, clock)
+    # The pin is an output from its first use on.
+    sensor.gpio = lambda on: machine.Pin(config.STRIP_LED_PIN, machine.Pin.OUT, value=on)
+    return sensor
 
 
 def _watchdog():

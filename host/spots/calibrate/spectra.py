@@ -48,6 +48,11 @@ class Reading:
         """Whether the mean of at least one channel is less than one count."""
         return bool((self.counts < 1).any())
 
+    @property
+    def unlit(self) -> bool:
+        """Whether the means of all channels are less than one count."""
+        return bool((self.counts < 1).all())
+
 
 def mean(readings: list[Reading]) -> Reading:
     """Return the mean of successive readings of a press that have equal numbers of samples."""

@@ -70,13 +70,14 @@ class Touch(NamedTuple):
         Values of `contrast` and `brightness`, times 2**20.
     position_um : float
         Distance of the press from the sensor's end of the strip, in um; NaN without a press, and
-        while the LED is off. Below the force of a touch (`touching` is false), it is inaccurate.
+        while the LED is off. Inaccurate below the force of a touch (while `touching` is false).
     force_mN : float
         Force of the press, in mN; NaN without a calibration, and while the LED is off. If
         ``board.info["relative_force"]`` is true, the force has no unit.
     time_s : float or None
-        Host time of the moment `t_us`, in seconds of the monotonic clock. None if the two clocks
-        were never compared; a board compares them when it is opened, and regularly as it streams.
+        Host time of the moment `t_us`, in seconds of the monotonic clock. None if the clocks of
+        board and host were never compared; `Board` compares them when it opens a board, and
+        regularly while the board streams.
 
     Examples
     --------
@@ -351,7 +352,7 @@ class Decoder:
         """Set the number of restarts of the board.
 
         If the number has grown, the board's sequence numbers have started from 0 again. The gap in
-        the sequence numbers since the last reading is then no loss: a board sends no readings
+        the sequence numbers is then not counted as loss: after a restart, a board sends no readings
         until its streams resume.
         """
         if restarts > self.restarts:
