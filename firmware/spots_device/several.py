@@ -225,7 +225,7 @@ class StripApp(BoardApp):
             if self.reconnect.fault:
                 self.reconnect.sampled()
             self.strip.take()
-            self.meter.add(clock.ticks_diff(clock.ticks_us(), began))
+            self.meter.add(clock.ticks_diff(clock.ticks_us(), began), self._sensor.exposure_us)
 
     def measure(self):
         self.meter.restart()

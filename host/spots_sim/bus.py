@@ -23,9 +23,18 @@ class SimulationClock(Protocol):
 
 @dataclass
 class SimulatedClock:
-    """A clock that advances only by transfers and sleeps."""
+    """A clock that advances only by transfers, sleeps and processor time.
+
+    Attributes
+    ----------
+    time_us : float
+        Present time in us.
+    idle_us : float
+        Part of the time in which the board slept, in us.
+    """
 
     time_us: float = 0.0
+    idle_us: float = 0.0
 
     def now_us(self) -> float:
         return self.time_us
@@ -33,7 +42,9 @@ class SimulatedClock:
     def spend_us(self, duration_us: float) -> None:
         self.time_us += duration_us
 
-    pause_us = spend_us
+    def pause_us(self, duration_us: float) -> None:
+        self.time_us += duration_us
+        self.idle_us += duration_us
 
 
 class RealClock:
@@ -88,12 +99,15 @@ class I2CBus:
         Frequency of the bus in Hz.
     ledger : BusCost
         Cost of all transfers so far.
+    call_us : float
+        Processor time of each transfer in us, in addition to its bits.
     """
 
     chip: object
     clock: SimulationClock
     frequency_hz: int = 400_000
     ledger: BusCost = field(default_factory=BusCost)
+    call_us: float = 0.0
 
     def write(self, address: int, data: bytes) -> None:
         """Send START, address, data, STOP.
@@ -217,7 +231,7 @@ class I2CBus:
         duration_us = self._bits_us(bits + 9 * count)
         self.ledger.wire_bytes += count
         self.ledger.bus_us += duration_us
-        self.clock.spend_us(duration_us)
+        self.clock.spend_us(duration_us + self.call_us)
 
 
 class MultiplexedBus(I2CBus):
