@@ -629,11 +629,12 @@ class ContactTracker:
         """Follow the second finger unless the first one may be lifting; return whether it did."""
         s = self._s
         if (
-            self._solve(s[_X_SECOND_UM], s[_B_SECOND], x_um, brightness, fits)
+            brightness < s[_PEAK] - (_RISEN >> 1)  # a finger that lifts loses light
+            and self._solve(s[_X_SECOND_UM], s[_B_SECOND], x_um, brightness, fits)
             and abs(s[_FOUND_UM] - s[_X_UM]) < (s[_FOUND_SLACK_UM] >> 1) + _SAME_UM
         ) or not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
             return False
-        if abs(s[_FOUND_UM] - s[_X_SECOND_UM]) > _APART_UM:
+        if abs(s[_FOUND_UM] - s[_X_SECOND_UM]) > 2 * _APART_UM:
             return False
         s[_X_SECOND_UM] = s[_FOUND_UM]
         s[_B_SECOND] = s[_FOUND_B]
