@@ -1,6 +1,7 @@
 """Finds fingers in readings on the host, with the code of a board."""
 
 import math
+from typing import Any
 
 from spots_device import fingers
 from spots_device.contact import TICK_US, TICKS, ContactTracker
@@ -24,9 +25,9 @@ class ContactFinder:
     """
 
     def __init__(self, length_um: int, decay: int | None = None):
-        self._tracker = ContactTracker(None)
+        self._tracker: Any = ContactTracker(None)
         self._tracker.set_layout(Layout(default_lines()), length_um, decay or TYPICAL_DECAY)
-        self._fingers = fingers.Fingers(self)
+        self._fingers: Any = fingers.Fingers(self)
         self._fingers.attach(self._tracker, None)
         self._found: list[Contact] = []
         self._touch: Touch | None = None
