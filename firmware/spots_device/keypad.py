@@ -228,6 +228,9 @@ class Keypad:
         self._key(action >> 20, action & 0xFFF, action >> 12 & 0xFF, True)
         return True
 
+    def moved(self, x_um, slack_um):
+        pass
+
     def left(self, second, t):
         """Release a finger's key: the second finger's if `second` is true, else the first one's."""
         if second:
