@@ -53,7 +53,7 @@ class MachineBus:
         self._open()
 
     def _open(self):
-        scl, sda = [machine.Pin(pin) for pin in self._pins]
+        scl, sda = map(machine.Pin, self._pins)
         id, freq = self._options
         i2c = machine.I2C(id, scl=scl, sda=sda, freq=freq, timeout=_I2C_TIMEOUT_US)
         self._read = i2c.readfrom_mem_into
@@ -213,11 +213,11 @@ def main():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
     if _is_safe_boot(board_config):
-        print("the button is pressed, so the application was not started: reset to start it")
+        print("stopped by the button: reset the board to start the application")
         return
 
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
-    uid = "".join("%02x" % byte for byte in machine.unique_id())
+    uid = machine.unique_id().hex()
     usb = MachineUsb(board_config) if board_config.USB_HID else None
     if hasattr(board_config, "SENSORS"):
         from spots_device.several import SeveralApp as BoardApp
