@@ -658,7 +658,7 @@ class ContactTracker:
         return abs(s[_FOUND_UM] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate from a reading a finger beside another finger at `x1_um`, see `second.locate`.
+        """Estimate a finger beside another finger at `x1_um` from a reading, see `second.locate`.
 
         Stores the result in the element `_FOUND_UM` of the state and in the next two. Returns
         whether the estimate succeeds with a position on the strip.

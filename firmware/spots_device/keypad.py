@@ -252,7 +252,8 @@ class Keypad:
 
         `again` is the row of the key that was tapped before, or -1. A quick second tap is less
         accurate: a position up to ``slack_um`` beside this key, but at most a sixteenth of its
-        width, counts as on the key. On another key, only a second tap with a meaning has a slack.
+        width, counts as on the key. A position on another key counts only if the tapped key has
+        a ``hold`` or ``double`` action.
         """
         layout = self._layout
         keys = layout.keys

@@ -82,6 +82,9 @@ class BusCost:
     bus_us: float = 0.0
 
 
+MULTIPLEXER = 0x70  # address of a TCA9548A whose address pins are low
+
+
 @dataclass
 class I2CBus:
     """A simulated I2C controller: 9 clocks for a byte, 1 for START, STOP or repeated START.
@@ -229,3 +232,36 @@ class I2CBus:
         self.ledger.wire_bytes += count
         self.ledger.bus_us += duration_us
         self.clock.spend_us(duration_us + self.call_us)
+
+
+class MultiplexedBus(I2CBus):
+    """An `I2CBus` with a multiplexer TCA9548A, which connects the chip of one channel at a time.
+
+    Its only register has one bit for each channel. All bits are 0 after power-on.
+
+    Parameters
+    ----------
+    chips : sequence of chip.AS7341
+        Chip of each channel, from channel 0 on.
+    clock : SimulationClock
+        Clock that each transfer advances.
+    """
+
+    def __init__(self, chips, clock: SimulationClock):
+        super().__init__(chips[0], clock)
+        self._chips = tuple(chips)
+        self._connected = 0
+
+    def write(self, address: int, data: bytes) -> None:
+        if address == MULTIPLEXER:
+            self._spend(2, 1 + len(data))
+            self._connected = data[-1]
+            if self._connected & self._connected - 1 == 0 < self._connected:
+                self.chip = self._chips[self._connected.bit_length() - 1]
+        else:
+            super().write(address, data)
+
+    def _address(self, address: int) -> None:
+        if self._connected & self._connected - 1 or not self._connected:
+            self.refuse()  # both chips have the same address, or none is connected
+        super()._address(address)

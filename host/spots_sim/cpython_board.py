@@ -260,7 +260,7 @@ class _Requests:
 
 
 class _SecondBus:
-    """Handles requests for the board's second bus, as `_Requests` does for its first one."""
+    """Handles requests for the board's second bus, as `_Requests` does for the first bus."""
 
     def __init__(self, board: CPythonBoard, requests: _Requests):
         self._board, self.ask = board, requests.ask
@@ -285,7 +285,10 @@ class _Sensor:
         buffer[:] = r.ask(r.bus.write_read, ADDRESS, bytes((register,)), len(buffer))
 
     def write(self, buffer) -> None:
-        self._requests.ask(self._requests.bus.write, ADDRESS, bytes(buffer))
+        self.write_to(ADDRESS, buffer)
+
+    def write_to(self, address: int, buffer) -> None:
+        self._requests.ask(self._requests.bus.write, address, bytes(buffer))
 
     def recover(self) -> None:
         """Free the bus without waits, because simulated wires need no minimum pulse width."""

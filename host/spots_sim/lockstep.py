@@ -52,7 +52,7 @@ class LockstepLink:
         Name of a processor, see `cpu.load`: the firmware is as slow as on that board. Without it,
         only transfers and sleeps take time.
     second : tuple, optional
-        Scenario and seed of a second strip on this board, whose sensor is like the first one.
+        Scenario and seed of a second strip on this board; its sensor is like that of the first.
 
     Attributes
     ----------

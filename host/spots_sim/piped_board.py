@@ -118,9 +118,10 @@ class PipedBoard:
         """Answer the firmware's request (such as an I2C transfer); run it until its next one."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
-            if self.busy_us and server.is_poll(self._pending):
+            if self.busy_us and (passes := server.passes(self._pending)):
                 busy_us = self.busy_us
-                self.bus.clock.spend_us(busy_us(self.free_bytes) if callable(busy_us) else busy_us)
+                lasted_us = busy_us(self.free_bytes) if callable(busy_us) else busy_us
+                self.bus.clock.spend_us(passes * lasted_us)
             answers = self._machine.answers
             server.answer(self._pending, self.bus, self._usb, answers, self._rate, self.second)
         else:

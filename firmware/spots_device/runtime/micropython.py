@@ -41,7 +41,7 @@ class MachineBus:
         self._read(ADDRESS, register, buffer)
 
     def write(self, buffer):
-        self._write(ADDRESS, buffer)
+        self.write_to(ADDRESS, buffer)
 
     def recover(self):
         """Free the wires of the I2C bus, and open the I2C controller again."""
@@ -57,7 +57,7 @@ class MachineBus:
         id, freq = self._options
         i2c = machine.I2C(id, scl=scl, sda=sda, freq=freq, timeout=_I2C_TIMEOUT_US)
         self._read = i2c.readfrom_mem_into
-        self._write = i2c.writeto
+        self.write_to = i2c.writeto
 
 
 def _put(pin, level):
