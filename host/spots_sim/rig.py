@@ -9,7 +9,7 @@ from spots.calibrate.presses import Noise
 from spots.calibrate.shift import shifted
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
-from spots_device.dark import DARK_EVERY_US, WINDOW_SAMPLES, WINDOWS
+from spots_device.dark import _DARK_EVERY_US, _WINDOW_SAMPLES, _WINDOWS
 from spots_device.decode import DARK_SAMPLES, LED_OFF
 
 from .change import NONE
@@ -139,8 +139,8 @@ class Rig:
         exposure_us = self.conditions.exposure_us
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)
-        missing = WINDOWS - min(WINDOWS, _REQUEST_US // (WINDOW_SAMPLES * exposure_us))
-        for _ in self.board.frames(missing * 1.2e-6 * max(DARK_EVERY_US, 100 * exposure_us)):
+        missing = _WINDOWS - min(_WINDOWS, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us))
+        for _ in self.board.frames(missing * 1.2e-6 * max(_DARK_EVERY_US, 100 * exposure_us)):
             pass
         return self.board.command("get")["dark"]
 

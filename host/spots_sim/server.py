@@ -10,6 +10,8 @@ from .bus import I2CBus
 from .protocol import protocol
 from .usb import UsbHost
 
+_FDATA = 0xFE  # register of the chip's FIFO
+_SAMPLE_BYTES = 12
 _ON_A_BUS = protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT
 
 
@@ -27,9 +29,14 @@ def is_reset(request: bytes) -> bool:
     return request[0] == protocol.RESET
 
 
-def is_poll(request: bytes) -> bool:
-    """Return whether the request reads registers, as most passes of the board's loop do."""
-    return request[0] == protocol.READ
+def passes(request: bytes) -> int:
+    """Return how many passes of the board's loop follow a request.
+
+    A pass reads registers, or takes a further sample of a burst from the chip's FIFO.
+    """
+    if request[0] != protocol.READ:
+        return 0
+    return request[3] // _SAMPLE_BYTES - 1 if request[2] == _FDATA else 1
 
 
 def reported_free_bytes(request: bytes) -> int | None:
@@ -38,6 +45,14 @@ def reported_free_bytes(request: bytes) -> int | None:
     A memory report gets no answer.
     """
     return _number(request) if request[0] == protocol.MEMORY else None
+
+
+def busy_us(request: bytes) -> int | None:
+    """Return the processor time in us that a report contains; None for other requests.
+
+    Such a report gets no answer.
+    """
+    return _number(request) if request[0] == protocol.BUSY else None
 
 
 def fed_for_us(request: bytes) -> int | None:
@@ -86,7 +101,7 @@ def answer(
     try:
         match request[0]:
             case protocol.SLEEP:
-                bus.clock.spend_us(_number(request) / rate)
+                bus.clock.pause_us(_number(request) / rate)
             case protocol.SPEED:
                 bus.frequency_hz = 1000 * int.from_bytes(request[1:3], "little")
             case protocol.READ:

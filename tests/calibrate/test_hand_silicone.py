@@ -65,7 +65,7 @@ def test_pre_stretching_is_advised_once_where_the_strip_softens(sensor, tmp_path
     room, _, _ = fine(strip(sensor, "spectrum", 0.0), tmp_path / "a.jsonl", Habits())
     said = room.getvalue()
     assert said.count("firm presses have softened the strip") == 1
-    assert "press it everywhere with 10 N (1 kg) some times" in said
+    assert "press it everywhere with 10 N (1 kg) several times" in said
 
 
 class Lifting(Room):

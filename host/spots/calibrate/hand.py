@@ -53,7 +53,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     session : Session
         Presses taken so far; the new presses are added.
     count, least : int
-        `count` presses by hand are enough; repeated presses reduce this number, but at most to
+        `count` presses by hand are enough; repeated presses reduce this number, but not below
         `least`.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
@@ -119,7 +119,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
                 advised = True
                 guide.say(
                     f"firm presses have softened the strip by about {softer:.0%}: press it "
-                    "everywhere with 10 N (1 kg) some times, then begin another session"
+                    "everywhere with 10 N (1 kg) several times, then begin another session"
                 )
 
 
@@ -163,7 +163,7 @@ def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: floa
 def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
     """Return the forces and the hold of the next press with two forces, which is at `place_um`.
 
-    Returns None before the turn of these presses, and after the last of them.
+    Returns None before such presses are due, and after the last of them.
     """
     hand = session.of("hand")
     loads = sum(bool(p.then_mN) for p in hand)
@@ -178,9 +178,9 @@ def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
 
 
 def _softening(session: Session, surface: Surface) -> tuple[float, float]:
-    """Return by how much firm presses have softened the strip, and the standard deviation of it.
+    """Return how much firm presses have softened the strip, and the standard deviation of this.
 
-    A softened place gives more light under forces below the largest earlier one. So the error of
+    A softened place gives more light under forces below the largest earlier force. So the error of
     each force is fitted to a constant, the logarithm of the force, and this softening.
     """
     forces_mN, off_share = surface.taken.force_mN, surface.misfits[2]

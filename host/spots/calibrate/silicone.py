@@ -44,12 +44,13 @@ class Compensated(NamedTuple):
         Line ``silicone`` to add to the lines of a calibration; empty if the recording shows neither
         hysteresis nor creep.
     sigma : numpy.ndarray, shape (7,)
-        Standard deviations of the gain, 3 weights of plays and 3 shares of creep, as in `line`.
+        Standard deviations of the gain, 3 weights of play operators and 3 shares of creep.
     before_mN, after_mN : float
         Mean absolute error of the recorded forces without and with compensation.
     hysteresis_percent, creep_percent : tuple of (float, float)
-        Value and standard deviation of: the largest force by which unloading reads more than
-        loading after 10 N, in per cent of 10 N; the growth of a reading in 60 s, in per cent.
+        Value and standard deviation, in per cent. Hysteresis: how much more force is read during
+        unloading from 10 N than during loading, at most, divided by 10 N. Creep: growth of a
+        reading in 60 s.
     """
 
     line: str

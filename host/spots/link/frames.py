@@ -17,11 +17,12 @@ from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 from spots_device import decode, fingers, frame
 from spots_device.kernel import CRC_SIZE, TOUCH_BODY
 
-_HEADER = struct.Struct(frame.HEADER)
-_TOUCH = struct.Struct("<" + TOUCH_BODY)
-_SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
-_KEY = struct.Struct("<" + frame.KEY_BODY)
-_CONTACT = struct.Struct("<" + frame.CONTACT_BODY)
+_SPECTRUM_BODY = "<BB6H"  # flags, gain, counts
+_HEADER = struct.Struct("<BHHH")  # kind and sensor, sequence, time low, time high
+_TOUCH = struct.Struct(TOUCH_BODY)
+_SPECTRUM = struct.Struct(_SPECTRUM_BODY)
+_KEY = struct.Struct(frame.KEY_BODY)
+_CONTACT = struct.Struct(frame.CONTACT_BODY)
 _CRC = struct.Struct("<I")
 # COBS adds one byte, and another for every 254 bytes.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
@@ -496,7 +497,7 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
 # Kinds whose body has one size: their type, and the format of the body for `struct`.
 LAYOUTS: dict[int, tuple[type[Reading], str]] = {
     frame.TOUCH: (Touch, TOUCH_BODY),
-    frame.SPECTRUM: (Spectrum, frame.SPECTRUM_BODY),
+    frame.SPECTRUM: (Spectrum, _SPECTRUM_BODY),
     frame.KEY: (Key, frame.KEY_BODY),
     frame.CONTACT: (Contact, frame.CONTACT_BODY),
 }
