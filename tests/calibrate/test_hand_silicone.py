@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from spots.calibrate.bench import Bench, TooDarkError
 from spots.calibrate.session import Session
 from spots.calibrate.steps import COUNTS
 from spots_sim.loading import record
@@ -100,6 +101,28 @@ def test_a_lift_instead_of_another_force_is_named_and_asked_for_again(sensor, tm
     begin_s, end_s = next(p.holds[0] for p in loads if p.hold_s)
     assert end_s - begin_s >= 30
     assert min(len(p.trace) for p in session.of("hand")) >= 3
+
+
+def test_a_second_force_that_is_too_weak_is_asked_for_again_with_more(
+    sensor, tmp_path, monkeypatch
+):
+    change, asked = Bench.change, []
+
+    def weakly(bench, wanted):
+        asked.append(wanted)
+        change(bench, wanted)
+        if len(asked) == 2:
+            bench.release()
+            raise TooDarkError("too dark")
+
+    monkeypatch.setattr(Bench, "change", weakly)
+    with Stage(sensor, seed=3) as stage:
+        room = Room(stage, Habits(slips=0), 3)
+        calibrate(room, tmp_path / "a.jsonl", "fine", 20)
+    assert "too dark; press again" in room.getvalue()
+    assert asked[2].force_mN == asked[1].force_mN
+    assert asked[2].then_mN == pytest.approx(1.4 * asked[1].then_mN, rel=0.05)
+    assert len([p for p in Session(tmp_path / "a.jsonl").of("hand") if p.then_mN]) == 6
 
 
 def test_an_early_session_without_these_presses_still_gives_a_calibration(sensor, tmp_path):

@@ -83,11 +83,16 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             if wanted.then_mN:
                 bench.change(wanted)
         except BadPressError as bad:
-            dark, tries = isinstance(bad, TooDarkError), tries + 1
+            # A press that was too dark after its first hold needs more of the second force.
+            weak = isinstance(bad, TooDarkError) and bool(bench.holds)
+            dark, tries = isinstance(bad, TooDarkError) and not weak, tries + 1
             if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
                 raise SpotsError(f"{wanted}: {bad}; {CONTINUES}") from None
             guide.say(f"{wanted}: {bad}; press again")
-            if dark and wanted.force_mN:
+            if weak:
+                more_mN = _HARDER * wanted.then_mN
+                wanted = _wanted(wanted.place_um, wanted.force_mN, more_mN, wanted.hold_s)
+            elif dark and wanted.force_mN:
                 dark_mN = wanted.force_mN
                 wanted = _wanted(wanted.place_um, min(_HARDER * dark_mN, FULL_MN))
             continue
