@@ -13,17 +13,17 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 .DEFAULT_GOAL := help
 
 help:
-	@echo 'make demo   the virtual board, on a page or here  ARGS="--seconds 5 --json"'
+	@echo 'make demo   the virtual board, in a browser or here  ARGS="--seconds 5 --json"'
 	@echo 'make test   every test                            ARGS="-k log2"'
-	@echo 'make test-fast  those of arithmetic, simulator and structure, in half a minute'
+	@echo 'make test-fast  the tests of arithmetic, simulator and structure, in half a minute'
 	@echo 'make lint   style, format, docstrings and links'
-	@echo 'make bench  driver, firmware and host against their peers'
+	@echo 'make bench  driver, firmware and host compared with other projects'
 	@echo 'make soak   hours of faults in simulated time    ARGS="--hours 1"'
-	@echo 'make fuzz   bytes that break something        ARGS="decoder --seconds 60"'
+	@echo 'make fuzz   bytes that break a parser         ARGS="decoder --seconds 60"'
 	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
 	@echo 'make flash  the firmware onto a board, and start it  BOARD=pico PORT='
 	@echo 'make erase  remove firmware, settings and calibration'
-	@echo 'make doctor what is wrong with a board, and what to do'
+	@echo 'make doctor check a board, and print what to do'
 	@echo 'make pictures  draw the pictures of the documents again'
 	@echo 'make paper  measure the figures of docs/paper.md, fivebar.md, applications.md again'
 	@echo 'make clean  remove .venv and all that was built'

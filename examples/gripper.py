@@ -1,6 +1,6 @@
 """Close a robot's gripper by pressing the strip.
 
-A harder press closes it further. It opens when nothing presses the strip.
+A harder press closes the gripper further. The gripper opens when nothing presses the strip.
 """
 
 import argparse

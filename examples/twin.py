@@ -1,4 +1,4 @@
-"""Print the position of a five-bar linkage's terminal.
+"""Print the position of a five-bar linkage's end point.
 
 docs/fivebar.md shows how to write or measure the linkage file.
 """

@@ -9,6 +9,7 @@ import os
 
 import utime
 from _protocol import (  # the board's other modules take them from here
+    BUSY,
     EAGAIN,  # noqa: F401
     FEED,  # noqa: F401
     HID,  # noqa: F401
@@ -16,11 +17,12 @@ from _protocol import (  # the board's other modules take them from here
     LIGHT,  # noqa: F401
     LINES,
     MEMORY,
-    PERIOD_US,  # noqa: F401
+    PERIOD_US,
     READ,
     READS,
     RECEIVE,  # noqa: F401
     RESET,  # noqa: F401
+    SECOND_BUS,
     SENDS,
     SLEEP,
     SPEED,  # noqa: F401
@@ -34,14 +36,17 @@ _header = bytearray(4)
 _long = bytearray(4 + 256)
 _answer = bytearray(5)
 _level = bytearray(1)
-_wires = bytearray(b"\x01\x01")  # SCL and SDA: 1 released, 0 pulled low by the board
+_wires = bytearray(b"\x01\x01\x81\x01")  # SCL and SDA: 1 released, 0 pulled low by the board
+# Wires of the first bus; those of the second bus follow after `WIRES`.
 SCL = const(0)
 SDA = const(1)
-STRIP_LED = const(2)  # a pin, not a wire of the bus
+WIRES = const(2)
+STRIP_LED = const(4)  # a pin, not a wire of the bus
 
 simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
 _memory_every = int(os.getenv("SPOTS_MEMORY_EVERY"))
 _looks = 0
+_busy_us = 0  # processor time that the simulator does not know yet
 now_us = 0
 
 
@@ -51,6 +56,8 @@ def call(operation, a, b, c, buffer=None):
     `buffer` contains the data to send, or receives the data of the answer.
     """
     global now_us
+    if _busy_us:
+        _report_busy()
     if _memory_every == 1 and operation in (READ, WRITE):
         _report_memory()
     if operation in SENDS:
@@ -70,14 +77,14 @@ def call(operation, a, b, c, buffer=None):
 
 
 def set_wire(wire, level):
-    """Release a wire of the I2C bus (level 1), or pull it low (level 0)."""
-    _wires[wire] = 1 if level else 0
-    call(LINES, _wires[SCL], _wires[SDA], 1, _level)
+    """Release a wire of an I2C bus (level 1), or pull it low (level 0)."""
+    _wires[wire] = _wires[wire] & SECOND_BUS | (1 if level else 0)
+    sda(wire // WIRES)
 
 
-def sda():
-    """Return the level of the I2C wire SDA: 1 for high, 0 for low."""
-    call(LINES, _wires[SCL], _wires[SDA], 1, _level)
+def sda(bus=0):
+    """Return the level of the wire SDA of an I2C bus, 0 or 1: 1 for high, 0 for low."""
+    call(LINES, _wires[WIRES * bus + SCL], _wires[WIRES * bus + SDA], 1, _level)
     return _level[0]
 
 
@@ -91,6 +98,20 @@ def sleep_us(us):
         part = min(us, 0xFFFFFF)
         call(SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
         us -= part
+
+
+def spend_us(us):
+    """Advance the clock by `us` microseconds of processor time; only in simulated time."""
+    global _busy_us, now_us
+    _busy_us += us
+    now_us = now_us + us & (PERIOD_US - 1)
+
+
+def _report_busy():
+    global _busy_us
+    _fill(_header, BUSY, _busy_us & 0xFF, _busy_us >> 8 & 0xFF, _busy_us >> 16)
+    _send(_header, 4)
+    _busy_us = 0
 
 
 def _report_memory():

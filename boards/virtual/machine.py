@@ -3,11 +3,10 @@
 import os
 
 import _simulator
-from micropython import const
 from umachine import *  # noqa: F403
 
-_wires = {}  # wire of the I2C bus by number of its pin
-_STRIP_LED_PIN = const(15)
+_wires = {}  # wire of an I2C bus by number of its pin
+_STRIP_LED_PINS = {15: 0, 14: _simulator.SECOND_BUS}
 
 
 class Pin:
@@ -25,12 +24,13 @@ class Pin:
 
     def value(self, level=None):
         wire = _wires.get(self.number)
-        if level is not None and self.number == _STRIP_LED_PIN:
-            _simulator.call(_simulator.LIGHT, 1 if level else 0, 0, 0)
+        if level is not None and self.number in _STRIP_LED_PINS:
+            bus = _STRIP_LED_PINS[self.number]
+            _simulator.call(_simulator.LIGHT, bus | (1 if level else 0), 0, 0)
         elif level is not None:
             _simulator.set_wire(wire, level)
-        elif wire == _simulator.SDA:
-            return _simulator.sda()
+        elif wire is not None and wire % _simulator.WIRES == _simulator.SDA:
+            return _simulator.sda(wire // _simulator.WIRES)
         else:
             return int(os.getenv("SPOTS_BUTTON") != "held")
 
@@ -39,15 +39,17 @@ class I2C:
     """An I2C controller on the simulated bus. Transfers allocate nothing."""
 
     def __init__(self, id, *, scl, sda, freq=400_000, timeout=50_000):
-        _wires[scl.number], _wires[sda.number] = _simulator.SCL, _simulator.SDA
+        first = _simulator.WIRES * id
+        _wires[scl.number], _wires[sda.number] = first + _simulator.SCL, first + _simulator.SDA
         khz = freq // 1000
-        _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, 0)
+        self._bus = _simulator.SECOND_BUS * id
+        _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, self._bus)
 
     def readfrom_mem_into(self, addr, memaddr, buf):
-        _simulator.call(_simulator.READ, addr, memaddr, len(buf), buf)
+        _simulator.call(_simulator.READ, addr | self._bus, memaddr, len(buf), buf)
 
     def writeto(self, addr, buf):
-        _simulator.call(_simulator.WRITE, addr, len(buf), 0, buf)
+        _simulator.call(_simulator.WRITE, addr | self._bus, len(buf), 0, buf)
         return len(buf)
 
 

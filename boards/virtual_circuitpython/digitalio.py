@@ -24,13 +24,17 @@ class DigitalInOut:
 
     @property
     def value(self):
-        return bool(_simulator.sda()) if self._pin.wire == _simulator.SDA else self._level
+        wire = self._pin.wire
+        if wire is None or wire >= _simulator.STRIP_LED or wire % _simulator.WIRES == 0:
+            return self._level
+        return bool(_simulator.sda(wire // _simulator.WIRES))
 
     @value.setter
     def value(self, level):
         self._level = level
-        if self._pin.wire == _simulator.STRIP_LED:
-            _simulator.call(_simulator.LIGHT, 1 if level else 0, 0, 0)
+        if self._pin.wire >= _simulator.STRIP_LED:
+            bus = _simulator.SECOND_BUS * (self._pin.wire - _simulator.STRIP_LED)
+            _simulator.call(_simulator.LIGHT, bus | (1 if level else 0), 0, 0)
         else:
             _simulator.set_wire(self._pin.wire, level)
 
@@ -47,7 +51,7 @@ class DigitalInOut:
         self._level = pull == Pull.UP and os.getenv("SPOTS_BUTTON") != "held"
 
     def switch_to_output(self, value=False, drive_mode=DriveMode.PUSH_PULL):
-        if self._pin.wire == _simulator.STRIP_LED:
+        if self._pin.wire >= _simulator.STRIP_LED:
             self._pin.taken = True
         elif drive_mode != DriveMode.OPEN_DRAIN:
             raise NotImplementedError("a wire of the I2C bus must be open-drain")

@@ -28,7 +28,7 @@ _HEAD = """# The five-bar linkage and its twin
 
 `make paper` writes this document, and measures all numbers except the published one. Two strips in
 the base joints of a planar five-bar linkage are its encoders. The position of the end point
-follows from their angles ([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7).
+follows from the angles of these joints ([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7).
 
 ![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
 
@@ -52,18 +52,19 @@ workspace of this document, the angle between the outer bars is at least 30°.
 
 ```sh
 python examples/track_joint.py CALIBRATION.toml      # a joint's angle and speed
-spots twin --linkage arm.toml                        # two boards on USB, found by their ids
+spots twin --linkage arm.toml                        # one or two boards on USB, found by their ids
 spots twin --linkage arm.toml --port /dev/ttyACM0 --port /dev/ttyACM1
+spots twin --linkage arm.toml --port /dev/ttyACM0    # one board with both strips
 spots twin --port virtual                            # no hardware: a simulated linkage writes SUST
-spots twin --json --picture sust.png                 # the same in simulated time, against the truth
+spots twin --json --picture sust.png                 # the same in simulated time; true errors
 ```
 
 ![The twin in a terminal: bars, path, and position of the end point](fivebar/twin.svg)
 
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
-and singularities. Elsewhere it prints lines. With `--json` it prints an object for each position,
-with the keys of `twin` in [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`,
-`singular` and `within` (inside the calibrated range of the joints). The web UI shows the same:
+and singularities; into a file or pipe it prints lines. With `--json` it prints an object for each
+position, with the keys of `twin` in [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`,
+`limit`, `singular` and `within` (both joints in their calibrated range). The web UI shows the same:
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
@@ -78,12 +79,13 @@ boards' clocks are mapped to the computer's clock. A board that restarts gets it
 from spots.linkage.twin_source import opened
 
 with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/dev/ttyACM1"])
-    for terminal in source.follow():
-        print(terminal.x_mm, terminal.y_mm, terminal.sigma_mm)
+    for point in source.follow():
+        print(point.x_mm, point.y_mm, point.sigma_mm)
 ```
 
 With `--record a.spots --record b.spots` both boards are recorded, and
-`--port recording:a.spots --port recording:b.spots` returns exactly the same positions again.
+`--port recording:a.spots --port recording:b.spots` returns exactly the same positions again. A
+board with both strips needs one `--record` and one `--port`.
 
 ## The linkage file
 
@@ -103,7 +105,9 @@ calibration = "b.toml"
 offset_deg = -108.0
 ```
 
-Each calibration stores the id of its board, so `spots twin` finds the board of each joint.
+Each calibration stores the id of its strip, so `spots twin` finds the board and the strip of each
+joint. Both strips can be on one board ([hardware.md](hardware.md#two-strips-on-one-board)); then
+calibrate each joint with `--port PORT#0` or `--port PORT#1`.
 """
 
 _CALIBRATION = """
@@ -161,8 +165,9 @@ def document(
     lines = [_HEAD, _workspace(surveys, linkage, mechanism), _CALIBRATION]
     first = next(iter(surveys.values()))[0].kinematics
     lines.append(
-        f"From {CALIBRATION_PLACES} places, known to {PLACE_SIGMA_MM:g} mm, of the simulated "
-        "linkage (the first seed):\n\n| | nominal | true | fitted | standard error |\n"
+        f"A fit to {CALIBRATION_PLACES} places of the simulated linkage, known to "
+        f"{PLACE_SIGMA_MM:g} mm (the first seed):\n\n"
+        "| | nominal | true | fitted | standard error |\n"
         "| --- | --- | --- | --- | --- |\n"
     )
     truth = (*mechanism.bar_mm, mechanism.base_mm)
@@ -215,9 +220,9 @@ A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`) has nomina
 and a base of {base:g} mm. The true lengths differ by up to {off}, the true mounting of the joints
 by up to {turned}. Each joint moves an indenter with backlash along its own strip, over
 {travel}. The real firmware reads each strip in simulated time. Each strip is calibrated, then
-its joint. The end point stops at {places} points of a grid over the workspace; its position follows
-from one reading of {each:g} ms of each joint. Seeds {min(SEEDS)} to {max(SEEDS)};
-distances from the true position in mm:
+the joint of the strip. The end point stops at {places} points of a grid over the workspace; its
+position follows from one reading of {each:g} ms of each joint. The table shows its distance from
+the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 
 """
     text += "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
@@ -231,7 +236,7 @@ bars. The simulation has only backlash and wrong lengths.
 Ideal and real strips are the sensor files `default` and `real`, as in
 [applications.md](applications.md), with warm LEDs. A re-zero at the stops of the joints
 (`spots rezero --joint`) corrects the real strips. Without it, many readings do not fit the
-calibration. An encoder normally ignores such readings; for this table it used them. A
+calibration. An encoder normally ignores such readings; for this table the encoders used them. A
 kinematic calibration also corrects the strips, until they change further.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
@@ -244,8 +249,8 @@ def _path(runs: dict[str, dict[int, list[PathRun]]]) -> str:
 ## On a path
 
 A hand with a tremor moves the end point along "SUST" (`host/spots_sim/data/paths/sust.toml`). The
-twin uses the true lengths. The strips are those [above](#over-the-workspace). Errors in mm, seeds
-{min(SEEDS)} to {max(SEEDS)}:
+twin uses the true lengths. The strips are those [above](#over-the-workspace). The table shows the
+errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 
 | strips | exposure | positions a second | mean | 95 % below | at most | rms | expected rms |
 | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -264,11 +269,11 @@ twin uses the true lengths. The strips are those [above](#over-the-workspace). E
     return (
         text
         + f"""
-The twin reports an expected error with each position, which follows by the Jacobian from the noise
+The twin reports an expected error with each position. The Jacobian gives this error from the noise
 of the strips, the errors of the joint calibrations and the backlash. It does not include movements
-between two readings and the error of the dark frame. The board takes no dark frame while the strip
-is pressed; in a joint, the indenter always presses it, so the only dark frame is that of the start.
-With a long exposure the noise is small, and the error of the dark frame is the largest one.
+between two readings, or the error of the dark frame. The board takes no dark frame while the strip
+is pressed; in a joint, the indenter always presses, so the only dark frame is that of the start.
+With a long exposure the noise is small, and the error of the dark frame is the largest error.
 
 ![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """

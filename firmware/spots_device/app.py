@@ -9,12 +9,9 @@ from .calibration import Calibration, CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
 from .reconnect import Reconnect
-from .settings import SETTINGS_FILE, BoardSettings, checksum, load_lines, save_lines
+from .settings import BoardSettings, checksum, load_lines, save_lines
 from .strip import Strip
 from .uses import Uses, check_layout
-
-CALIBRATION_FILE = "calibration.txt"
-LAYOUT_FILE = "layout.txt"
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
 _LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
@@ -22,8 +19,7 @@ _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
 _SKIPPED = const(2)  # passes to skip, because the first passes after a command are late
-_COUNTED = const(16)  # passes in the mean
-_LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a small integer
+_LOG2_COUNTED = const(4)  # log2 of the passes in the mean
 
 
 class Meter:
@@ -34,7 +30,8 @@ class Meter:
     Attributes
     ----------
     busy_us : int
-        Mean duration of a pass without its sleep, in us; 0 before the first mean is complete.
+        Duration of a pass in us if the loop is slower than the sensor: then no poll is early, and
+        each pass takes an eighth longer. 0 before the first mean is complete.
     """
 
     def __init__(self):
@@ -43,31 +40,20 @@ class Meter:
 
     def restart(self):
         """Start a new mean; `busy_us` is the previous mean until the new mean is complete."""
-        self._sum_us = 0
+        self._mean_us = 0
         self._passes = -_SKIPPED
 
-    def add(self, lasted_us):
-        """Add the duration of one pass in us; return True once the mean is complete."""
+    def add(self, lasted_us, exposure_us):
+        """Add the duration of one pass without its sleep; return True once the mean is complete."""
         if self._passes >= 0:
-            self._sum_us += min(lasted_us, _LONGEST_US)
+            self._mean_us += lasted_us >> _LOG2_COUNTED
         self._passes += 1
-        if self._passes < _COUNTED:
+        if self._passes < 1 << _LOG2_COUNTED:
             return False
-        self.busy_us = self._sum_us // _COUNTED
+        busy_us = self._mean_us
+        self.busy_us = busy_us if busy_us > exposure_us else busy_us + (busy_us >> 3)
         self.restart()
         return True
-
-    def rate_mHz(self, exposure_us, average):
-        """Return the expected rate of readings in mHz, limited by the sensor or by the loop.
-
-        Parameters
-        ----------
-        exposure_us : int
-            Integration time in us.
-        average : int
-            Samples in a reading.
-        """
-        return 1_000_000_000 // (max(exposure_us, self.busy_us) * average)
 
 
 def _nothing(*_):
@@ -75,7 +61,9 @@ def _nothing(*_):
 
 
 class BoardApp:
-    """The application of a board: creates all parts and runs the loop.
+    """The application of a board with one strip: creates all parts and runs the loop.
+
+    `several.SeveralApp` is the application of a board with several strips.
 
     Parameters
     ----------
@@ -97,14 +85,23 @@ class BoardApp:
     usb : object, optional
         USB stack: ``open(names) -> dict`` opens HID interfaces, see `uses.Uses`. None on a board
         that cannot be a USB keyboard.
+
+    Attributes
+    ----------
+    index : int
+        Number of the sensor.
+    sensors : int
+        Number of sensors of the board.
     """
+
+    index = 0
+    sensors = 1
 
     def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):
         self._board = board
         self._runtime = runtime
         self._uid = uid
         self._clock = clock
-        self._sensor = sensor
         self._read = serial.read
         self._time = Time32(clock)
         self._reader = LineReader()
@@ -114,9 +111,14 @@ class BoardApp:
         self._left = False
         self._answered = 0
         self._leave_until = None  # deadline in ticks
+        self.framer = Framer(serial, self._time)
+        self._attach(sensor, board, usb)
+
+    def _attach(self, sensor, board, usb):
+        """Create what belongs to one strip: its settings, files, keys and commands."""
+        self._sensor = sensor
         self.meter = Meter()
         self.settings = BoardSettings(board)
-        self.framer = Framer(serial, self._time)
         self.replies = Replies(self.framer, self._time)
         self.calibration = CalibrationSlot()
         layout_lines = self._load()
@@ -124,11 +126,21 @@ class BoardApp:
         self.uses = Uses(self.settings, self.framer, self._time, usb, layout_lines)
         if self.uses.fault:
             self.replies.log("error", self.uses.fault)
-        self.strip = Strip(0, uid, sensor, self.framer, self._time, clock, self.settings, self.uses)
+        self.strip = Strip(
+            self.index,
+            self._uid,
+            sensor,
+            self.framer,
+            self._time,
+            self._clock,
+            self.settings,
+            self.uses,
+        )
         self.reconnect = Reconnect(
-            self.strip, clock, self.replies, self._use_calibration, self._sensor_lost
+            self.strip, self._clock, self.replies, self.apply_calibration, self._sensor_lost
         )
         self._commands = Commands(self)
+        self._sum()
 
     def run(self):
         """Run until the command ``reboot``.
@@ -224,7 +236,7 @@ class BoardApp:
         BoardApp._pass(self)
         if self.reconnect.lost or sensor.complete == complete:
             return
-        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began)):
+        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), sensor.exposure_us):
             del self._pass
 
     def log(self, level, text):
@@ -255,6 +267,7 @@ class BoardApp:
             Note for the user, see `apply_calibration`.
         """
         self.calibration.use(lines)
+        self._sum()
         return self.apply_calibration()
 
     def use_layout(self, lines):
@@ -271,7 +284,12 @@ class BoardApp:
             Note for the user, see `apply_calibration`.
         """
         self.uses.use_layout(lines)
+        self._sum()
         return self.apply_calibration()
+
+    def _sum(self):
+        # Checksums take a Pico 0.2 ms for each line, so a reply to ``hello`` does not compute them.
+        self._sums = checksum(self.calibration.lines), checksum(self.uses.layout_lines)
 
     def apply_calibration(self):
         """Use the calibration if it is valid at the present settings; update keys and gamepad.
@@ -282,10 +300,13 @@ class BoardApp:
             Note for the user: why the calibration is not used, or why keys or gamepad do not work
             although they are switched on. None if everything works.
         """
-        notes = self._use_calibration(), self.uses.note(self.strip.decode.calibration)
+        notes = self.use_stored(), self.uses.note(self.strip.decode.calibration)
+        self.measure()
+        gc.collect()  # frees the garbage of parsing
         return "; ".join(filter(None, notes)) or None
 
-    def _use_calibration(self):
+    def use_stored(self):
+        """Use the calibration as `apply_calibration` does; return why it is not used, or None."""
         if self.reconnect.lost:
             found = why_not = None
             if self.calibration.lines:
@@ -304,8 +325,6 @@ class BoardApp:
         self.strip.configure()
         self._time.update()
         self.uses.apply(found)
-        self.measure()
-        gc.collect()  # frees the garbage of parsing
         return why_not
 
     def _sensor_lost(self):
@@ -318,13 +337,13 @@ class BoardApp:
         reply["board"] = self._board.NAME
         reply["runtime"] = self._runtime
         reply["id"] = self._uid
-        reply["sensors"] = 1
+        reply["sensors"] = self.sensors
         calibration = self.strip.decode.calibration
-        reply["calibration"] = checksum(self.calibration.lines) if calibration else None
+        reply["calibration"] = calibration and self._sums[0]
         reply["length_um"] = calibration and calibration.length_um
         reply["decay"] = calibration and calibration.decay
         reply["relative_force"] = calibration and calibration.relative_force
-        reply["layout"] = checksum(self.uses.layout_lines) if self.uses.layout_lines else None
+        reply["layout"] = self._sums[1] if self.uses.layout_lines else None
         return reply
 
     def state(self):
@@ -338,9 +357,9 @@ class BoardApp:
         return reply
 
     def rate_mHz(self):
-        """Return the expected rate of readings at the present settings, in mHz."""
+        """Return the expected rate of readings in mHz, limited by the sensor or by the loop."""
         s = self.settings.values
-        return self.meter.rate_mHz(s["exposure_us"], s["average"])
+        return 1_000_000_000 // (max(s["exposure_us"], self.meter.busy_us) * s["average"])
 
     def release_keys(self):
         """Release all keys, because the readings may stop for a while."""
@@ -349,9 +368,9 @@ class BoardApp:
 
     def save(self):
         """Write settings, calibration and layout to flash."""
-        save_lines(SETTINGS_FILE, self.settings.lines())
-        save_lines(CALIBRATION_FILE, self.calibration.lines)
-        save_lines(LAYOUT_FILE, self.uses.layout_lines)
+        save_lines(self._path("settings"), self.settings.lines())
+        save_lines(self._path("calibration"), self.calibration.lines)
+        save_lines(self._path("layout"), self.uses.layout_lines)
 
     def time_us(self):
         """Return the board's time in us modulo 2**32."""
@@ -360,21 +379,22 @@ class BoardApp:
 
     def _load(self):
         """Load saved settings, calibration and layout; return the lines of the layout."""
-        self._load_lines(SETTINGS_FILE, "stored settings are", self.settings.change)
-        self.calibration.use(
-            self._load_lines(CALIBRATION_FILE, "the stored calibration is", Calibration)
-        )
-        return self._load_lines(LAYOUT_FILE, "the stored layout is", check_layout)
+        self._load_lines("settings", self.settings.change)
+        self.calibration.use(self._load_lines("calibration", Calibration))
+        return self._load_lines("layout", check_layout)
 
-    def _load_lines(self, path, what, check):
+    def _load_lines(self, name, check):
         try:
-            lines = load_lines(path)
+            lines = load_lines(self._path(name))
             if lines:
                 check(lines)
             return lines
         except ValueError as error:
-            self.replies.log("error", "%s not used: %s" % (what, error))
+            self.replies.log("error", "stored %s not used: %s" % (name, error))
             return []
+
+    def _path(self, name):
+        return name + ".txt"
 
     def _listen(self, byte):
         # At most one command per pass, so a flood from the host cannot starve sampling.

@@ -1,4 +1,9 @@
-"""Driver of the light sensor AS7341, which samples without gaps; one burst reads one sample.
+"""Driver of the light sensor AS7341, which samples without gaps.
+
+The chip stores samples in a FIFO: 128 entries of two bytes, which is 21 samples of six counts. So
+the loop may stall for 20 exposures without loss. No published driver reads six channels from this
+FIFO. So each start compares the first sample in the FIFO with the data registers. If they differ,
+or if the loop is slower than the sensor, `poll` reads the data registers, one sample a burst.
 
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
 `switch_led` and `read_into` allocate nothing.
@@ -24,6 +29,7 @@ _ENABLE = const(0x80)
 _ATIME = const(0x81)
 _ID = const(0x92)
 _STATUS = const(0x93)
+_ASTATUS = const(0x94)
 _STATUS2 = const(0xA3)
 _CFG0 = const(0xA9)
 _CFG1 = const(0xAA)
@@ -31,6 +37,10 @@ _CFG6 = const(0xAF)
 _PERS = const(0xBD)
 _ASTEP = const(0xCA)
 _INTENAB = const(0xF9)
+_CONTROL = const(0xFA)
+_FIFO_MAP = const(0xFC)
+_FIFO_LVL = const(0xFD)
+_FDATA = const(0xFE)
 
 _PON = const(0x01)
 _SP_EN = const(0x02)
@@ -41,9 +51,18 @@ _BANK_1 = const(0x10)
 _LED_SEL = const(0x08)
 _LED_ON = const(0x80)
 _SMUX_WRITE = const(0x10)
+_FIFO_CLR = const(0x02)
+_SIX_COUNTS = const(0x7E)
+
+_ENTRIES = const(6)  # entries of the FIFO for a sample
+_FULL = const(126)  # entries in the FIFO; with more, samples may be lost
+_SAMPLE = const(12)  # bytes
+_FIFO_DATA = const(14)  # index in the buffer, after the data registers
+_TRIAL = const(-8)  # comparisons after a start that may find other samples in the FIFO
+_BROKEN = const(2)
 
 _POWER_UP_US = const(5_000)
-_SMUX_US = const(10_000)
+_SMUX_US = const(5_000)
 _AUTO_ZERO_US = const(50_000)
 _STEP_US = const(2)  # a little more than half of the exposure's step of 2.78 us
 # Time from `start` to the first integration. It is longer than the set-up by any driver at 400 kHz,
@@ -79,12 +98,17 @@ class AS7341:
         self._ticks_us = clock.ticks_us
         self._pair = bytearray(2)
         self._byte = bytearray(1)
-        self._burst = bytearray(14)  # STATUS, ASTATUS, six counts
-        self._clear = bytes((_STATUS, _AINT))
+        # STATUS, ASTATUS, six counts; then samples from the FIFO.
+        self._burst = bytearray(_FIFO_DATA + 2 * _FULL)
+        view = memoryview(self._burst)
+        self._views = [view[:_FIFO_DATA]]
+        for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
+            self._views.append(view[_FIFO_DATA:end])
+        self.fifo = 0  # 1 if `poll` reads the FIFO, negative before the comparison
+        self._held = 0  # samples in the buffer that were not returned yet
         self._led_code = 0
         self.led = "ldr"  # one of `light.LEDS`
         self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
-        self._written = bytearray(2 * len(_CHECKED))
         self._check = 0
         self._asked = 0  # ticks at the beginning of the last poll
         self._settled = 0
@@ -138,21 +162,21 @@ class AS7341:
         self._configure(atime, astep, gain, led_mA)
         self._write(_PERS, 0)  # AINT at every sample
         self._write(_INTENAB, _AINT)
+        self._write(_FIFO_MAP, _SIX_COUNTS)
+        self._write(_CONTROL, _FIFO_CLR)
         self._write(_CFG6, _SMUX_WRITE)
         self._bus.write(b"\x00" + image)
         self._write(_ENABLE, _PON | _SMUXEN)
-        self._await_smux()
+        self._clock.sleep_us(_SMUX_US)
         self.plan = tuple(plan)
         self.gain = gain
         chip_us = exposure.actual_us(atime, astep)
         self.exposure_us = exposure_us if mains_hz else chip_us
         self.full_scale = exposure.full_scale(atime, astep)
         self.led_mA = led_mA
-        written = (_PON, atime, 0, gain, astep & 0xFF, astep >> 8)
-        for i in range(len(written)):
-            self._written[i] = written[i]
+        self._written = bytearray((_PON, atime, 0, gain, astep & 0xFF, astep >> 8))
         for _ in _CHECKED:
-            self.check()
+            self.check()  # also that the SMUX command is complete
         self._written[0] = _PON | _SP_EN
         if self.led != "ldr":
             self._light(False)  # the breakout's own LED, which may have been on
@@ -160,8 +184,11 @@ class AS7341:
         left_us = _START_US - self._clock.ticks_diff(self._clock.ticks_us(), began)
         if left_us > 0:
             self._clock.sleep_us(left_us)
-        self._bus.write(self._clear)
+        self._write(_STATUS, _AINT)
         self._write(_ENABLE, _PON | _SP_EN)
+        self.fifo = _TRIAL
+        self._held = self._known = self._at = 0
+        self._odd = 0  # 1 if the level was not a multiple of 6, `_BROKEN` if a transfer failed
         now = self._clock.ticks_us()
         self._settled = self._clock.ticks_add(now, -self.exposure_us)  # the LED is on already
         self.complete = now
@@ -202,10 +229,12 @@ class AS7341:
         return self._clock.ticks_diff(self.pacing.due, self._clock.ticks_us())
 
     def poll(self):
-        """Read a new sample, if there is one, in a single burst. Allocates nothing.
+        """Return a new sample, if there is one. Allocates nothing.
 
-        AVALID cannot show a new sample, because it stays set between samples. Each sample sets
-        AINT. This method clears AINT after the read of ASTATUS has latched the counts.
+        A burst reads all samples in the FIFO, which this call and the next ones return. Without
+        the FIFO, a burst reads one sample. AVALID cannot show a new sample, because it stays set
+        between samples. Each sample sets AINT. This method clears AINT after the read of ASTATUS
+        has latched the counts.
 
         Returns
         -------
@@ -220,9 +249,11 @@ class AS7341:
         OSError
             If transfers have failed for that time. Until then, each poll repeats the transfer.
         """
+        if self._held:
+            return self._take()
         self._asked = self._ticks_us()
         try:
-            found = self._read_burst()
+            found = self._read_fifo() if self.fifo > 0 else self._read_burst()
         except OSError:
             self._fail()
             if self._is_overdue():
@@ -232,19 +263,61 @@ class AS7341:
 
     def _read_burst(self):
         burst = self._burst
-        self._bus.read_into(_STATUS, burst)
+        self._bus.read_into(_STATUS, self._views[0])
         if burst[0] & _AINT:
-            self._bus.write(self._clear)
+            if self.fifo < 0:
+                self._bus.read_into(_FIFO_LVL, self._byte)
+                if self._byte[0] == _ENTRIES:
+                    self._bus.read_into(_FDATA, self._views[1])
+                    self.fifo = 1
+                    for i in range(2, _FIFO_DATA):
+                        if burst[i] != burst[i + _SAMPLE]:
+                            self.fifo = 0
+                else:
+                    self._write(_CONTROL, _FIFO_CLR)  # it contains another sample
+                    self.fifo += 1
+            self._write(_STATUS, _AINT)
             return True
         return False
 
+    def _read_fifo(self):
+        self._bus.read_into(_FIFO_LVL, self._byte)
+        self._known = self._ticks_us()
+        level = self._byte[0]
+        # The level may be odd for a moment, while the chip stores a sample.
+        odd = 1 if level % _ENTRIES else 0
+        if level > _FULL or self._odd + odd > 1:
+            self._write(_CONTROL, _FIFO_CLR)
+            self.complete = self._asked = self._ticks_us()
+            self.fifo = self.pacing.overrun(self._asked)
+            level = odd = 0
+        held = level // _ENTRIES
+        if held:
+            self._odd = _BROKEN  # unless the transfer succeeds
+            self._bus.read_into(_FDATA, self._views[held])
+            self._at = _FIFO_DATA
+        else:
+            # ASTATUS is not in the FIFO; an early poll has time to read it.
+            self._bus.read_into(_ASTATUS, self._byte)
+            self._burst[1] = self._byte[0]
+        self._held = held
+        self._odd = odd
+        return held
+
     def _take(self):
-        complete = self.pacing.found(self._asked, self._ticks_us())
-        if complete is None:
-            self.complete = self._asked
-            return False
+        at = 2
+        if self._held:
+            at = self._at
+            self._at = at + _SAMPLE
+            complete = self.pacing.held(self._asked, self._known, self._held)
+            self._held -= 1
+        else:
+            complete = self.pacing.found(self._asked, self._ticks_us())
+            if complete is None:
+                self.complete = self._asked
+                return False
         self.complete = complete
-        most = unpack(self._burst, self.counts)
+        most = unpack(self._burst, self.counts, at)
         self.saturated = most >= self.full_scale or self._burst[1] & _ASAT > 0
         if not self.steady:
             self._settle()
@@ -300,6 +373,7 @@ class AS7341:
         """Add the counters of this sensor to a reply to ``get`` (dict); uses no bus transfer."""
         reply["missed"] = self.pacing.missed
         reply["retries"] = self.retries
+        reply["fifo"] = max(self.fifo, 0)
         reply["full_scale"] = self.full_scale
 
     def _is_overdue(self):
@@ -342,17 +416,6 @@ class AS7341:
     def _ask_id(self):
         self._write(_CFG0, 0)  # a failed transfer may have left bank 1 selected
         self._bus.read_into(_ID, self._byte)
-
-    def _await_smux(self):
-        clock = self._clock
-        began = clock.ticks_us()
-        while True:
-            self._bus.read_into(_ENABLE, self._byte)
-            if not self._byte[0] & _SMUXEN:
-                return
-            if clock.ticks_diff(clock.ticks_us(), began) > _SMUX_US:
-                raise SensorError("the AS7341 did not finish a SMUX command; power it off and on")
-            clock.sleep_us(100)
 
     def _write(self, register, value):
         self._pair[0] = register

@@ -174,7 +174,7 @@ class Upload:
         if words[1:] != [checksum(lines)]:
             raise ValueError("the checksum differs: send the %s again" % self._what)
         self._check(lines)
-        return _noted({self._what: checksum(lines)}, self._use(lines))
+        return _noted({self._what: words[1]}, self._use(lines))
 
     def _keep(self, line):
         if not line:
@@ -209,6 +209,7 @@ class Commands:
       save                store settings, layout and calibration
       sync                the board's time, and the kinds of frames that it streams
       reboot              restart the firmware
+      ... sensor=N        the command is for strip N of a board with several strips
 
     Parameters
     ----------
@@ -241,6 +242,8 @@ class Commands:
         if not words:
             return {"re": "", "error": "the line is empty: send a command"}
         name = words[0]
+        if words[-1].startswith("sensor="):
+            return {"re": name, "error": "this board has one sensor: leave sensor= out"}
         if name not in self._TABLE:
             known = ", ".join(sorted(self._TABLE))
             return {"re": name[:NAME_MAX], "error": "no such command; use one of " + known}

@@ -15,6 +15,7 @@ DOWN  TWO    otherwise; the first finger keeps its position of one reading *earl
 TWO   DOWN   the position rests where the first finger was: the second finger has left
 TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or
              was never that of two fingers, or no second finger could cause this position
+TWO   DOWN   the first finger lifts, and the position has almost reached the second finger
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
 TWO   TWO    the first finger rests, and readings agree on the position of the second finger
              (second.py), even if the light of the first finger is unknown
@@ -90,6 +91,9 @@ _LATER = const(4)
 _TWICE_T = const(8)  # least time between two estimates that confirm each other
 _NEVER = const(1 << 29)
 _FALL_T = const(34)  # longest time in which a finger lifts
+_LIFTS_T = const(9)  # least time of a lift before its end is predicted
+_REMAINS_UM = const(2000)  # largest distance to the second finger at this end
+_FAST_UM = const(20_000)
 _CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
 _GROWN = const(116_000)  # 1.08
@@ -110,7 +114,7 @@ _SEEN = const(7)  # consecutive readings that agree; -1 if the last one does not
 _X_BEFORE_UM = const(8)  # position of the first finger, one reading earlier
 _X_SEEN_UM = const(9)  # position and brightness of the last reading
 _B_SEEN = const(10)
-_STEP_UM = const(11)  # motion between the last two readings
+_STEP_UM = const(11)  # motion between the last two readings; in TWO: away from the first finger
 _B = const(12)  # brightness of the first finger in the last three readings of it alone
 _B_BEFORE = const(13)
 _B_OLDEST = const(14)
@@ -222,8 +226,7 @@ class ContactTracker:
     @property
     def two(self):
         """Whether more than one finger may touch the strip."""
-        s = self._s
-        return s[_STATE] == _TWO
+        return self._s[_STATE] == _TWO
 
     def set_layout(self, layout, length_um=0, decay=0):
         """Set the limits and the strip length; a present touch is ignored until it is lifted.
@@ -280,7 +283,7 @@ class ContactTracker:
         if not flags & TOUCHING or (force_mN < s[_RELEASE_MN] and not flags & DOUBTFUL):
             if s[_STATE] != _UP:
                 self._lift(t)
-            elif s[_SEEN]:
+            else:
                 s[_SEEN] = 0
             if force_mN and not flags & MISFIT and s[_STATE] == _UP:
                 self._approach(position_um, brightness, t)
@@ -315,7 +318,7 @@ class ContactTracker:
         s = self._s
         if not s[_LEAVING]:
             s[_LEAVING] = True
-            s[_LEFT] = t
+            s[_LEFT] = s[_T]
         if elapsed(s[_LEFT], t) < s[_RELEASE_T]:
             return
         s[_LEAVING] = False
@@ -332,7 +335,7 @@ class ContactTracker:
         s[_BEGAN] = s[_SINCE] = t
         s[_X_UM] = s[_X_SEEN_UM] = x_um
         s[_B_SEEN] = brightness
-        s[_STEP_UM] = s[_PEAK] = 0
+        s[_STEP_UM] = 0
         s[_SEEN] = 1
 
     def _press(self, fits, x_um, force_mN, brightness, t):
@@ -508,16 +511,27 @@ class ContactTracker:
         s[_X_SEEN_UM] = x_um
         s[_B_SEEN] = brightness
         off_um = abs(x_um - s[_X_UM])
+        away_um = off_um - abs(x_last_um - s[_X_UM])
+        known = fits and s[_KNOWN] and s[_PAIR] and not s[_SECOND]
         # With two fingers, this change of light would move the position.
         change = abs(brightness - b_last)
         single = (
-            fits
-            and s[_KNOWN]
-            and not s[_SECOND]
-            and s[_PAIR]
+            known
             and change > _CHANGED
             and abs(x_um - x_last_um) < max(_REST_UM, (change >> 12) * min(off_um, 100_000) >> 12)
         )
+        # While the first finger lifts, the position approaches the second finger, in ever smaller
+        # steps. The remaining distance is about the square of a step divided by the step before.
+        ends = (
+            known
+            and s[_FALLS]
+            and not s[_THIRD]
+            and elapsed(s[_FELL], t) >= _LIFTS_T
+            and brightness > b_last - _LOST
+            and 0 < away_um < _FAST_UM
+            and away_um * away_um < s[_STEP_UM] * _REMAINS_UM
+        )
+        s[_STEP_UM] = away_um
         if brightness < s[_PEAK] - _EVEN and not (
             s[_SECOND]
             and not s[_FALLS]
@@ -525,11 +539,9 @@ class ContactTracker:
             and self._slides(fits, x_um, brightness)
         ):
             s[_IS_EVEN] = s[_RISES] = False  # the first finger may be leaving
-            if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM:
-                away = off_um - abs(x_last_um - s[_X_UM])
-                if away > _REST_UM:
-                    s[_FALLS] = _LATE
-                    s[_FELL] = t
+            if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM and away_um > _REST_UM:
+                s[_FALLS] = _LATE
+                s[_FELL] = t
         if s[_SECOND] and self._resolve(fits, x_um, force_mN, brightness, t):
             return
         if not (s[_SECOND] or s[_THIRD] or s[_HAS_DIPPED]):
@@ -539,7 +551,9 @@ class ContactTracker:
                 self._weigh(fits, x_last_um, b_last, x_um, brightness, t)
         s[_PAIR] = True
         seen = s[_SEEN]
-        if not single and (seen < 1 or elapsed(s[_SINCE], t) * (seen + 1) < _REST_T * seen):
+        if not (single or ends) and (
+            seen < 1 or elapsed(s[_SINCE], t) * (seen + 1) < _REST_T * seen
+        ):
             return
         if not s[_KNOWN]:
             # If light was lost and the position moved, one of two fingers has left. Or there was
@@ -570,13 +584,15 @@ class ContactTracker:
             if not stays:
                 if s[_SECOND]:
                     self.sink.left(True, t)
-                self._recall(x_um, brightness, t)
+                if not ends:
+                    self._recall(x_um, brightness, t)
             s[_SECOND] = False
             self._begin(x_um, force_mN, brightness, t)
             if stays:
                 self.sink.left(False, t)
             else:
                 s[_B_BEFORE] = 0
+                s[_LOOSE] = ends
                 self.sink.next(x_um, t)
             self._harden(force_mN, t)
 
@@ -670,7 +686,7 @@ class ContactTracker:
         return abs(s[_FOUND_UM] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate from a reading a finger beside another finger at `x1_um`, see `second.locate`.
+        """Estimate a finger beside another finger at `x1_um` from a reading, see `second.locate`.
 
         Stores the result in the element `_FOUND_UM` of the state and in the next two. Returns
         whether the estimate succeeds with a position on the strip.
@@ -686,7 +702,7 @@ class ContactTracker:
                 x_um,
                 brightness,
                 -1 if s[_DRIFTS] else fits,
-                noise(s[_NOISE_PRODUCT], brightness),
+                self.noise_um(brightness),
             )
             and -_NEAR_UM - s[_FOUND_SLACK_UM]
             < s[_FOUND_UM]
@@ -735,8 +751,7 @@ class ContactTracker:
         if not s[_PAIR]:
             return
         if brightness < b_last + _EVEN:
-            # Both fingers rest: only a spectrum of two fingers confirms an earlier estimate.
-            if s[_GUESSED] and s[_RESTED] and not fits:
+            if s[_GUESSED] and s[_RESTED]:  # both fingers rest, as in the earlier estimate
                 self._found_both(fits, x_um, brightness, t)
             return
         limit_um = s[_LENGTH_UM] + _NEAR_UM if x_um > s[_X_UM] else -_NEAR_UM
@@ -822,7 +837,7 @@ class ContactTracker:
             )
         x_um = s[_X_UM] + off_um
         # No second finger on the strip could cause this position while the first one rests.
-        alone = (s[_SEEN] > 1 or brightness < first + _SINGLE) and not self._solve(
+        alone = (s[_SEEN] > 1 or s[_FALLS] or brightness < first + _SINGLE) and not self._solve(
             s[_X_UM], first - _MORE, x_um, brightness, True
         )
         if s[_FALLS] and not s[_THIRD] and elapsed(s[_FELL], t) >= _FALL_T:
@@ -849,15 +864,12 @@ class ContactTracker:
 
     def noise_um(self, brightness):
         """Return an upper limit of a position's standard deviation due to ADC noise, in um."""
-        s = self._s
-        return noise(s[_NOISE_PRODUCT], brightness)
+        return noise(self._s[_NOISE_PRODUCT], brightness)
 
     def _slack_um(self, brightness):
         s = self._s
         # Largest difference of two readings of a resting finger, by the noise of the darker one.
-        b = s[_B_SEEN]
-        b = brightness if brightness < b else b
-        return max(_REST_UM, noise(s[_NOISE_PRODUCT], b) * 7 >> 1)
+        return max(_REST_UM, self.noise_um(min(brightness, s[_B_SEEN])) * 7 >> 1)
 
     def _harden(self, force_mN, t):
         s = self._s

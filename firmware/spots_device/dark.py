@@ -18,11 +18,11 @@ from .decode import LED_OFF, LIGHT, MISFIT, NOT_CALIBRATED, SAMPLES, TOUCHING
 from .kernel import accumulate
 from .smux import CHANNELS
 
-WINDOW_SAMPLES = const(4)
-WINDOWS = const(16)
+_WINDOW_SAMPLES = const(4)
+_WINDOWS = const(16)
 _WEIGHT = const(8)  # after the first 16 windows, a window has the weight 1/8
 # A dark window takes six samples, so windows must be rare.
-DARK_EVERY_US = const(10_000_000)
+_DARK_EVERY_US = const(10_000_000)
 _DARK_EVERY_SAMPLES = const(100)
 _REQUEST_US = const(2_000_000)  # longest duration of a requested dark frame
 _EVERY_MAX_US = const(500_000_000)  # so that the age fits a small integer
@@ -77,7 +77,7 @@ class Dark:
         self._pool_wanted = False
         self.wanted = True
         self.age_us = 0
-        self.every_us = DARK_EVERY_US
+        self.every_us = _DARK_EVERY_US
         self.exposure_us = 0
         self.always = False
 
@@ -96,7 +96,7 @@ class Dark:
         self.always = dark_every > 0
         self.every_us = min(dark_every * exposure_us, _EVERY_MAX_US)
         if not self.always:
-            self.every_us = max(DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
+            self.every_us = max(_DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
 
     def request(self):
         """If the LED can be switched, take a dark window as soon as possible; restart the mean."""
@@ -124,18 +124,18 @@ class Dark:
         if self.wanted:
             windows = 1
             if self._pool_wanted:
-                windows = min(max(1, _REQUEST_US // (WINDOW_SAMPLES * exposure_us)), WINDOWS)
+                windows = min(max(1, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us)), _WINDOWS)
             self.wanted = self._pool_wanted = False
             self._count = self._taken = 0
-            self._left = WINDOW_SAMPLES * windows
+            self._left = _WINDOW_SAMPLES * windows
         else:
-            self._left = 1 if self.always else WINDOW_SAMPLES
+            self._left = 1 if self.always else _WINDOW_SAMPLES
 
     def add(self, counts):
         """Add a dark sample (six counts); return whether the series is complete."""
         accumulate(self._window, counts, self._taken)
         self._taken += 1
-        if self._taken == WINDOW_SAMPLES:
+        if self._taken == _WINDOW_SAMPLES:
             self._taken = 0
             self._pool()
         self._left -= 1
@@ -159,7 +159,7 @@ class Dark:
         if self._is_jump():
             self._count = 0
         weight = _WEIGHT
-        if self._count < WINDOWS:
+        if self._count < _WINDOWS:
             self._count += 1
             weight = self._count
         for i in range(CHANNELS):

@@ -52,7 +52,7 @@ _NO_TABLES = array("i", bytes(4))
 
 
 class Decode:
-    """What `kernel.estimate` needs and finds for one strip; the host has `views.Decoded`.
+    """Inputs and results of `kernel.estimate` for one strip; the host has `views.Decoded`.
 
     Attributes
     ----------

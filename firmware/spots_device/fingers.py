@@ -41,9 +41,9 @@ class Fingers:
         self._second = _Finger()
 
     def attach(self, tracker, sink):
-        """Receive the events of a tracker, and pass them on to `sink`, unless it is None.
+        """Receive the events of a tracker, and pass them on to `sink` unless `sink` is None.
 
-        For a finger that already touches, the first frame is sent when it is alone in a reading.
+        For a finger that already touches, the first frame is sent when this finger is alone.
         """
         self._tracker = tracker
         self._sink = sink

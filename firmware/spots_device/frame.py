@@ -26,17 +26,12 @@ TEXT = 3
 KEY = 4
 CONTACT = 5
 
-# kind and sensor, sequence, time low, time high
-HEADER = "<BHHH"
-SPECTRUM_BODY = "BB6H"  # flags, gain, counts
-KEY_BODY = "BHBB"  # usage page, usage, modifiers, pressed
-CONTACT_BODY = "BBiHH"  # id, state, position_um, sigma_um, force_mN
-TEXT_MAX = 640  # bytes; the longest reply, to `get`, has 602
+KEY_BODY = "<BHBB"  # usage page, usage, modifiers, pressed
+CONTACT_BODY = "<BBiHH"  # id, state, position_um, sigma_um, force_mN
+TEXT_MAX = 640  # bytes; the longest reply, to `get`, has 639
 
 _SPECTRUM_SIZE = HEADER_SIZE + 14
-_KEY = "<" + KEY_BODY
 _KEY_SIZE = HEADER_SIZE + 5
-_CONTACT = "<" + CONTACT_BODY
 _CONTACT_SIZE = HEADER_SIZE + 10
 
 
@@ -130,13 +125,13 @@ class Framer:
 
     def key(self, sensor, page, usage, modifiers, pressed):
         """Send a key event as a KEY frame, see `uses.Uses.key`; return whether it was sent."""
-        pack_into(_KEY, self._payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
+        pack_into(KEY_BODY, self._payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, _KEY_SIZE)
 
     def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
         """Send a finger as a CONTACT frame; docs/protocol.md describes the arguments."""
         pack_into(
-            _CONTACT,
+            CONTACT_BODY,
             self._payload,
             HEADER_SIZE,
             finger,

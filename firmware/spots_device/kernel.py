@@ -46,15 +46,16 @@ DRIFT, LEARNS, SEEN = range(11, 14)
 MISFIT_Q12, TOLERANCE_Q12 = 15, 16
 LOGS, FOUND = 17, 27
 
-TOUCH_BODY = "BiiiH"  # flags, contrast, brightness, position_um, force_mN
+TOUCH_BODY = "<BiiiH"  # flags, contrast, brightness, position_um, force_mN
 TOUCH_SIZE = HEADER_SIZE + 15
 
 
-def unpack(burst, counts):
-    """Copy six little-endian counts from `burst`, byte 2 onwards; return the largest count."""
+def unpack(burst, counts, at):
+    """Copy six little-endian counts from `burst`, byte `at` onwards; return the largest count."""
     most = 0
     for i in range(CHANNELS):
-        count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
+        count = burst[at] | burst[at + 1] << 8
+        at += 2
         counts[i] = count
         if count > most:
             most = count
@@ -278,7 +279,6 @@ def cobs_encode(source, size, target):
 
 
 _crc = array("H", bytes(4))
-_TOUCH = "<" + TOUCH_BODY
 
 
 def frame(head, payload, size, encoded):
@@ -313,7 +313,7 @@ def frame(head, payload, size, encoded):
 def touch(head, payload, state, encoded):
     """Encode the reading in `state` as a TOUCH frame; other arguments and result as in `frame`."""
     pack_into(
-        _TOUCH,
+        TOUCH_BODY,
         payload,
         HEADER_SIZE,
         state[FLAGS] | head[GAP],

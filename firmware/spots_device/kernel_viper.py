@@ -21,11 +21,12 @@ from .log2 import TABLE
 
 
 @micropython.viper
-def unpack(burst: ptr8, counts: ptr32) -> int:
-    # 6: CHANNELS. Each count has two bytes, the low byte first; two status bytes precede them.
+def unpack(burst: ptr8, counts: ptr32, at: int) -> int:
+    # 6: CHANNELS. Each count has two bytes, the low byte first.
     most = 0
     for i in range(6):
-        count = burst[2 + 2 * i] | burst[3 + 2 * i] << 8
+        count = burst[at] | burst[at + 1] << 8
+        at += 2
         counts[i] = count
         if count > most:
             most = count

@@ -100,8 +100,9 @@ class Keypad:
     def down(self, x_um, t):
         again = self._tapped_at
         self._tapped_at = _NONE
-        quick = again >= 0 and elapsed(self._tapped, t) < self._layout.quick_t
-        self._row = row = self._find(x_um, again if quick else _NONE)
+        if again >= 0 and elapsed(self._tapped, t) >= self._layout.quick_t:
+            again = _NONE
+        self._row = row = self._find(x_um, again)
         self._began = t
         self._x_um = self._x_step_um = x_um
         due = self._due
@@ -109,7 +110,7 @@ class Keypad:
             self._tap_due()
             due = _NONE
             # This tap may have switched the layer.
-            self._row = row = self._find(x_um, again if quick else _NONE)
+            self._row = row = self._find(x_um, again)
         self._state = _OPEN
         if row < 0:
             self._wait_t = 0
@@ -119,7 +120,7 @@ class Keypad:
             self._press(self._action(DOUBLE))
             return
         self._wait_t = self._wait()
-        if self._is_plain() or (quick and row == again and self._action(HOLD)):
+        if self._is_plain() or (row == again and self._action(HOLD)):
             self._press(self._action(TAP))
 
     def at(self, x_um, t):
@@ -252,32 +253,37 @@ class Keypad:
     def _find(self, x_um, again):
         """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
-        `again` is the row of the key that was tapped before, or -1. A position up to ``slack_um``
-        beside this key counts as on the key, because a quick second tap is less accurate.
+        `again` is the row of the key that was tapped before, or -1. A quick second tap is less
+        accurate: a position up to ``slack_um`` beside this key, but at most a sixteenth of its
+        width, counts as on the key. A position on another key counts only if the tapped key has
+        a ``hold`` or ``double`` action.
         """
         layout = self._layout
         keys = layout.keys
         length_mm = self._length_mm
         self._row_layer = layer = self.layer
-        if again >= 0 and layout.is_on(layer, again):
-            slack_um = layout.slack_um
-            if (
-                keys[again + LOW] * length_mm - slack_um
-                <= x_um
-                < keys[again + HIGH] * length_mm + slack_um
-            ):
-                return again
         row = layout.first(layer)
         last = layout.first(layer + 1) - KEY_SIZE
-        while row <= last:
-            # The ends of the strip belong to the outermost keys.
-            if (x_um >= keys[row + LOW] * length_mm or keys[row + LOW] == 0) and (
-                x_um < keys[row + HIGH] * length_mm or keys[row + HIGH] == 1000
-            ):
-                self._once = _NONE
-                return row
+        # The ends of the strip belong to the outermost keys.
+        while row <= last and not (
+            (x_um >= keys[row + LOW] * length_mm or keys[row + LOW] == 0)
+            and (x_um < keys[row + HIGH] * length_mm or keys[row + HIGH] == 1000)
+        ):
             row += KEY_SIZE
-        return _NONE
+        if (
+            again >= 0
+            and layout.is_on(layer, again)
+            and (row > last or keys[again + HOLD] or keys[again + DOUBLE])
+        ):
+            low_um = keys[again + LOW] * length_mm
+            high_um = keys[again + HIGH] * length_mm
+            slack_um = min(layout.slack_um, high_um - low_um >> 4)
+            if low_um - slack_um <= x_um < high_um + slack_um:
+                return again
+        if row > last:
+            return _NONE
+        self._once = _NONE
+        return row
 
     def _action(self, slot):
         return self._layout.keys[self._row + slot]

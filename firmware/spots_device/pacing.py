@@ -8,11 +8,13 @@ bound predicts: no poll is late, and about one in twenty is early. Integers only
 A loop that is slower than the sensor never polls early, so there is no bracket. The sample that
 such a loop finds ended within the last period; the sample is used with this uncertainty of its
 time. Missed samples are counted with the last measured period of the chip, scaled to the exposure.
+
+Samples in the chip's FIFO are not lost while the loop stalls: their times follow from their number.
 """
 
 from micropython import const
 
-RETRY_US = const(200)
+_RETRY_US = const(200)
 _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are possible
 # The first sample without a narrow bracket is dropped, the next such sample is used. If the period
 # is at most this long, the first is used too: the error of its time is small, and the loop is slow.
@@ -38,6 +40,14 @@ class Pacing:
 
     Attributes
     ----------
+    due : int
+        Time of the next poll in ticks.
+    exposure_us, period_us : int
+        Nominal period, and lower bound of the period.
+    missed : int
+        Samples that were not read, or whose time is unknown.
+    slack_us : int
+        The last sample may have ended up to this much earlier.
     sampled, lasted_us, longest_us : int
         Measurement of the period: number of samples, and lower and upper limit of their total
         duration in us of the board's clock. `sampled` is 0 before the first measurement.
@@ -46,28 +56,9 @@ class Pacing:
     def __init__(self, clock):
         self._add = clock.ticks_add
         self._diff = clock.ticks_diff
-        self.due = 0
-        self.missed = 0  # samples that were not read, or whose time is unknown
-        self.period_us = 0
-        self.slack_us = 0  # the last sample may have ended up to this much earlier
-        self.sampled = self.lasted_us = self.longest_us = 0
-        self._chip_us = 0  # best estimate of the period; `period_us` is a lower bound
-        self.exposure_us = 0  # nominal period
+        self._early = self._last = self._reference = self._first = self._began = 0
         self._off = 0  # relative deviation of the chip's period from nominal, Q20
-        self._creep = 0
-        # From the period: time from a sample to the next poll, and the longest delay of a poll.
-        self._step_us = self._late_us = 0
-        self._early = 0
-        self._was_early = False
-        self._locked = False
-        self._doubted = False  # whether `_doubt` got a sample since the last narrow bracket
-        self._counted = False  # whether `_last` is valid
-        self._last = 0  # end of the last sample that was counted
-        self._reference = 0
-        # The measurement begins at the end of a sample, which is between these two times.
-        self._first = self._began = 0
-        self._taken = 0  # samples from the start of the measurement to the reference
-        self._samples = -1  # samples since the reference; -1 without a reference
+        self.start(0, 0)
 
     def start(self, now, period_us):
         """Restart; the first sample begins at `now` (ticks) and `period_us` is the nominal period.
@@ -75,6 +66,7 @@ class Pacing:
         Allocates.
         """
         self.exposure_us = period_us
+        # Best estimate of the period; `period_us` is a lower bound.
         self._chip_us = period_us + (period_us * self._off >> _Q)
         self._creep = period_us >> 8
         self._set_period(period_us - period_us // _TRUST)
@@ -82,9 +74,11 @@ class Pacing:
         self.missed = self.slack_us = 0
         self.sampled = self.lasted_us = self.longest_us = 0
         self._was_early = False
-        self._locked = self._doubted = self._counted = False
-        self._samples = -1
-        self._taken = 0
+        self._locked = False
+        self._doubted = False  # whether `_doubt` got a sample since the last narrow bracket
+        self._counted = False  # whether `_last`, the end of the last counted sample, is valid
+        self._samples = -1  # samples since the reference; -1 without a reference
+        self._taken = 0  # samples from the start of the measurement to the reference
 
     def nominal_us(self, period_us):
         """Convert `period_us` from the board's clock to the chip's clock; return it in us."""
@@ -115,7 +109,7 @@ class Pacing:
         """Record that the poll at `now` found no sample; schedule the next poll soon."""
         self._early = now
         self._was_early = True
-        self.due = self._add(now, RETRY_US)
+        self.due = self._add(now, _RETRY_US)
 
     def found(self, before, after):
         """Record that a poll found a sample, and schedule the next poll.
@@ -132,28 +126,71 @@ class Pacing:
             must not be used, because its time is unknown after a stall; `missed` then counts it.
         """
         if self._was_early:
-            if self._diff(before, self._early) > _WIDE_US:
+            if self._diff(after, self._early) > _WIDE_US:
                 return self._doubt(before, after)
         elif not self._locked:
             return self._doubt(before, after)
-        due = self.due
-        if self._diff(after, due) > self._late_us:
+        if self._diff(after, self.due) > self._late_us:
             return self._doubt(before, after)
-        if self._was_early:
+        return self.held(before, after, 1)
+
+    def held(self, before, after, samples):
+        """Record the oldest of the samples that waited in the FIFO; schedule the next poll.
+
+        Parameters
+        ----------
+        before, after : int
+            Ticks before and after the read of the FIFO's level.
+        samples : int
+            Number of samples that waited.
+
+        Returns
+        -------
+        int
+            Estimated end of the sample in ticks, at most `slack_us` too late.
+        """
+        due = self.due
+        if self._was_early and samples == 1 and self._diff(after, self._early) <= _WIDE_US:
             self._bracket(before)
-            self._locked = True
-            self._was_early = False
             due = before
-        self._samples += 1
-        self.due = self._add(due, self._step_us)
+        else:
+            # The newest sample ended before `after`, and the next one ends after `before`.
+            shift_us = self._diff(after, due) - (samples - 1) * self.period_us
+            if self._locked and shift_us > 0:
+                shift_us = self._diff(before, due) - samples * self.period_us
+                if shift_us < 0:
+                    shift_us = 0
+            due = self._add(due, shift_us)
+            if not self._locked:
+                self.slack_us = self.period_us
+                self._count(due, 1)
+        self._was_early = False
+        if self._samples >= 0:
+            self._samples += 1
+        shift_us = self._step_us if samples == 1 else self.period_us
+        self.due = self._add(due, shift_us)
         return due
+
+    def overrun(self, now):
+        """Record that samples in the FIFO are lost; return 0 if the loop is too slow, else 1.
+
+        Parameters
+        ----------
+        now : int
+            Ticks at which the FIFO is emptied.
+        """
+        self._count(now, 0)
+        slow = self._samples < 0
+        self._locked = False
+        self._samples = -1
+        return 0 if slow else 1
 
     def _bracket(self, now):
         self.slack_us = self._diff(now, self._early)
         self._doubted = False
         if not self._locked:
             # The sample ended slightly before this poll: round.
-            self.missed += self._count(now, self._chip_us >> 1) - 1
+            self._count(self._add(now, self._chip_us >> 1), 1)
         if self._samples > 0:
             self._measure(now)
         if self._samples < 0 or self._diff(now, self._began) > _LONG_US:
@@ -162,6 +199,7 @@ class Pacing:
             self._taken += max(0, self._samples)
             self._reference = now
             self._samples = 0
+        self._locked = True
 
     def _measure(self, now):
         bound = self._diff(self._early, self._reference) // self._samples
@@ -176,11 +214,13 @@ class Pacing:
             self.longest_us = high_us
 
     def _set_period(self, period_us):
+        # Period; from it: time from a sample to the next poll, and the longest delay of a poll.
         self.period_us = period_us
         self._step_us = period_us - self._creep
         self._late_us = period_us - (period_us >> 2)
 
     def _begin(self, first, began):
+        # The measurement begins at the end of a sample, which is between these two times.
         self._first = first
         self._began = began
         self._taken = -max(0, self._samples)
@@ -188,7 +228,7 @@ class Pacing:
     def _doubt(self, before, after):
         """Handle a sample whose end is not known precisely; arguments and result as in `found`."""
         used = self._doubted or self.period_us <= _SHORT_US
-        self.missed += self._count(before, 0) - (1 if used else 0)
+        self._count(before, 1 if used else 0)
         slack_us = self._chip_us + self._chip_us // _TRUST
         if self._was_early:
             slack_us = min(slack_us, max(0, self._diff(before, self._early)))
@@ -205,13 +245,13 @@ class Pacing:
             self.due = self._add(before, self._step_us)
         else:
             self._samples = -1
-            self.due = self._add(after, RETRY_US)
+            self.due = self._add(after, _RETRY_US)
         return before if used else None
 
-    def _count(self, now, slack_us):
-        """Return the number of samples that ended since the last counted sample; at least 1.
+    def _count(self, now, read):
+        """Add to `missed` the samples, at least 1, from the last counted one to `now` (ticks).
 
-        `now` is the time in ticks. `slack_us` is added to the elapsed time, for rounding.
+        `read` is the number of these samples that were read: 0 or 1.
         """
         if self._locked:
             self._last = self._add(self.due, self._creep - self.period_us)
@@ -219,9 +259,9 @@ class Pacing:
             self._last = self._add(now, -self._chip_us)
         self._counted = True
         period_us = self._chip_us
-        ended = max(1, (self._diff(now, self._last) + slack_us) // period_us)
+        ended = max(1, self._diff(now, self._last) // period_us)
         # The remainder is kept for the next count, because loop and chip are not synchronous.
         self._last = self._add(self._last, ended * period_us)
         if self._diff(self._last, now) > period_us:
             self._last = now
-        return ended
+        self.missed += ended - read

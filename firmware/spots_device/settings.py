@@ -13,7 +13,6 @@ from .calibration import STRAIN_MAX_PPM
 from .decode import AVERAGE_MAX
 from .smux import smux_map
 
-SETTINGS_FILE = "settings.txt"
 DEFAULT_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
 
 # Name of a setting: minimum, maximum, default.

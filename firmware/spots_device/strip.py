@@ -15,7 +15,7 @@ from .exposure import AGAIN, DONE, choose
 from .kernel import accumulate, estimate
 from .smux import CHANNELS
 
-IDLE_US = const(1_000_000)  # time without a touch before the LED may be switched off
+_IDLE_US = const(1_000_000)  # time without a touch before the LED may be switched off
 
 _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
@@ -74,15 +74,8 @@ class Strip:
         self._time = time
         self._reading = self.decode.state
         self._sums = array("i", bytes(4 * CHANNELS))
-        # From the settings, see `configure`.
         self._average = 1
-        self._follows = False
-        self._mains_hz = 0
-        self._samples = self._flags = 0
-        self._state = _UNKNOWN
-        self.lit_flags = DARK_SUBTRACTED
         self._idle_us = 0
-        self._missed = 0
         self._search = None
         self._on_dark = self._on_search = None
 
@@ -204,7 +197,7 @@ class Strip:
         elif self._state != _UNKNOWN:
             self._take_blink(sensor)
         if dark.wanted or dark.age_us >= dark.every_us:
-            self._start_blink_if_due(sensor)
+            self._blink_if_due(sensor)
         elif self._mains_hz:
             self._correct_drift(sensor)
 
@@ -240,7 +233,7 @@ class Strip:
         flags = self._reading[FLAGS]
         if flags & TOUCHING:
             self._idle_us = 0
-        elif self._idle_us < IDLE_US:
+        elif self._idle_us < _IDLE_US:
             self._idle_us += lasted_us
         self._time.set(self.sensor.complete, lasted_us >> 1)
         if self.decode.compensation:
@@ -300,10 +293,10 @@ class Strip:
         self.baseline.forget()
         self._samples = self._flags = 0
 
-    def _start_blink_if_due(self, sensor):
+    def _blink_if_due(self, sensor):
         # Only a requested dark frame may interrupt an average.
         dark = self._dark
-        due = dark.wanted or (not self._samples and (self._idle_us >= IDLE_US or dark.always))
+        due = dark.wanted or (not self._samples and (self._idle_us >= _IDLE_US or dark.always))
         if due and self._state <= _UNKNOWN:
             self._start_blink(sensor)
 

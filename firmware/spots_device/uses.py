@@ -68,7 +68,7 @@ class Uses:
         self._outputs = ()  # the same as a tuple: iterating over it allocates nothing
         self._keys_on = self._gamepad_on = self.active = False
         self.layout_lines = layout_lines
-        self._open()
+        self._open(self._wanted())
 
     def use_layout(self, lines):
         """Store validated lines of a layout (list of str; empty: the default layout).
@@ -302,8 +302,7 @@ class Uses:
             names.remove("consumer")
         return names
 
-    def _open(self):
-        names = self._wanted()
+    def _open(self, names):
         if self._usb is None or not names:
             return
         try:

@@ -5,16 +5,21 @@ The bound is computed from the simulated optics and noise. It does not depend on
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .change import NONE
 from .chip import GAIN
 from .files import SensorFile
 from .optics import Optics
+from .scenario import Press
+from .silicone import Memory
 from .world import coupling
 
 _ROUNDING_VARIANCE = 1 / 12
 _STEP_MM = 1e-3
+_STEP_MN = 1.0
 
 
 class Bound:
@@ -49,6 +54,7 @@ class Bound:
         self._optics = optics
         self._columns = [optics.names.index(diode) for diode in plan]
         self._average = average
+        self._led = sensor.led.noise_ppm_10ms * 1e-6 * (10_000 / exposure_us / average) ** 0.5
         converter = sensor.converter
         scale = GAIN[gain] * exposure_us / 1000
         self._scale = scale * optics.source_uW_cm2(led_mA)
@@ -79,7 +85,31 @@ class Bound:
             Expected counts.
         """
         rates = self._optics.press(position_um / 1000, width_mm, strain, bend_deg)
-        return rates[self._columns] * self._scale * coupling(self._sensor.contact, force_mN)
+        return rates[self._columns] * self._scale * self._coupling(force_mN)
+
+    def _coupling(self, force_mN: float) -> float:
+        # A first press: without creep and hysteresis, but on a softened silicone.
+        effective = Memory(self._sensor.silicone).effective_mN([Press(0.0, force_mN, 0.0)], 0.0)
+        return coupling(self._sensor.contact, effective[0])
+
+    def force_sigma_mN(self, position_um: float, force_mN: float) -> float:
+        """Return the bound of the force of one reading, in mN, with the common noise of the LED.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end, in um.
+        force_mN : float
+            Force of the press in mN.
+
+        Returns
+        -------
+        float
+            Smallest standard deviation of the force.
+        """
+        _, light = self.sigma(position_um, force_mN)
+        ahead, back = (self._coupling(force_mN + step) for step in (_STEP_MN, -_STEP_MN))
+        return math.hypot(light, self._led) / (math.log(ahead / back) / (2 * _STEP_MN))
 
     def sigma(self, position_um, force_mN, **press) -> tuple[float, float]:
         """Return the Cramer-Rao bound of one reading.

@@ -44,7 +44,7 @@ _FD_US, _FD_STEP_US, _FD_LEAST = 500_000.0, 1000.0, 0.01
 
 _RESET_VALUES = {
     0x81: 0x00, 0x92: 0x24, 0xAA: 0x09, 0xAF: 0x10, 0xB1: 0x88, 0xB3: 0xF2, 0xBE: 0x02,
-    0xCA: 0xE7, 0xCB: 0x03, 0xD6: 0xFF,
+    0xCA: 0xE7, 0xCB: 0x03, 0xD6: 0xFF, 0xD7: 0x21,
 }  # fmt: skip
 
 
@@ -65,6 +65,10 @@ class Quirks:
         Duration of a SMUX command in us.
     clock_error_percent : float
         Error of the sample period, in per cent; positive if the oscillator is slow.
+    fifo_reversed : bool
+        Whether the FIFO contains CH5 before CH0.
+    fifo_overwrites : bool
+        Whether a full FIFO drops its oldest entry; if false, it drops the new entry.
     """
 
     auto_zero_at_every_start: bool = True
@@ -72,6 +76,8 @@ class Quirks:
     aint_needs_sp_ien: bool = True
     smux_us: float = 200.0
     clock_error_percent: float = 0.0
+    fifo_reversed: bool = False
+    fifo_overwrites: bool = False
 
 
 @dataclass(frozen=True)
@@ -359,13 +365,19 @@ class AS7341:
         return least == 0 or self._outside >= least
 
     def _push(self, counts: list[int]) -> None:
-        """Append the counts that FIFO_MAP selects to the FIFO; a full FIFO drops new counts."""
-        for bit, value in enumerate((self._live[0], *counts)):
-            if self._main[0xFC] & 1 << bit:
-                if len(self._fifo) < _FIFO_ENTRIES:
-                    self._fifo.append(struct.pack("<H", value))
-                else:
-                    self._main[0xA7] |= 0x80
+        """Append what FIFO_MAP selects, ASTATUS and counts, to the FIFO."""
+        entries = [
+            struct.pack("<H", value)
+            for bit, value in enumerate((self._live[0], *counts))
+            if self._main[0xFC] & 1 << bit
+        ]
+        for entry in reversed(entries) if self._quirks.fifo_reversed else entries:
+            if len(self._fifo) == _FIFO_ENTRIES:
+                self._main[0xA7] |= 0x80
+                if not self._quirks.fifo_overwrites:
+                    continue
+                del self._fifo[0]
+            self._fifo.append(entry)
         if self._main[0xF9] & 0x04 and len(self._fifo) >= _FIFO_LEVELS[self._main[0xB1] >> 6]:
             self._main[0x93] |= 0x04
 

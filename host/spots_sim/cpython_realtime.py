@@ -1,7 +1,7 @@
 """A virtual board on CPython in real time: a process with a pseudo-terminal or a loopback socket.
 
-Run it as ``python -m spots_sim.cpython_realtime SENSOR SCENARIO SEED``. It prints the same JSON
-object as `realtime`, and ends when its standard input closes or its parent ends.
+Run it as ``python -m spots_sim.cpython_realtime SENSOR SCENARIO SEED STRIPS``. It prints the same
+JSON object as `realtime`, and ends when its standard input closes or its parent ends.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class NoisyPort:
         return len(data)
 
 
-def main(sensor_name: str, scenario_name: str, seed: int) -> None:
+def main(sensor_name: str, scenario_name: str, seed: int, strips: int) -> None:
     """Run a virtual board until standard input closes or the parent ends.
 
     Parameters
@@ -129,6 +129,8 @@ def main(sensor_name: str, scenario_name: str, seed: int) -> None:
         Sensor and scenario file: a path or a name.
     seed : int
         Random seed of noise and faults.
+    strips : int
+        Number of strips on the board, 1 or 2.
 
     Raises
     ------
@@ -141,13 +143,14 @@ def main(sensor_name: str, scenario_name: str, seed: int) -> None:
     file = load(ScenarioFile, scenario_name)
     clock = RealClock()
     bus = I2CBus(chip(sensor, Scenario(file), seed), clock)
+    second = I2CBus(chip(sensor, Scenario(file), seed + 1), clock) if strips > 1 else None
     outer = port = SocketPort() if is_socket() else PtyPort()
     faults = of_scenario(file, seed)
     if faults:
         bus, port = FaultyBus(bus, faults), NoisyPort(port, faults, clock)
     board_faults = BoardFaults(faults) if faults else None
     with contextlib.closing(
-        CPythonBoard(board_id(sensor), bus, UsbHost(), port, board_faults)
+        CPythonBoard(board_id(sensor), bus, UsbHost(), port, board_faults, second=second)
     ) as board:
         report({"port": outer.name, "console": outer.name, "started_s": clock.started_s})
         while not ended.is_set():
@@ -157,7 +160,7 @@ def main(sensor_name: str, scenario_name: str, seed: int) -> None:
 if __name__ == "__main__":
     try:
         with contextlib.suppress(KeyboardInterrupt):
-            main(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+            main(sys.argv[1], sys.argv[2], *map(int, sys.argv[3:5]))
     except SpotsError as error:
         report({"error": str(error)})
         sys.exit(2)

@@ -73,7 +73,7 @@ class Design:
     gain, led_mA : int
         Register code of the gain, and LED current in mA, that the command ``auto`` will set.
     x_um, sigma_um : numpy.ndarray, shape (n,)
-        Positions along the strip, and expected resolution there, in um.
+        Positions along the strip, and the resolution expected at each, in um.
     """
 
     sensor: SensorFile

@@ -1,7 +1,8 @@
 """Stores calibrations of simulated strips in a folder, so that other processes can reuse them.
 
 The environment variable SPOTS_CALIBRATIONS names the folder; without it, nothing is stored. The
-calibrations are valid for one version of firmware and simulator: use an empty folder for another.
+calibrations are valid for one version of firmware and simulator. For another version, use an empty
+folder.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from spots.calibrate.silicone import fit_silicone
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
@@ -12,7 +13,6 @@ from spots_device.decode import LED_OFF
 from .files import Finger, ScenarioFile, SensorFile
 from .lockstep import LockstepLink
 from .scenario import Scenario
-from .stage import set_as_calibrated
 
 START_S, REST_S = 3.0, 10.0
 # Loads of the calibration as for `record`. Each place is fresh at its first load.
@@ -33,7 +33,7 @@ def points(loads) -> list[list[tuple[float, float, float]]]:
     return found
 
 
-def record(sensor: SensorFile, lines, loads, seed: int = 0):
+def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     """Press a simulated strip with a series of loads, and read the strip through the firmware.
 
     Parameters
@@ -44,9 +44,12 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0):
         Lines of the sensor's calibration.
     loads : sequence of (float, float, float, float)
         Each load: its position as a share of the length, its largest force in mN, the duration of
-        the loading (the unloading lasts as long), and the duration of the hold between them, in s.
+        the loading (the unloading lasts as long), and the duration of the hold before the
+        unloading, in s.
     seed : int
         Random seed of the noise.
+    led : str
+        LED settings as assignments for ``set``, if the LED is not on LDR.
 
     Returns
     -------
@@ -62,7 +65,10 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0):
     ]
     scenario = Scenario(ScenarioFile(seconds=end_s, touch=fingers))
     with Board(LockstepLink(sensor, scenario, seed=seed, warm=True)) as board:
-        set_as_calibrated(board, sensor)
+        if sensor.mains_hz:
+            board.command(f"set mains_hz={sensor.mains_hz}")
+        if led:
+            board.command("set " + led)
         prepare(board, lines)
         board.command("stream touch")
         rows = [
@@ -73,6 +79,29 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0):
     time_s, read_mN, read_um = np.nan_to_num(np.array(rows, float).T)
     force_mN, place = loaded(loads, time_s)
     return np.array([time_s, force_mN, read_mN, place, read_um])
+
+
+def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
+    """Calibrate hysteresis and creep of a simulated strip.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor; the change in its file is ignored.
+    lines : sequence of str
+        Lines of the sensor's calibration without compensation.
+    led : str
+        LED settings, see `record`.
+
+    Returns
+    -------
+    tuple of str
+        The line ``silicone``; empty for an ideal silicone.
+    """
+    if sensor.silicone.ideal:
+        return ()
+    line = fit_silicone(*record(sensor.unchanged(), lines, SESSION, led=led)[:4]).line
+    return (line,) if line else ()
 
 
 def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """A virtual board in simulated time, which runs only while the host reads from it.
 
-The same sensor, scenario and seed give the same bytes in each run. The class has the same methods
-as `link.serial_link.SerialLink`.
+The same sensor, scenario and seed give the same bytes in each run. `LockstepLink` has the same
+methods as `link.serial_link.SerialLink`.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from spots.errors import SpotsError
 from spots.link.serial_link import WRITE_TIMEOUT_S, takes_nothing
 
 from .bus import I2CBus, SimulatedClock
+from .cpu import load as load_cpu
 from .cpython_board import InProcessBoard
 from .faults import BoardFaults, Faults, FaultyBus
 from .files import SensorFile
@@ -43,10 +44,15 @@ class LockstepLink:
         Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
         Processor time of one loop pass in us, added at each read of registers, on MicroPython only;
-        0 by default. The argument of a function ``busy_us(free_bytes) -> float`` is the number of
-        free heap bytes, which the board reports at each transfer. This doubles the run time.
+        0 by default. With a function ``busy_us(free_bytes) -> float``, the board reports its number
+        of free heap bytes at each transfer, which doubles the run time.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
+    cpu : str, optional
+        Name of a processor, see `cpu.load`: the firmware is as slow as on that board. Without it,
+        only transfers and sleeps take time.
+    second : tuple, optional
+        Scenario and seed of a second strip on this board; its sensor is like that of the first.
 
     Attributes
     ----------
@@ -67,18 +73,28 @@ class LockstepLink:
         faults: Faults | None = None,
         busy_us: Callable[[int], float] | float | None = None,
         warm: bool = False,
+        cpu: str | None = None,
+        second: tuple | None = None,
     ):
+        if cpu and second:
+            raise SpotsError(
+                "the processor times are those of one strip: leave out 'second' or 'cpu'"
+            )
+        slow = load_cpu(cpu, board) if cpu else None
         self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed, warm)
-        bus = I2CBus(self.chip, self.clock)
+        bus = I2CBus(self.chip, self.clock, call_us=slow.transfer_us() if slow else 0.0)
         if faults:
             bus = FaultyBus(bus, faults)
         board_faults = BoardFaults(faults) if faults else None
         self.usb = UsbHost()
+        other = I2CBus(chip(sensor, *second, warm), self.clock) if second else None
         parts = board_id(sensor), bus, self.usb, board_faults, folder
         self._is_open = True
         self._board = (
-            InProcessBoard(*parts) if is_cpython(board) else PipedBoard(*parts, board, busy_us)
+            InProcessBoard(*parts, slow, other)
+            if is_cpython(board)
+            else PipedBoard(*parts, board, busy_us, slow, other)
         )
 
     @property
@@ -89,6 +105,15 @@ class LockstepLink:
     @bus.setter
     def bus(self, bus) -> None:
         self._board.bus = bus
+
+    @property
+    def second(self):
+        """I2C bus of the board's second strip; assign another bus to replace it."""
+        return self._board.second
+
+    @second.setter
+    def second(self, bus) -> None:
+        self._board.second = bus
 
     def set_busy_us(self, busy_us: float) -> None:
         """Set the processor time of one loop pass; only for a board started with `busy_us`."""

@@ -103,8 +103,8 @@ def characterize(
         touch_mN = Calibration(rig.lines).touch_on_mN
         if touch_mN > FORCE_MN:
             raise SpotsError(
-                f"this strip needs {touch_mN / 1000:.1f} N for a touch, and is measured with "
-                f"{FORCE_MN / 1000:.0f} N: it needs more light, or a longer exposure"
+                f"this strip needs {touch_mN / 1000:.1f} N for a touch, but is measured with "
+                f"{FORCE_MN / 1000:.0f} N: choose a brighter strip or a longer exposure"
             )
         drift = age(rig, change, hand, seed)
         progress("position")
@@ -291,7 +291,7 @@ def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list
 
 
 def _force(rig: Rig, run: Run) -> None:
-    threshold_mN = _threshold_mN(rig)
+    threshold_mN, bound = _threshold_mN(rig), _bound(rig)
     least_mN = max(_FORCES_MN[0], 2 * threshold_mN)
     rows = []
     for share in _FORCE_PLACES:
@@ -310,9 +310,10 @@ def _force(rig: Rig, run: Run) -> None:
                     np.abs(errors).mean(),
                     forces.std(ddof=1),
                     brightness,
+                    bound.force_sigma_mN(share * rig.stage.length_um, force_mN),
                 )
             )
-    share, truth, error, accuracy, sigma, brightness = np.array(rows).T
+    share, truth, error, accuracy, sigma, brightness, least = np.array(rows).T
     run.series["force"] = {
         "share": share,
         "force_mN": truth,
@@ -323,6 +324,7 @@ def _force(rig: Rig, run: Run) -> None:
     }
     run.summary["force"] = {
         "resolution_mN": _mean(sigma),
+        "bound_mN": _mean(least),
         "accuracy_N": round(float(np.mean(accuracy)) / 1000, 5),
         "threshold_mN": threshold_mN,
     }

@@ -1,6 +1,6 @@
 """A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
 
-It returns the true positions, with which a digital twin is compared. This module shares no formula
+The true positions are for the comparison with a digital twin. This module shares no formula
 with `linkage.fivebar`.
 """
 
@@ -35,7 +35,7 @@ class Motion:
     x_mm, y_mm : numpy.ndarray, shape (n,)
         Positions of the end point in mm.
     drawing : numpy.ndarray of bool, shape (n,)
-        True where the motion draws a stroke, False on the way to the next stroke.
+        True where the motion draws a stroke, False during the move to the next stroke.
     """
 
     time_s: np.ndarray
@@ -315,7 +315,7 @@ def _line(stroke: Stroke) -> np.ndarray:
 
 
 def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
-    """Return the angle of an inner bar in rad from +y, from the intersection of two circles.
+    """Intersect two circles, and return the angle of an inner bar, in rad from +y.
 
     `x_mm` and `y_mm` are the position of the end point relative to the joint; `inner` and `outer`
     are the lengths of the bars in mm.

@@ -6,7 +6,7 @@ import json
 import re
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,14 @@ from .scenario import Held, Press
 _PRESS = re.compile(
     r"press at ([\d.]+) mm with (?:(?:about )?(\d+) g|(a firm|your hardest)|([\d.]+) N)"
 )
-_QUESTION = re.compile(r"what (?:does|do) the ruler|what do ruler and scale show")
+_CHANGE = re.compile(r"without lifting, go to about (\d+) g")
+_QUESTION = re.compile(r"what (?:does|do) (?:the )?(?:ruler|scale)")
 _FINGER_MM, _INDENTER_MM = 8.0, 4.0
 _FIRM_MN, _HARD_MN = (2500.0, 6000.0), (6000.0, 10_000.0)  # of presses without a scale
 _GRAM_MN = 9.80665
 _STARTS_S = 0.4  # from the request to the press
 _EARLY_S = 0.5  # a press that is lifted early
+_RAMP_S, _RAMP_STEPS = 0.6, 6  # a change of the force
 _FORGOTTEN_S = 20.0
 
 # Pieces of a finger's path: start and end in s after the start of the movement, and the press. The
@@ -82,6 +84,8 @@ class Person:
         self._move, self._length_mm, self._habits = move, length_mm, habits
         self._rng = np.random.default_rng((seed, 5))
         self._shown: tuple[float, float] = (0.0, 0.0)
+        self._then_mN = 0.0
+        self._press_now = Press(0.0, 0.0, _INDENTER_MM)
         self.presses = 0
 
     def hear(self, text: str) -> None:
@@ -98,6 +102,8 @@ class Person:
             )
             width_mm = self._habits.width_mm if firm else _INDENTER_MM
             self._press(float(place_mm), force_mN, width_mm)
+        elif found := _CHANGE.search(text):
+            self._change(_GRAM_MN * float(found[1]))
         elif text.startswith("release"):
             self._move([])
 
@@ -121,7 +127,23 @@ class Person:
             else:
                 way.append((start_s, start_s + _EARLY_S * slip, press))
                 start_s += 1.5
+        self._press_now = press
         self._move([*way, (start_s, float("inf"), press)])
+
+    def _change(self, asked_mN: float) -> None:
+        rng, before = self._rng, self._press_now
+        after_mN = float(asked_mN * rng.uniform(0.85, 1.15))
+        self._then_mN = after_mN * (1 + self._habits.force_share * rng.uniform(-1, 1))
+        way: Way = [(0.0, _STARTS_S, before)]
+        for share in np.linspace(0, 1, _RAMP_STEPS + 1)[1:].tolist():
+            force_mN = before.force_mN + share * (after_mN - before.force_mN)
+            begin_s = _STARTS_S + share * _RAMP_S
+            way.append(
+                (begin_s, begin_s + _RAMP_S / _RAMP_STEPS, replace(before, force_mN=force_mN))
+            )
+        way[-1] = way[-1][0], float("inf"), way[-1][2]
+        way[0] = 0.0, way[1][0], before
+        self._move(way)
 
     def answer(self, question: str) -> str:
         """Return the line that the person types as an answer, without its line end."""
@@ -129,6 +151,8 @@ class Person:
             return ""
         place_mm, force_mN = self._shown
         rng = self._rng
+        if "second" in question:
+            return f"{self._then_mN / _GRAM_MN:.0f}g"
         if rng.random() < self._habits.typos:
             place_mm = (place_mm + self._length_mm * rng.uniform(0.3, 0.7)) % self._length_mm
         words = [f"{place_mm:.1f}mm" if rng.random() < 0.7 else f"{place_mm / 10:.2f} cm"]

@@ -13,6 +13,7 @@ from spots.errors import SpotsError
 
 from . import server
 from .bus import I2CBus
+from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .usb import UsbHost
 from .vm import MicroPythonProcess
@@ -40,9 +41,15 @@ class PipedBoard:
         Name of the virtual board, see `vm.MicroPythonProcess`.
     busy_us : callable, float or None
         Processor time of a loop pass, see `lockstep.LockstepLink`.
+    cpu : cpu.Cpu or None
+        Processor time of the firmware's functions.
+    second : bus.I2CBus, optional
+        Second I2C bus, of a board with two strips.
 
     Attributes
     ----------
+    second : bus.I2CBus or None
+        The second bus.
     busy_us : callable, float or None
         Present value of the parameter; can be a function only if the parameter was a function.
     free_bytes : int or None
@@ -58,8 +65,12 @@ class PipedBoard:
         folder: Path | None,
         board: str,
         busy_us: Callable[[int], float] | float | None,
+        cpu: Cpu | None = None,
+        second: I2CBus | FaultyBus | None = None,
     ):
         self.bus, self._usb, self._faults = bus, usb, faults
+        self._rate = faults.rate if faults else 1.0
+        self.second = second
         self.busy_us = busy_us
         self.free_bytes: int | None = None
         board_in, self._to_board = os.pipe()
@@ -83,6 +94,8 @@ class PipedBoard:
             board,
             data=data,
             reports_memory=callable(busy_us),
+            cpu=cpu,
+            strips=2 if second else 1,
         )
         self._pending = self._next_request()
 
@@ -102,14 +115,15 @@ class PipedBoard:
             return sent
 
     def step(self) -> None:
-        """Answer the firmware's request (such as an I2C transfer); run it until the next one."""
+        """Answer the firmware's request (such as an I2C transfer); run it until its next one."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
-            if self.busy_us and server.is_poll(self._pending):
+            if self.busy_us and (passes := server.passes(self._pending)):
                 busy_us = self.busy_us
-                self.bus.clock.spend_us(busy_us(self.free_bytes) if callable(busy_us) else busy_us)
-            rate = self._faults.rate if self._faults else 1.0
-            server.answer(self._pending, self.bus, self._usb, self._machine.answers, rate)
+                lasted_us = busy_us(self.free_bytes) if callable(busy_us) else busy_us
+                self.bus.clock.spend_us(passes * lasted_us)
+            answers = self._machine.answers
+            server.answer(self._pending, self.bus, self._usb, answers, self._rate, self.second)
         else:
             self._brown_out(off_us)
         self._pending = self._next_request()
@@ -125,14 +139,14 @@ class PipedBoard:
         if select.select([self._board_in], [], [], 0)[0]:
             os.read(self._board_in, 1 << 16)  # a board without power loses bytes it has not read
         self.bus.clock.pause_us(off_us)
-        self.bus.chip.power_on(self.bus.clock.now_us())
+        for bus in filter(None, (self.bus, self.second)):
+            bus.chip.power_on(bus.clock.now_us())
         self._machine.boot()
 
     def _next_request(self) -> bytes:
         for _ in range(3):
             request = self._request()
-            while request and (free_bytes := server.reported_free_bytes(request)) is not None:
-                self.free_bytes = free_bytes
+            while request and self._is_report(request):
                 request = self._request()
             if request is None:
                 self._machine.ended(self.received())
@@ -140,6 +154,16 @@ class PipedBoard:
                 return request
             self._machine.boot()
         raise SpotsError("the virtual board reboots at each start: check main.py and its output")
+
+    def _is_report(self, request: bytes) -> bool:
+        """Process a report of the board; return False for a request, which needs an answer."""
+        if (free_bytes := server.reported_free_bytes(request)) is not None:
+            self.free_bytes = free_bytes
+        elif (busy_us := server.busy_us(request)) is not None:
+            self.bus.clock.spend_us(busy_us / self._rate)
+        else:
+            return False
+        return True
 
     def _request(self) -> bytes | None:
         deadline_s = time.monotonic() + _HANGS_S

@@ -1,8 +1,8 @@
 """A virtual board in real time: a process with pseudo-terminals that pyserial opens.
 
-Run it as ``python -m spots_sim.realtime SENSOR SCENARIO SEED BOARD FOLDER``. FOLDER is the board's
-file system, firmware included. If FOLDER is an empty string, a temporary folder is made and the
-firmware copied to it.
+Run it as ``python -m spots_sim.realtime SENSOR SCENARIO SEED BOARD FOLDER STRIPS``. FOLDER is the
+board's file system, firmware included. If FOLDER is an empty string, a temporary folder is made and
+the firmware copied to it. STRIPS is 1 or 2; the second strip has the same sensor and scenario.
 
 The process prints one JSON object: the port for frames, the port for the prompt, and the host's
 monotonic time of power-on. The two ports differ only on CircuitPython. The process ends when its
@@ -137,7 +137,9 @@ class PortNoise:
         self.to_host.write(self._faults.to_host(data, self._clock.now_us()))
 
 
-def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: str) -> None:
+def main(
+    sensor_name: str, scenario_name: str, seed: int, board: str, folder: str, strips: int
+) -> None:
     """Run a virtual board until standard input closes or the parent ends.
 
     Parameters
@@ -151,6 +153,8 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     folder : str
         Folder with the board's file system, firmware included. With an empty string, a temporary
         folder is made and the firmware copied to it.
+    strips : int
+        Number of strips on the board, 1 or 2.
 
     Raises
     ------
@@ -166,6 +170,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     data = PseudoTerminal() if device_of(board).runtime == "circuitpython" else None
     clock = RealClock()
     bus, usb = I2CBus(chip(sensor, scenario, seed), clock), UsbHost()
+    second = I2CBus(chip(sensor, scenario, seed + 1), clock) if strips > 1 else None
     noise = board_faults = None
     faults = of_scenario(file, seed)
     if faults:
@@ -183,6 +188,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
         terminal=True,
         data=data and (noise.board_in if noise else data.board_end, frames_out),
         rate=board_faults.rate if board_faults else 1.0,
+        strips=strips,
     )
     start = {
         "port": (data or console).name,
@@ -191,7 +197,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, board: str, folder: st
     }
     try:
         report(start)
-        _serve(parent_end, machine, bus, usb, console, data, noise, board_faults)
+        _serve(parent_end, machine, bus, usb, console, data, noise, board_faults, second)
     finally:
         machine.close()
 
@@ -205,6 +211,7 @@ def _serve(
     data: PseudoTerminal | None,
     noise: PortNoise | None,
     board_faults: BoardFaults | None,
+    second: I2CBus | None,
 ) -> None:
     # Source, target and copy function. A source is not read while its target is full.
     passages = {console.board_end: (console.to_board, lambda: console.pass_on(bytes))}
@@ -239,7 +246,8 @@ def _serve(
             if off_us is not None:
                 machine.shut_down()
                 bus.clock.pause_us(off_us)
-                bus.chip.power_on(bus.clock.now_us())
+                for powered in filter(None, (bus, second)):
+                    powered.chip.power_on(bus.clock.now_us())
                 machine.boot()
                 starved_us = math.inf
             elif request is None:
@@ -250,7 +258,7 @@ def _serve(
                 machine.boot()
                 starved_us = math.inf
             else:
-                server.answer(request, bus, usb, machine.answers)
+                server.answer(request, bus, usb, machine.answers, second=second)
 
 
 def _timeout_s(bus: I2CBus | FaultyBus, stuck: bool, starved_us: float) -> float | None:
@@ -264,7 +272,7 @@ def _timeout_s(bus: I2CBus | FaultyBus, stuck: bool, starved_us: float) -> float
 if __name__ == "__main__":
     try:
         with contextlib.suppress(KeyboardInterrupt):
-            main(sys.argv[1], sys.argv[2], int(sys.argv[3]), *sys.argv[4:6])
+            main(sys.argv[1], sys.argv[2], int(sys.argv[3]), *sys.argv[4:6], int(sys.argv[6]))
     except SpotsError as error:
         report({"error": str(error)})
         sys.exit(2)

@@ -33,6 +33,7 @@ def tables(summary: dict) -> Group:
         f"  scatter / bound of one pair, {'/'.join(pair['channels'])}": f"{pair['crb_ratio']:.2f}",
         "signal to noise": f"{summary['snr_db']:.1f} dB",
         "force: resolution": f"{force['resolution_mN']:.1f} mN",
+        "force: bound of the resolution": f"{force['bound_mN']:.1f} mN",
         "force: accuracy": f"{force['accuracy_N']:.3f} N",
         "force: dead zone": f"{force['threshold_mN']:.0f} mN",
         "joint: R²": f"{joint['r2']:.7f}",

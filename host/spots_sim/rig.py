@@ -7,17 +7,16 @@ import numpy as np
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import Noise
 from spots.calibrate.shift import shifted
-from spots.calibrate.silicone import fit_silicone
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
-from spots_device.dark import DARK_EVERY_US, WINDOW_SAMPLES, WINDOWS
+from spots_device.dark import _DARK_EVERY_US, _WINDOW_SAMPLES, _WINDOWS
 from spots_device.decode import DARK_SAMPLES, LED_OFF
 
 from .change import NONE
 from .files import SensorFile
 from .kept import kept
-from .loading import SESSION, record
-from .stage import Stage, check_light
+from .loading import silicone_lines
+from .stage import Stage, check_light, led_settings
 
 _DARK_TIMEOUT_S = 60.0
 _SILICONE_US = 100_000  # longest exposure for the loads that calibrate the silicone
@@ -58,9 +57,9 @@ class Rig:
         average: int,
         compensated: bool = True,
     ):
-        self._silicone = ()
+        self._silicone: tuple[str, ...] = ()
         if compensated and not sensor.silicone.ideal:
-            self._silicone = (_silicone_line(sensor.unchanged(), min(exposure_us, _SILICONE_US)),)
+            self._silicone = _silicone(sensor.unchanged(), min(exposure_us, _SILICONE_US))
         self.stage = Stage(sensor, seed, f"exposure_us={exposure_us}")
         self.board = self.stage.board
         self.average = average
@@ -140,8 +139,8 @@ class Rig:
         exposure_us = self.conditions.exposure_us
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)
-        missing = WINDOWS - min(WINDOWS, _REQUEST_US // (WINDOW_SAMPLES * exposure_us))
-        for _ in self.board.frames(missing * 1.2e-6 * max(DARK_EVERY_US, 100 * exposure_us)):
+        missing = _WINDOWS - min(_WINDOWS, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us))
+        for _ in self.board.frames(missing * 1.2e-6 * max(_DARK_EVERY_US, 100 * exposure_us)):
             pass
         return self.board.command("get")["dark"]
 
@@ -204,9 +203,8 @@ class Rig:
         return touches[:count], np.array(spectra, dtype=float) - self._dark
 
 
-@kept(str)
-def _silicone_line(sensor: SensorFile, exposure_us: int) -> str:
-    """Calibrate hysteresis and creep of a simulated strip; return the line ``silicone``."""
+@kept(tuple[str, ...])
+def _silicone(sensor: SensorFile, exposure_us: int) -> tuple[str, ...]:
     with Rig(sensor, 0, exposure_us, 1, compensated=False) as rig:
         lines = rig.lines
-    return fit_silicone(*record(sensor, lines, SESSION)[:4]).line
+    return silicone_lines(sensor, lines, led_settings(sensor))

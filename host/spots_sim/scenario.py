@@ -132,7 +132,7 @@ class Scenario:
 
 
 class Held:
-    """A scenario whose only press a simulated stage sets; has the methods of `Scenario`.
+    """A scenario with one press, which a simulated stage sets; has the methods of `Scenario`.
 
     Attributes
     ----------
@@ -145,8 +145,8 @@ class Held:
     changed : Change
         Change of the sensor since the calibration.
     tremor : float
-        Amplitude of the force's tremor, as a share of the force. It is 0 for an indenter and
-        above 0 for a finger.
+        Amplitude of the force's tremor, as a share of the force: 0 for an indenter, above 0 for
+        a finger.
     still : bool
         True if nothing moves during an exposure.
     unplugged : bool

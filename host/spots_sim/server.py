@@ -10,6 +10,10 @@ from .bus import I2CBus
 from .protocol import protocol
 from .usb import UsbHost
 
+_FDATA = 0xFE  # register of the chip's FIFO
+_SAMPLE_BYTES = 12
+_ON_A_BUS = protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT
+
 
 def read_request(fd: int) -> bytes | None:
     """Read one request of a board, with its data, from a pipe; return None if the pipe closed."""
@@ -25,9 +29,14 @@ def is_reset(request: bytes) -> bool:
     return request[0] == protocol.RESET
 
 
-def is_poll(request: bytes) -> bool:
-    """Return whether the request reads registers, as most passes of the board's loop do."""
-    return request[0] == protocol.READ
+def passes(request: bytes) -> int:
+    """Return how many passes of the board's loop follow a request.
+
+    A pass reads registers, or takes a further sample of a burst from the chip's FIFO.
+    """
+    if request[0] != protocol.READ:
+        return 0
+    return request[3] // _SAMPLE_BYTES - 1 if request[2] == _FDATA else 1
 
 
 def reported_free_bytes(request: bytes) -> int | None:
@@ -36,6 +45,14 @@ def reported_free_bytes(request: bytes) -> int | None:
     A memory report gets no answer.
     """
     return _number(request) if request[0] == protocol.MEMORY else None
+
+
+def busy_us(request: bytes) -> int | None:
+    """Return the processor time in us that a report contains; None for other requests.
+
+    Such a report gets no answer.
+    """
+    return _number(request) if request[0] == protocol.BUSY else None
 
 
 def fed_for_us(request: bytes) -> int | None:
@@ -47,7 +64,14 @@ def _number(request: bytes) -> int:
     return int.from_bytes(request[1:4], "little")
 
 
-def answer(request: bytes, bus: I2CBus, usb: UsbHost, fd: int, rate: float = 1.0) -> None:
+def answer(
+    request: bytes,
+    bus: I2CBus,
+    usb: UsbHost,
+    fd: int,
+    rate: float = 1.0,
+    second: I2CBus | None = None,
+) -> None:
     """Execute a request of a board and write its answer.
 
     Parameters
@@ -62,19 +86,24 @@ def answer(request: bytes, bus: I2CBus, usb: UsbHost, fd: int, rate: float = 1.0
         File descriptor for the answer.
     rate : float
         Seconds that the board's clock counts in one true second.
+    second : bus.I2CBus, optional
+        The board's second bus, if it has two strips.
 
     Raises
     ------
     SpotsError
-        If the pipe is full, because the board does not read its answers.
+        If the pipe is full, because the board does not read the answers to its requests.
     """
     data, error, (_, a, b, c) = b"", 0, request[:4]
+    selected = c if request[0] == protocol.SPEED else a if request[0] in _ON_A_BUS else 0
+    if selected & protocol.SECOND_BUS and second is not None:
+        bus, a = second, a & ~protocol.SECOND_BUS
     try:
         match request[0]:
             case protocol.SLEEP:
-                bus.clock.spend_us(_number(request) / rate)
+                bus.clock.pause_us(_number(request) / rate)
             case protocol.SPEED:
-                bus.frequency_hz = 1000 * _number(request)
+                bus.frequency_hz = 1000 * int.from_bytes(request[1:3], "little")
             case protocol.READ:
                 data = bus.write_read(a, bytes((b,)), c)
             case protocol.RECEIVE:
@@ -101,5 +130,5 @@ def answer(request: bytes, bus: I2CBus, usb: UsbHost, fd: int, rate: float = 1.0
         pass  # the board has ended; the caller detects it at the next request
     except BlockingIOError:
         raise SpotsError(
-            "the virtual board does not read its answers: close it and open it again"
+            "the virtual board reads no answers to its requests: close it and open it again"
         ) from None

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from spots.calibrate.calibration_file import CalibrationFile, now
@@ -133,6 +134,8 @@ class Simulation:
         Whether the calibrations were corrected after the change in the sensor file (re-zero).
     misfits : bool, optional
         Whether readings are used even if their spectrum does not fit the calibration.
+    one_board : bool, optional
+        Whether one board has both strips.
 
     Attributes
     ----------
@@ -141,7 +144,7 @@ class Simulation:
     strips : list of CalibrationFile
         Calibrations of the two strips.
     boards : list of Board
-        The two boards.
+        Board of each joint; the same object twice if one board has both strips.
     """
 
     def __init__(
@@ -154,6 +157,7 @@ class Simulation:
         run: int = 0,
         rezeroed: bool = False,
         misfits: bool = False,
+        one_board: bool = False,
     ):
         self.mechanism = Mechanism(linkage, sensor)
         self.motion = motion
@@ -164,6 +168,15 @@ class Simulation:
         on_s = start_s(sensor) - START_S
         with ExitStack() as opened:
             self.boards: list[Board] = []
+            if one_board:
+                second = scenarios[1], noise[1]
+                link = LockstepLink(sensor, scenarios[0], noise[0], started_s=on_s, second=second)
+                self.boards = [opened.enter_context(Board(link))] * 2
+                self.strips[1] = moved(self.strips[1], 1)
+                for i, strip in enumerate(self.strips):
+                    set_as_calibrated(self.boards[i], sensor, i)
+                    prepare(self.boards[i], strip.lines, i)
+                scenarios = ()
             for i, (strip, scenario, s) in enumerate(zip(self.strips, scenarios, noise)):
                 # Real boards do not start at the same moment, so their exposures are shifted.
                 started_s = on_s + _APART * i * exposure_us * 1e-6
@@ -264,6 +277,25 @@ class Endless:
 def start_s(sensor: SensorFile) -> float:
     """Return the time in s at which a motion may begin, because the LED is warm by then."""
     return START_S + (WARM_S if sensor.temperature.led_K_per_mA else 0.0)
+
+
+def moved(strip: CalibrationFile, number: int) -> CalibrationFile:
+    """Return a strip's calibration, changed to another strip of the same board.
+
+    Parameters
+    ----------
+    strip : CalibrationFile
+        Calibration of strip 0.
+    number : int
+        New number of the strip.
+
+    Returns
+    -------
+    CalibrationFile
+    """
+    board = f"{strip.board}-{number}"
+    lines = [line.replace(f"board {strip.board}", f"board {board}") for line in strip.lines]
+    return msgspec.structs.replace(strip, board=board, lines=tuple(lines))
 
 
 def _strips(

@@ -8,10 +8,11 @@ from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.calibrate.spectra import SpectrumReader
 from spots.errors import SpotsError
-from spots.link.board import Board
+from spots.link.board import Board, of_sensor
 
 from .files import SensorFile
 from .kept import kept
+from .loading import silicone_lines
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
@@ -69,12 +70,12 @@ class Stage:
         return 1000 * self.sensor.length_mm * (1 + self.held.strain)
 
     def expose(self, exposure_us: int | None = None) -> None:
-        """Let the board search gain and LED current, under a full press near the sensor.
+        """Press firmly near the sensor, and let the board search gain and LED current.
 
         Parameters
         ----------
         exposure_us : int, optional
-            Exposure in us to set after the search, which can lengthen the exposure of a dim strip.
+            Exposure in us to set after the search, because the search may lengthen the exposure.
 
         Raises
         ------
@@ -229,7 +230,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
             raise SpotsError(f"the press at {where_mm:g} mm is {trouble}")
 
 
-def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
+def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None:
     """Set mains frequency, wiring of the LED and dark frame on a board, as `calibrate` used them.
 
     Parameters
@@ -238,11 +239,18 @@ def set_as_calibrated(board: Board, sensor: SensorFile) -> None:
         Board to change.
     sensor : SensorFile
         Sensor file of the strip, with the lamps and the wiring of its LED.
+    number : int, optional
+        Number of the strip on the board.
     """
     if sensor.mains_hz:
-        board.command(f"set mains_hz={sensor.mains_hz}")
-    if sensor.led.wired != "ldr":
-        board.command("set " + _calibrated(sensor)[1])
+        board.command(of_sensor(f"set mains_hz={sensor.mains_hz}", number))
+    if led := led_settings(sensor):
+        board.command(of_sensor("set " + led, number))
+
+
+def led_settings(sensor: SensorFile) -> str:
+    """Return the LED settings that `calibrate` used, for ``set``; empty for an LED on LDR."""
+    return "" if sensor.led.wired == "ldr" else _calibrated(sensor)[1]
 
 
 @kept(tuple[tuple[str, ...], str])
@@ -259,4 +267,4 @@ def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
             state = stage.board.command("get")
             numbers = state["gain"], state["exposure_us"], *state["dark"]
             led += " dark=" + ",".join(map(str, numbers))
-        return lines, led
+    return (*lines, *silicone_lines(sensor, lines, "" if sensor.led.wired == "ldr" else led)), led

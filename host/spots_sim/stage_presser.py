@@ -37,6 +37,9 @@ class StagePresser(Presser):
         else:
             self._stage.turn(wanted.angle_deg, wanted.direction or 1)
 
+    def change(self, wanted: Wanted) -> None:
+        self._stage.press(wanted.place_um, wanted.then_mN)
+
     def release(self) -> None:
         self._stage.release()
 

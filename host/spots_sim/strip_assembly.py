@@ -1,4 +1,4 @@
-"""What the moulds cast, and where each part of a strip is. Needs manifold3d (extra ``moulds``).
+"""Solids of a strip: its castings, and all parts in place. Needs manifold3d (extra ``moulds``).
 
 The strip lies along x, with the sensor at its low end. The lower face of the strip is at z = 0.
 """

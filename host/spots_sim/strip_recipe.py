@@ -101,7 +101,7 @@ class Batch:
 
 
 def checked(strips: int) -> int:
-    """Check a number of strips to cast, and return it; raise SpotsError if it is out of range."""
+    """Return the number of strips to cast; raise SpotsError if the number is out of range."""
     if not 1 <= strips <= STRIPS_MAX:
         raise SpotsError(f"--strips must be from 1 to {STRIPS_MAX}, not {strips}")
     return strips

@@ -171,7 +171,7 @@ class Typist:
         self.seconds = points[-1][0]
 
     def scenario(self) -> ScenarioFile:
-        """Return all fingers as a scenario that ends half a second after the last one."""
+        """Return all fingers as a scenario that ends half a second after the last touch."""
         return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
 
     def _way(self, character: str) -> list[tuple[int, int, str]]:

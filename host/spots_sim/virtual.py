@@ -245,7 +245,12 @@ def _opened(port: str) -> Board:
 
 
 def start_simulator(
-    sensor: str, scenario: str, seed: int, folder: str = "", board: str = VIRTUAL
+    sensor: str,
+    scenario: str,
+    seed: int,
+    folder: str = "",
+    board: str = VIRTUAL,
+    strips: int = 1,
 ) -> tuple[dict, Callable[[], None]]:
     """Start a virtual board in a separate process.
 
@@ -260,6 +265,8 @@ def start_simulator(
         MicroPython. If empty, a temporary folder with the firmware is used.
     board : str
         Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
+    strips : int
+        Number of strips on the board, 1 or 2.
 
     Returns
     -------
@@ -275,10 +282,10 @@ def start_simulator(
         If the board does not start.
     """
     if not folder and is_cpython(board):
-        module, more = "cpython_realtime", ()
+        module, more = "cpython_realtime", (str(strips),)
     else:
         micropython_command()  # raises SpotsError before the process starts
-        module, more = "realtime", (board, folder)
+        module, more = "realtime", (board, folder, str(strips))
     process = subprocess.Popen(
         [sys.executable, "-m", f"spots_sim.{module}", sensor, scenario, str(seed), *more],
         stdin=subprocess.PIPE,

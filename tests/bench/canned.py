@@ -48,6 +48,7 @@ class Bus:
         self._clock = clock
         self._period_us = 0
         self._end = 0
+        self._level = 0  # entries in the FIFO; all have the present counts
 
     def counts(self, values):
         """Set the six counts of all following samples."""
@@ -59,6 +60,12 @@ class Bus:
         registers = self.registers
         if self._period_us:
             self._sample()
+        if register == 0xFE:
+            self._level -= len(buffer) // 2
+            for i in range(len(buffer)):
+                buffer[i] = registers[0x95 + i % 12]
+            return
+        registers[0xFD] = self._level
         for i in range(len(buffer)):
             buffer[i] = registers[register + i]
 
@@ -70,6 +77,8 @@ class Bus:
             return
         for i in range(1, len(buffer)):
             registers[register + i - 1] = buffer[i]
+        if register == 0xFA:
+            self._level = 0
         registers[0x80] &= 0xEF  # a SMUX command is done at once
         if register == 0x80:
             self._start(registers[0x80] & _SP_EN)
@@ -89,6 +98,7 @@ class Bus:
         if over_us >= 0:
             self.registers[0x93] |= _AINT
             cycles = over_us // self._period_us + 1
+            self._level = min(128, self._level + 6 * cycles)
             self._end = clock.ticks_add(self._end, cycles * self._period_us)
 
 

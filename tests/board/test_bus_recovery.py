@@ -144,8 +144,9 @@ def test_a_board_counts_time_by_its_own_oscillator(faulty, board, ppm):
         made.settle(1.0)
         sent_s = made.link.now_s()
         board_us.append(made.board.command("sync")["t_us"] - 1e6 * sent_s)
-        made.settle(20.0)
-    drift_ppm = (board_us[1] - board_us[0]) / 21
+        made.settle(60.0)
+    # A board reads a command up to 10 ms after its arrival: 164 ppm of this time.
+    drift_ppm = (board_us[1] - board_us[0]) / 61
     assert drift_ppm == pytest.approx(ppm, abs=200)
 
 

@@ -11,10 +11,10 @@ import pytest
 from spots.errors import SpotsError
 from spots.link.contact_finder import ContactFinder
 from spots.link.frames import Contact, Key, Touch
-from spots_device.decode import MISFIT, TOUCHING
+from spots_device.decode import LED_OFF, MISFIT, TOUCHING
 from spots_device.fingers import CONFIRMED, DOWN, NEVER_ALONE, PROVISIONAL, UP
 from spots_sim.demo import open_fast
-from spots_sim.files import Finger, ScenarioFile
+from spots_sim.files import Ambient, Finger, ScenarioFile
 from spots_sim.scenario import Scenario
 
 LENGTH_UM = 85_000
@@ -159,6 +159,44 @@ def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
     made = [one for frame in frames if isinstance(frame, Touch) for one in finder.take(frame)]
     there = [frame for frame in frames if isinstance(frame, Contact)]
     assert [repr(one[2:]) for one in there] == [repr(one[2:]) for one in made] != []
+
+
+@pytest.mark.parametrize(("fingers", "ends"), [(ROLLED, [4, 8]), (RESTED, [8, 4])])
+def test_contacts_and_keys_do_not_change_while_the_led_is_off(played, fingers, ends):
+    # Dark frames while one finger touches, while two touch, and at other times.
+    _, frames = played(*fingers, command="set keys=1 dark_every=100")
+    dark = {frame.t_us for frame in frames if isinstance(frame, Touch) and frame.flags & LED_OFF}
+    assert len(dark) >= 6
+    found = contacts(frames)
+    assert list(found) == [1, 2]
+    frozen = 0
+    for one in found.values():
+        for before, contact in zip(one, one[1:]):
+            if contact.t_us in dark:
+                assert contact.state == PROVISIONAL
+                assert contact.position_um == before.position_um
+                frozen += 1
+    assert frozen >= 6
+    keys = [(frame.usage - 29, frame.pressed) for frame in frames if isinstance(frame, Key)]
+    assert keys == [(4, True), (8, True), *((key, False) for key in ends)]
+
+
+def test_a_new_dark_frame_ends_the_doubt_about_a_second_finger(rig, calibration):
+    made = rig(calibration=calibration)
+    stream = made.board.contacts(10.0)
+    made.settle(2.5)
+    made.press(42.5, 4000)
+    made.settle()
+    steps = [(0.0, 3.0)]
+    lamp = Scenario(ScenarioFile(seconds=1e6, ambient=Ambient(steps=steps)))
+    made.held.ambient_uW_cm2 = lamp.ambient_uW_cm2
+    made.settle(4.0)
+    seen = list(unread(stream))
+    assert {contact.id for contact in seen} == {1}
+    assert states(seen) == [DOWN, CONFIRMED, PROVISIONAL, CONFIRMED]
+    # Two fingers look like ambient light, so the dark frame comes late.
+    assert sum(contact.state == PROVISIONAL for contact in seen) < 300
+    assert abs(seen[-1].position_um / 1000 - 42.5) < 0.5
 
 
 def test_a_new_setting_ends_a_finger_that_is_down(rig, calibration):

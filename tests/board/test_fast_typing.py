@@ -104,6 +104,22 @@ def test_two_fingers_that_rest_are_two_keys():
 
 
 @pytest.mark.parametrize("phase_s", [0.0, 0.003, 0.007])
+def test_a_second_finger_is_a_key_soon_although_the_force_of_the_first_one_was_rising(phase_s):
+    # The second finger comes 10 ms after the first one is at its full force.
+    figures = play(finger("4", phase_s, phase_s + 0.15), finger("6", phase_s + 0.03, 0.2))
+    assert figures["typed"] == "46"
+    assert figures["latency_ms"]["p99"] <= 50
+
+
+@pytest.mark.parametrize("phase_s", [0.003, 0.007])
+def test_the_next_key_needs_one_reading_after_the_lift_of_the_first_finger(phase_s):
+    # The second finger comes when the first one begins to lift, which takes 20 ms.
+    figures = play(finger("4", phase_s, phase_s + 0.12), finger("7", phase_s + 0.1, 0.25))
+    assert figures["typed"] == "47"
+    assert figures["latency_ms"]["p99"] <= 38
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.003, 0.007])
 def test_a_finger_that_was_never_alone_is_typed_when_the_other_one_is(phase_s):
     # The second finger comes while the force of the first one still rises, and leaves before it.
     figures = play(finger("8", phase_s, phase_s + 0.3), finger("2", phase_s + 0.015, 0.2))

@@ -88,6 +88,25 @@ def test_resolution_and_accuracy_agree_with_noise_that_is_nearly_normal(run):
     assert position["accuracy_um"] == pytest.approx(0.8 * position["bound_um"], rel=0.15)
 
 
+def test_the_resolution_of_the_force_is_near_its_bound(run):
+    force = run.summary["force"]
+    # Repeated readings of a press at rest do not show all of the rounding.
+    assert 0.8 * force["bound_mN"] < force["resolution_mN"] < 1.15 * force["bound_mN"]
+
+
+def test_the_noise_of_the_led_alone_forbids_5_mN_at_10_ms_on_softened_silicone(sensor):
+    soft = Silicone(softening_percent=15.0, preload_mN=10_000.0)
+    quiet = {"read_noise_counts": 1e-3, "electrons_per_count_1x": 1e12, "ratio_noise_ppm": 0.0}
+    found = []
+    for silicone in (Silicone(), soft):
+        converter = msgspec.structs.replace(sensor.converter, **quiet)
+        strip = msgspec.structs.replace(sensor, silicone=silicone, converter=converter)
+        bound = Bound(strip, PLAN, 9, 10_000, 20)
+        found.append(np.mean([bound.force_sigma_mN(4e4, f) for f in np.linspace(600, 9500, 16)]))
+    assert found[1] > 1.2 * found[0]
+    assert found[1] > 5
+
+
 def test_the_joints_play_is_found(sensor):
     with Rig(replaced(sensor, joint={"play_deg": 0.5}), 0, 10_000, 1) as rig:
         run = Run()

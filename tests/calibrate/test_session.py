@@ -292,8 +292,8 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["strain"], "--strain-percent: required for 'strain'"),
-        (["position", "--strain-percent", 5], "only valid there"),
+        (["strain"], "--strain-percent: give it with 'strain'"),
+        (["position", "--strain-percent", 5], "only with 'strain'"),
         (["position", "--places", 5], "position needs 12 or more"),
         (["force", "--places", 5], "force needs 14 or more"),
         (["position", "--places", 0], "position needs 12 or more"),
@@ -403,7 +403,7 @@ def trembling(held, press):
 
 MISTAKES = [
     (elsewhere, "the colour does not lie between those of the neighbouring presses"),
-    (lightly, "the brightness does not fit the neighbours"),
+    (lightly, "the brightness does not fit the neighbouring presses"),
     (barely, "too dark: press harder"),
     (not_at_all, "no press is seen"),
     (in_a_flood_of_light, "a channel is saturated"),

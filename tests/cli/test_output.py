@@ -115,7 +115,7 @@ def test_a_virtual_board_that_is_interrupted_as_it_starts_ends_quietly(monkeypat
 @pytest.mark.parametrize(("sensor", "code"), [("default", 0), ("nope", 2)])
 def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed):
     run = subprocess.run(
-        [sys.executable, "-m", "spots_sim.realtime", sensor, "demo", "0", "virtual", ""],
+        [sys.executable, "-m", "spots_sim.realtime", sensor, "demo", "0", "virtual", "", "1"],
         stdin=subprocess.DEVNULL,
         stdout=closed,
         stderr=subprocess.PIPE,

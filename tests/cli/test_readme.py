@@ -24,7 +24,7 @@ ENDLESS = {
     "spots monitor --port virtual": " mm",
     "spots publish --port virtual": "publish",
     "spots controller --port virtual --dry-run": "x",
-    "spots twin --port virtual": "terminal",
+    "spots twin --port virtual": "end point",
     "spots doctor --port virtual": "hello",  # it judges the speed of this computer
     "spots keyboard --layout mini --dry-run --port virtual": "down",
     "python": " ",

@@ -50,10 +50,21 @@ def test_a_lift_is_believed_after_a_time_and_a_bounce_is_none():
     desk.lift(20)
     desk.press(10, 30)
     assert desk.events == [(A, True)]
-    desk.lift(30)
+    desk.lift(20)
     assert desk.events == [(A, True)]
     desk.lift(10)
     assert desk.events == clicks(A)
+
+
+def test_a_lift_lasts_since_the_last_reading_of_the_finger():
+    # Each reading is of the 10 ms before its end: two readings without light are a lift of 20 ms.
+    desk = Desk(*THREE, "release_ms 15")
+    desk.press(10)
+    desk.lift(10)
+    assert desk.events == [(A, True)]
+    desk.lift(10)
+    desk.press(10)
+    assert desk.events == [*clicks(A), (A, True)]
 
 
 @pytest.mark.parametrize("doubt", [SATURATED, MISFIT, LED_OFF])

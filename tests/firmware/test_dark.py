@@ -7,7 +7,7 @@ import pytest
 from bench import canned
 from smallint import SmallInt, small
 
-from spots_device.dark import WINDOW_SAMPLES, WINDOWS, Baseline, Dark
+from spots_device.dark import _WINDOW_SAMPLES, _WINDOWS, Baseline, Dark
 from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES, FLOOR_SAMPLES
 
 EXPOSURE_US = 10_000
@@ -33,35 +33,35 @@ def noisy(rng, level, sigma=0.6):
 
 def test_a_pool_is_nearer_to_the_truth_than_a_window():
     rng = random.Random(1)
-    errors = {1: [], WINDOWS: []}
+    errors = {1: [], _WINDOWS: []}
     for _ in range(40):
         dark = Dark()
-        for windows in range(1, WINDOWS + 1):
+        for windows in range(1, _WINDOWS + 1):
             window(dark, noisy(rng, 5.5))
             if windows in errors:
                 errors[windows] += [abs(one - 5.5) for one in mean(dark)]
-    assert sum(errors[WINDOWS]) < 0.4 * sum(errors[1])
+    assert sum(errors[_WINDOWS]) < 0.4 * sum(errors[1])
 
 
 def test_a_full_pool_forgets_as_fast_as_the_mean_of_its_windows_would():
     dark = Dark()
-    for _ in range(WINDOWS):
+    for _ in range(_WINDOWS):
         window(dark, [4] * 6)
-    for _ in range(WINDOWS):
+    for _ in range(_WINDOWS):
         window(dark, [5] * 6)
-    assert mean(dark) == pytest.approx([5 - (7 / 8) ** WINDOWS] * 6, abs=0.01)
+    assert mean(dark) == pytest.approx([5 - (7 / 8) ** _WINDOWS] * 6, abs=0.01)
 
 
 def test_a_full_pool_stays_as_near_to_the_truth():
     rng = random.Random(4)
-    errors = {WINDOWS: [], 5 * WINDOWS: []}
+    errors = {_WINDOWS: [], 5 * _WINDOWS: []}
     for _ in range(40):
         dark = Dark()
-        for windows in range(1, 5 * WINDOWS + 1):
+        for windows in range(1, 5 * _WINDOWS + 1):
             window(dark, noisy(rng, 5.5))
             if windows in errors:
                 errors[windows] += [(one - 5.5) ** 2 for one in mean(dark)]
-    assert sum(errors[5 * WINDOWS]) < 1.5 * sum(errors[WINDOWS])
+    assert sum(errors[5 * _WINDOWS]) < 1.5 * sum(errors[_WINDOWS])
 
 
 @pytest.mark.parametrize(("before", "after"), [(5, 40), (40, 5), (0, 20_000), (FULL, 0)])
@@ -88,7 +88,7 @@ def test_noise_is_no_jump():
 def test_a_faint_lamp_that_every_channel_sees_is_a_jump():
     rng = random.Random(3)
     dark = Dark()
-    for _ in range(WINDOWS):
+    for _ in range(_WINDOWS):
         window(dark, noisy(rng, 0.1, sigma=0.3))
     window(dark, noisy(rng, 1.8, sigma=1.0))
     assert min(mean(dark)) > 0.5
@@ -99,7 +99,7 @@ def test_a_requested_pool_is_full_and_new():
     window(dark, [5] * 6)
     window(dark, [6] * 6)
     dark.request_pool()
-    assert window(dark, [7] * 6) == WINDOWS * WINDOW_SAMPLES == DARK_SAMPLES
+    assert window(dark, [7] * 6) == _WINDOWS * _WINDOW_SAMPLES == DARK_SAMPLES
     assert mean(dark) == [7] * 6
 
 
@@ -119,7 +119,7 @@ def test_single_samples_make_a_window():
     window(dark, [5] * 6)
     dark.schedule(EXPOSURE_US, 50)
     assert dark.every_us == 50 * EXPOSURE_US
-    for _ in range(WINDOW_SAMPLES - 1):
+    for _ in range(_WINDOW_SAMPLES - 1):
         assert window(dark, [6] * 6) == 1
         assert mean(dark) == [5] * 6
     assert window(dark, [6] * 6) == 1
@@ -130,7 +130,7 @@ def test_the_largest_counts_fit_small_integers():
     dark = Dark()
     dark._window, dark.mean = small([0] * 6), small([0] * 6)
     for level in (FULL, FULL, 0, FULL):
-        for _ in range(WINDOWS + 1):
+        for _ in range(_WINDOWS + 1):
             window(dark, small([level] * 6))
     assert all(isinstance(one, SmallInt) for one in dark.mean)
     baseline = Baseline(dark)

@@ -391,6 +391,30 @@ def test_a_key_long_after_its_last_tap_is_no_quick_one():
     assert desk.events == clicks(A) + [(C, True)]
 
 
+def test_a_quick_tap_beside_a_key_is_the_next_key_unless_a_second_tap_has_a_meaning():
+    desk = one(key(0, 500, letter(A)), key(500, 1000, letter(B)))
+    desk.tap(49.0, 60, 60)
+    desk.tap(50.3)
+    assert desk.events == clicks(A, B)
+    for actions in ({"hold": letter(C)}, {"double": letter(C)}):
+        desk = one(key(0, 500, letter(A), **actions), key(500, 1000, letter(B)))
+        desk.tap(49.0, 60, 60)
+        desk.press(50.3)
+        assert (B, True) not in desk.events
+
+
+def test_the_slack_of_a_quick_second_tap_is_small_on_a_narrow_key():
+    # A key of 3 mm, as on a strip of 30 mm.
+    desk = one(key(0, 30, letter(A), hold=letter(C)), key(30, 60, letter(B)))
+    desk.tap(2.9, 60, 60)
+    desk.tap(3.3, 60, 60)
+    assert desk.events == clicks(A, B)
+    desk.lift(QUICK_MS)
+    desk.tap(2.9, 60, 60)
+    desk.tap(3.1, 60, 60)
+    assert desk.events == clicks(A, B, A, A)
+
+
 def test_a_swipe_long_after_the_finger_came_is_a_slide():
     slides = key(0, 1000, letter(A), minus=letter(B), plus=letter(C))
     lines = [

@@ -81,7 +81,7 @@ MISTAKES = {
         "line 6: no key leads to layer 'b': add 'toggle b' to a key"
     ),
     'keys = ["toggle b"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
-        "line 6: layer 'b' has no way out: add 'toggle b' to one of its keys"
+        "line 6: no key leaves layer 'b': add 'toggle b' to one of its keys"
     ),
     'keys = ["A"]\n[[layer]]\nname = "a"\nkeys = ["B"]': "line 3: two layers are called 'a'",
     'keys = ["A"]\n[tuning]\ntapping_ms = 5': "line 6.*tapping_ms",

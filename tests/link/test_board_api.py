@@ -118,7 +118,7 @@ def test_a_slow_board_has_time_for_its_newest_reading(strip):
     link.exposure_us = 1_500_000
     board.command("hello")
     link.streams, link.deaf = None, {"stream", "sync"}
-    board._streams = ["touch"]
+    board._streams = {0: ["touch"]}
     began_s = link.now_s()
     with pytest.raises(SpotsError, match=r"within 4\.5 s"):
         board.read_latest()
@@ -260,7 +260,7 @@ def test_a_fault_in_a_thread_is_raised_in_asyncio_and_reported_by_a_subscription
 
     link = Broken()
     board = Board(link)
-    board._streams = ["touch"]
+    board._streams = {0: ["touch"]}
     link.streams = ["touch"]
     with pytest.raises(ZeroDivisionError):
         asyncio.run(asyncio.wait_for(read(board), GIVE_UP_S))

@@ -18,6 +18,7 @@ from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.terminal import view
 from spots.terminal.monitor import watch
 from spots.wearable.wearable import Mapping, play
+from spots_device.contact import TWO_FIT
 from spots_device.decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
 from spots_sim.change import Change
 from spots_sim.files import Finger, ScenarioFile
@@ -77,6 +78,7 @@ def reading(flags):
     ("flags", "words"),
     [
         (TOUCHING | MISFIT, "fit one press"),
+        (TOUCHING | TWO_FIT, "has drifted"),
         (MISFIT, "fit one press"),
         (SATURATED | MISFIT | TOUCHING, "saturated"),
         (NOT_CALIBRATED, "spots calibrate"),

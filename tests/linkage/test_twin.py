@@ -240,7 +240,7 @@ def test_the_command_tells_errors_lines_and_draws(quick, capsys, tmp_path):
     assert cli.main(quick) == 0
     *lines, last = capsys.readouterr().out.splitlines()
     assert len(lines) >= 3
-    assert all("terminal" in line and "+-" in line for line in lines)
+    assert all("end point" in line and "+-" in line for line in lines)
     assert f"error: {figures['error_mm']['mean']:.3f} mm mean" in last
 
 

@@ -208,7 +208,7 @@ def test_lines_for_people(machine, capsys):
     assert cli.main([*arguments, "--seconds", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert 6 <= len(lines) <= 9
-    assert all("terminal" in line and "mm/s" in line for line in lines[1:])
+    assert all("end point" in line and "mm/s" in line for line in lines[1:])
 
 
 def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monkeypatch):
@@ -226,6 +226,8 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
         def __exit__(self, *exception):
             closed.append(self.port)
 
+        sensors = range(1)
+
         def command(self, line):
             return self.info
 
@@ -239,14 +241,14 @@ def test_boards_are_found_by_their_ids_in_the_order_of_the_joints(machine, monke
     monkeypatch.setattr(Mounted, "strips", lambda self, path: strips)
     monkeypatch.setattr(twin_source, "find", lambda: ([There(name) for name in names], []))
     monkeypatch.setattr(
-        twin_source, "prepare", lambda board, lines: given.append((board.port, *lines))
+        twin_source, "prepare", lambda board, lines, _: given.append((board.port, *lines))
     )
     with twin_source.opened(machine.arm) as source:
         assert [board.port for board in source.boards] == ["port A", "port B"]
         assert given == [("port A", "A"), ("port B", "B")]
         assert closed == ["port C"]
     names.remove("A")
-    with pytest.raises(SpotsError, match=r"no board A, .* found: B, C"), ExitStack() as stack:
+    with pytest.raises(SpotsError, match=r"missing \(A\): .* found: B, C"), ExitStack() as stack:
         stack.enter_context(twin_source.opened(machine.arm))
     assert closed.count("port B") == 2
 
@@ -337,7 +339,9 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
     ports = [f"recording:{path}" for path in paths]
     with pytest.raises(SpotsError, match=r"joint 2, x: this is board feed, .* order of the joints"):
         twin_source.give(
-            SimpleNamespace(command=lambda _: {"id": "feed"}, port="x"), machine.strip, 2
+            SimpleNamespace(command=lambda _: {"id": "feed"}, port="x", sensors=range(1)),
+            machine.strip,
+            2,
         )
     lines = (*machine.strip.lines[:-1], machine.strip.lines[-1] + " ")
     other = msgspec.structs.replace(machine.strip, lines=lines)
@@ -351,7 +355,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--port", "0"], "but --port was given 1 times"),
+        (["--port", "0"], "both joints have the calibration of strip 0"),
         (["--port", "0", "--port", "1", "--port", "0"], "but --port was given 3 times"),
         (["--port", "0", "--port", "1", "--record", "a"], "give it once for each board"),
         (["--port", "recording:a", "--port", "1"], "only one --port is a recording"),

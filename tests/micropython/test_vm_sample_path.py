@@ -8,7 +8,7 @@ import pytest
 
 from spots.link.frames import Contact, Decoder, Key, Spectrum, Touch
 from spots_device.calibration import Calibration, CalibrationError
-from spots_device.dark import DARK_EVERY_US
+from spots_device.dark import _DARK_EVERY_US
 from spots_device.decode import (
     DARK_SUBTRACTED,
     DROPPED,
@@ -22,7 +22,7 @@ from spots_device.decode import (
 from spots_device.exposure import MAX_US
 from spots_device.fingers import CONFIRMED, DOWN, PROVISIONAL, UP
 from spots_device.layout import KEYBOARD, action
-from spots_device.strip import IDLE_US
+from spots_device.strip import _IDLE_US
 
 # Presses of the default sensor at its two ends, and what more and less light would give.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
@@ -65,10 +65,10 @@ SCENES = {
     "a stall of minutes again": scene(TOUCHING, FAR, stall_us=1 << 28),
     "a finger that never left meanwhile": scene(TOUCHING, FAR, stall_us=1 << 28),
     "a finger for a long time": scene(
-        TOUCHING, NEAR, average=64, lasts_ms=DARK_EVERY_US // 1000 + 1000
+        TOUCHING, NEAR, average=64, lasts_ms=_DARK_EVERY_US // 1000 + 1000
     ),
     "the dark window when it lifts": scene(
-        TOO_DARK, DARK, lasts_ms=IDLE_US // 1000 + DARK_WINDOW_MS, dark=NONE
+        TOO_DARK, DARK, lasts_ms=_IDLE_US // 1000 + DARK_WINDOW_MS, dark=NONE
     ),
     "a finger after that": scene(TOUCHING, NEAR),
     "the least table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN, LEAST),
@@ -82,7 +82,6 @@ SCENES = {
 WITH_DARK_WINDOW = {"a dark frame on request", "the dark window when it lifts", "nobody for long"}
 AFTER_A_GAP = {
     "a port that takes again",
-    "a stall of three samples",
     "a stall of minutes",
     "a stall of minutes again",
     "a finger that never left meanwhile",

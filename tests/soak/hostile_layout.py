@@ -1,8 +1,9 @@
-"""Sends mutated layout messages to a real ``spots serve --edit``; by default 100,000.
+"""Sends mutated messages to a real ``spots serve`` with all editors; by default 100,000.
 
 Half of the messages have the token. The others have none, a wrong one, or a foreign origin. Prints
 one line of JSON. The exit code is 1 if a message of the others was not refused, the server ended,
-its memory grew too much, an answer was an error of the server, or the layout file is invalid.
+its memory grew too much, an answer was an error of the server, a file is invalid, or there is a
+file that no option named.
 """
 
 from __future__ import annotations
@@ -21,32 +22,43 @@ from pathlib import Path
 import aiohttp
 
 from spots.keyboard.layout import load
+from spots.web.settings_editor import KINDS
+from spots_device.settings import checksum
 
 _CLIENTS = 8
 _GROWTH_MAX_KB = 20_000
 _FRAGMENTS = "", '"', "\\", "[", "{", "=", "\n", "#", "9", "-", "\u00e9", "\x00", "clear", "push"
 _TEXT = load("mini").text
+_SETTINGS = {name: kind.usual.read_text(encoding="utf-8") for name, kind in KINDS.items()}
+_BASES = {name: checksum([text]) for name, text in _SETTINGS.items()}
+_WORDS = "start", "stop", "list", "live", "play\n../mine.toml", "compare\n../a.spots\n/etc/passwd"
 _MESSAGES = (
-    {"do": "check", "text": _TEXT},
-    {"do": "push", "text": _TEXT, "base": "", "loses": []},
-    {"do": "push", "text": load("digits").text, "base": "0", "loses": ["A", "B"]},
-    {"do": "clear"},
+    ("layout", json.dumps({"do": "check", "text": _TEXT})),
+    ("layout", json.dumps({"do": "push", "text": _TEXT, "base": "", "loses": []})),
+    ("layout", json.dumps({"do": "push", "text": _TEXT, "base": "0", "loses": ["A", "B"]})),
+    ("layout", json.dumps({"do": "clear"})),
+    *((name, json.dumps({"do": "check", "text": text})) for name, text in _SETTINGS.items()),
+    *(
+        (name, json.dumps({"do": "save", "text": text, "base": _BASES[name]}))
+        for name, text in _SETTINGS.items()
+    ),
+    *(("recording", word) for word in _WORDS),
 )
 
 
-def _mutated(choice: random.Random) -> bytes:
-    """Return a message with some random changes."""
-    parts = list(json.dumps(choice.choice(_MESSAGES)))
+def _mutated(choice: random.Random) -> tuple[str, bytes]:
+    """Return the path of a message, and the message with some random changes."""
+    path, message = choice.choice(_MESSAGES)
+    parts = list(message)
     for _ in range(choice.randrange(1, 5)):
         at = choice.randrange(len(parts))
         parts[at : at + choice.randrange(3)] = choice.choice([*_FRAGMENTS, parts[at]])
     body = "".join(parts).encode()
-    return body * choice.choice((1, 1, 1, 50))
+    return path, body * choice.choice((1, 1, 1, 50))
 
 
 async def _client(port: int, token: str, seed: int, count: int, found: Counter) -> None:
     choice = random.Random(seed)
-    url = f"http://127.0.0.1:{port}/layout"
     async with aiohttp.ClientSession() as session:
         for _ in range(count):
             allowed = choice.random() < 0.5
@@ -54,8 +66,10 @@ async def _client(port: int, token: str, seed: int, count: int, found: Counter) 
             foreign = not allowed and sent == token
             headers = {"Cookie": f"spots-token-{port}={sent}"}
             headers |= {"Origin": "http://evil.example"} if foreign else {}
+            path, body = _mutated(choice)
+            url = f"http://127.0.0.1:{port}/{path}"
             try:
-                async with session.post(url, data=_mutated(choice), headers=headers) as answer:
+                async with session.post(url, data=body, headers=headers) as answer:
                     await answer.read()
             except aiohttp.ClientConnectionError:  # a connection ends after 30 s
                 found["disconnected"] += 1
@@ -81,17 +95,24 @@ async def _attack(port: int, token: str, messages: int, pid: int) -> dict:
     return {**{str(name): n for name, n in found.items()}, "rss_kb": sizes_kb}
 
 
+def _name(kind: str) -> str:
+    return f"{kind}.toml"
+
+
 def main() -> int:
     """Send the messages; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--messages", type=int, default=100_000)
     messages = parser.parse_args().messages
     with tempfile.TemporaryDirectory() as folder:
-        path, log = Path(folder) / "mine.toml", Path(folder) / "log"
+        path, log, inside = (Path(folder) / name for name in ("mine.toml", "log", "inside"))
+        inside.mkdir()
+        edited = {name: Path(folder) / _name(name) for name in KINDS}
+        editors = [text for name, at in edited.items() for text in (f"--edit-{name}", str(at))]
         with log.open("wb") as errors:
             server = subprocess.Popen(
                 [sys.executable, "-u", "-m", "spots", "serve", "--port", "virtual"]
-                + ["--http-port", "0", "--edit", str(path)],
+                + ["--http-port", "0", "--edit", str(path), "--record-to", str(inside), *editors],
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 text=True,
@@ -105,7 +126,12 @@ def main() -> int:
                 server.communicate(timeout=60)
         if path.exists():
             load(path)  # an error here is a finding
-        found["written"] = path.exists()
+        for name, kind in KINDS.items():
+            if edited[name].exists():
+                kind.read(edited[name].read_text(encoding="utf-8"), edited[name])
+        made = {one.name for one in Path(folder).iterdir()}
+        found["foreign"] = sorted(made - {path.name, log.name, inside.name, *map(_name, KINDS)})
+        found["written"] = sorted(made)
         found["log"] = log.read_text(errors="replace")[-600:]
     growth_kb = found["rss_kb"][-1] - found["rss_kb"][1]
     found["ok"] = (
@@ -113,6 +139,7 @@ def main() -> int:
         and not found["unrefused"]
         and not found["failed"]
         and not found["log"]
+        and not found["foreign"]
         and growth_kb < _GROWTH_MAX_KB
     )
     print(json.dumps(found))

@@ -10,6 +10,10 @@ from playwright.sync_api import expect, sync_playwright
 
 from bring_browser import launch_options
 from serving import Bench, Serving
+from spots.keyboard.layout import load
+from spots.web.state import PageState
+from spots.web.twin_feed import driven_readers
+from spots_sim.linkage_demo import endless
 
 # A loaded machine is slow, not wrong: Playwright's own patience is 5 s.
 expect.set_options(timeout=60_000)
@@ -110,6 +114,35 @@ def serve():
     yield make
     for one in made:
         one.stop()
+
+
+@pytest.fixture
+def running():
+    """Return a function that starts readers, which end with the test."""
+    started = []
+
+    def start(readers):
+        for one in readers:
+            started.append(one)
+            one.start()
+
+    yield start
+    for one in started:
+        one.stop(timeout_s=30)
+
+
+@pytest.fixture
+def linkage_page(running, serve, open_page):
+    """Return a function that opens a page of a simulated linkage, with browser options."""
+
+    def make(**options):
+        state = PageState()
+        running(driven_readers(endless("default"), load("digits"), state))
+        page = open_page(serve(state).url, **options)
+        expect(page.locator("#twin .figures")).to_contain_text(" mm")
+        return page
+
+    return make
 
 
 @pytest.fixture

@@ -18,6 +18,7 @@ from spots.web.calibration import PageCalibration
 from spots.web.layout_editor import LayoutEditor
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
+from spots.web.settings_editor import SettingsEditor
 from spots.web.state import PageState
 from spots_sim.lockstep import LockstepLink
 from spots_sim.paced import PacedLink
@@ -82,6 +83,7 @@ class Bench:
         session=None,
         speed=1.0,
         edit=None,
+        settings=None,
     ):
         self._speed = speed
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
@@ -92,6 +94,8 @@ class Bench:
             self.orders["calibration"] = PageCalibration(session, self.state)
         if edit:
             self.orders["layout"] = LayoutEditor(edit, load(layout), self.state)
+        for name, path in (settings or {}).items():
+            self.orders[name] = SettingsEditor(name, path, self.state)
         self.link = None
         self.there = True
         self.asked_for = []
@@ -182,6 +186,25 @@ def apart(function, *arguments, timeout_s=120.0):
 
     threading.Thread(target=call, daemon=True).start()
     return result.result(timeout_s)
+
+
+def send_from_other_site(browser, server, other_port, path, *messages):
+    """Let a page of another site send messages, in a browser that has the token of the server."""
+    context = browser.new_context()
+    try:
+        context.new_page().goto(server.url)  # now this browser has the token
+        page = context.new_page()
+        for host in ("localhost", "127.0.0.1"):
+            page.goto(f"http://{host}:{other_port}/")
+            for message in messages:
+                page.evaluate(
+                    """([url, body]) => fetch(url, {
+                      method: "POST", mode: "no-cors", credentials: "include", body,
+                    }).then(() => 0, () => 0)""",
+                    [f"http://127.0.0.1:{server.port}/{path}", message],
+                )
+    finally:
+        context.close()
 
 
 def run(coroutine):

@@ -37,7 +37,7 @@ def feel_of(layout, exposure_us):
     info = {"length_um": 85_000, "exposure_us": exposure_us, "average": 1, "keys": 0}
     board = SimpleNamespace(command=lambda line: info, now_s=lambda: 0.0)
     state = Shown()
-    return Feel(board, info, layout, state), state
+    return Feel(board, info, state, layout), state
 
 
 def read(feel, now_s, flags, x_um=10_000):

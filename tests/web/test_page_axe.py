@@ -7,11 +7,11 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from serving import Bench, until
-from spots.keyboard.layout import load
+from spots.link.board import Board
 from spots.web.board_feed import _NEXT
+from spots.web.settings_editor import KINDS
 from spots.web.state import PageState
-from spots.web.twin_feed import driven_readers
-from spots_sim.linkage_demo import endless
+from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 from test_page_states import SCREENS
 
@@ -66,18 +66,40 @@ def test_an_editor_of_keys(bench, serve, open_page, scheme, tmp_path):
     assert serious(page) == []
 
 
-def test_a_linkage(serve, open_page, scheme):
-    state = PageState()
-    readers = driven_readers(endless("default"), load("digits"), state)
-    for reader in readers:
-        reader.start()
-    try:
-        page = open_page(serve(state).url, **scheme)
-        expect(page.locator("#twin .figures")).to_contain_text(" mm", timeout=LONG_MS)
-        assert serious(page) == []
-    finally:
-        for reader in readers:
-            reader.stop()
+@pytest.mark.parametrize("name", KINDS)
+def test_an_editor_of_settings(bench, serve, open_page, scheme, tmp_path, name):
+    held = Held()
+    one = bench(held, settings={name: tmp_path / "mine.toml"})
+    page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+    page.locator(f"#edit-{name}").click(timeout=LONG_MS)
+    until(page, "drawn.length > 20")
+    held.press = Press(40.0, 6000, 4.0)
+    lit = {"controller": "#controller .card.lit", "gestures": "#gestures .last"}[name]
+    expect(page.locator(lit)).to_have_count(1, timeout=LONG_MS)
+    assert serious(page) == []
+
+
+def test_recordings(bench, serve, open_page, scheme, sensor, tmp_path):
+    for name in "ab":
+        with Board(LockstepLink(sensor, Held())) as board:
+            board.command("stream touch")
+            with board.record(tmp_path / f"{name}.spots"):
+                next(board.frames(0.1))
+    one = bench(Held(), record_to=tmp_path)
+    page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+    page.locator("#open-recordings").click(timeout=LONG_MS)
+    page.get_by_label("Compare a.spots").check(timeout=LONG_MS)
+    page.get_by_label("Compare b.spots").check()
+    compare = page.get_by_role("button", name="Compare", exact=True)
+    compare.focus()
+    page.keyboard.press("Enter")
+    expect(page.locator("#recordings canvas").first).to_be_visible(timeout=LONG_MS)
+    assert serious(page) == []
+    assert reached(page, "recordings") == 0
+
+
+def test_a_linkage(linkage_page, scheme):
+    assert serious(linkage_page(**scheme)) == []
 
 
 @pytest.mark.parametrize("state", _NEXT)
@@ -104,6 +126,43 @@ def test_a_calibration(sensor, serve, open_page, scheme, tmp_path):
         one.close()
 
 
+def reached(page, panel):
+    """Press Tab until all controls of a panel had the focus; return how many had it not."""
+    wanted = page.evaluate(
+        f"""[...document.querySelectorAll(
+          '#{panel} :is(button, input, select, summary, [role=separator])'
+        )].filter((one) => one.checkVisibility() && !one.disabled && one.tabIndex >= 0).length"""
+    )
+    found = set()
+    for _ in range(2 * wanted):
+        page.keyboard.press("Tab")
+        found.add(
+            page.evaluate(
+                f"[...document.querySelectorAll('#{panel} *')].indexOf(document.activeElement)"
+            )
+        )
+    return wanted - len(found - {-1})
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_keyboard_reaches_all_settings(bench, serve, open_page, tmp_path, name):
+    one = bench(Held(), settings={name: tmp_path / "mine.toml"})
+    page = open_page(serve(one.state, orders=one.orders).url)
+    page.locator(f"#edit-{name}").wait_for(timeout=LONG_MS)
+    page.locator(f"#edit-{name}").focus()
+    page.keyboard.press("Enter")
+    expect(page.locator(f"#{name} .tune").first).to_be_visible(timeout=LONG_MS)
+    slider = page.locator(f"#{name} input[type=range]").first
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    save = page.locator(f"#{name}").get_by_role("button", name="Save")
+    expect(save).to_be_enabled(timeout=LONG_MS)
+    assert reached(page, name) == 0
+    save.focus()
+    page.keyboard.press("Enter")
+    expect(page.locator(f"#{name} .state")).to_have_text("saved in mine.toml", timeout=LONG_MS)
+
+
 def test_the_keyboard_reaches_everything_of_the_editor(bench, serve, open_page, tmp_path):
     one = bench(Held(), edit=tmp_path / "mine.toml", layout="mini")
     page = open_page(serve(one.state, orders=one.orders).url)
@@ -116,20 +175,7 @@ def test_the_keyboard_reaches_everything_of_the_editor(bench, serve, open_page, 
     page.locator("#editor summary").focus()
     page.keyboard.press("Enter")
     expect(page.get_by_label("Force of a firm press, mN")).to_be_visible()
-    wanted = page.evaluate(
-        """[...document.querySelectorAll(
-          '#editor :is(button, input, select, summary, [role=separator])'
-        )].filter((one) => one.checkVisibility() && !one.disabled && one.tabIndex >= 0).length"""
-    )
-    reached = set()
-    for _ in range(2 * wanted):
-        page.keyboard.press("Tab")
-        reached.add(
-            page.evaluate(
-                "[...document.querySelectorAll('#editor *')].indexOf(document.activeElement)"
-            )
-        )
-    assert len(reached - {-1}) == wanted
+    assert reached(page, "editor") == 0
     # Arrows reach the zones and borders that Tab leaves out.
     page.locator("#editor .zone[tabindex='0']").focus()
     page.keyboard.press("End")

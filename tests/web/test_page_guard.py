@@ -309,6 +309,10 @@ def test_home_needs_no_token():
         (["--layout", "nowhere"], "cannot read the layout"),
         (["--port", "virtual", "--sensor", "nowhere"], "cannot read the sensor file"),
         (["--port", "virtual", "--scenario", "nowhere"], "cannot read the scenario file"),
+        (["--edit", "mine.toml", "--port", "recording:run.spots"], "--edit works with one board"),
+        (["--edit", "mini", "--port", "virtual"], "give a name that ends in .toml"),
+        (["--edit-controller", "c.txt"], "'c.txt' is not a controller settings file: give a name"),
+        (["--edit-gestures", "g.toml", "--port", "recording:x"], "--edit-gestures works with one"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, arguments, says):

@@ -10,8 +10,7 @@ import time
 import pytest
 from playwright.sync_api import expect
 
-from serving import Bench, Serving, apart, eventually, until
-from spots.cli import main
+from serving import Bench, Serving, apart, eventually, send_from_other_site, until
 from spots.errors import SpotsError
 from spots.keyboard.layout import compiled, load
 from spots.web.layout_editor import LayoutEditor
@@ -175,6 +174,32 @@ def test_a_border_is_dragged_and_moved_by_keys(desk, open_page):
     expect(page.get_by_role("button", name="Undo")).to_be_disabled()
 
 
+def test_a_draft_is_tried_before_it_is_pushed(desk, open_page):
+    page = open_page(desk.server.url, viewport={"width": 1440, "height": 900})
+    open_editor(page)
+    page.get_by_text("Tuning").click()
+    expect(page.get_by_role("img", name=re.compile("^Force of the last seconds"))).to_be_visible()
+    page.locator("#editor .zone").nth(2).click()
+    with page.expect_response(re.compile("/layout$")):
+        choose(page, "tap", "volume_inc")
+    tried = page.locator("#editor .trial span")
+    until(page, "drawn.length > 5")
+    tap(desk, page, 0.25, "3")  # the board keeps its layout
+    expect(tried.last).to_have_text("volume increment", timeout=LONG_MS)
+    # A change of the tuning has an effect on the next touch.
+    with page.expect_response(re.compile("/layout$")):
+        page.get_by_label("Force that begins a touch, mN").fill("9000")
+        page.get_by_label("Force that begins a touch, mN").press("Enter")
+    tap(desk, page, 0.35, "4")
+    expect(tried).to_have_count(1)
+    with page.expect_response(re.compile("/layout$")):
+        for _ in range(2):
+            page.locator("#editor").get_by_role("button", name="Undo").click()
+    tap(desk, page, 0.45, "5")
+    expect(tried.last).to_have_text("5", timeout=LONG_MS)  # of the board: nothing is changed
+    assert desk.on_board() is None
+
+
 def test_what_could_be_typed_is_lost_only_after_a_question(desk, open_page):
     page = open_page(desk.server.url)
     open_editor(page)
@@ -329,23 +354,10 @@ def test_a_page_of_another_site_changes_no_layout(desk, browser, other_site):
     desk.connected()
     before = desk.shown()
     push = {"do": "push", "text": MINI.text, "base": before["base"], "loses": []}
-    context = browser.new_context()
-    try:
-        context.new_page().goto(desk.server.url)  # this browser has the token
-        page = context.new_page()
-        for host in ("localhost", "127.0.0.1"):
-            page.goto(f"http://{host}:{other_site}/")
-            for message in (push, {"do": "clear"}):
-                page.evaluate(
-                    """([url, body]) => fetch(url, {
-                      method: "POST", mode: "no-cors", credentials: "include", body,
-                    }).then(() => 0, () => 0)""",
-                    [f"http://127.0.0.1:{desk.server.port}/layout", json.dumps(message)],
-                )
-        assert desk.shown() == before
-        assert not desk.path.exists()
-    finally:
-        context.close()
+    messages = json.dumps(push), json.dumps({"do": "clear"})
+    send_from_other_site(browser, desk.server, other_site, "layout", *messages)
+    assert desk.shown() == before
+    assert not desk.path.exists()
 
 
 BAD = (
@@ -430,17 +442,3 @@ def test_the_longest_texts_are_checked_in_bounded_time(tmp_path, text):
     answer = editor.submit(editor.decode(json.dumps({"do": "check", "text": text}).encode()))
     assert isinstance(answer.exception(), SpotsError)
     print(f"{1000 * (time.process_time() - begun_s):.0f} ms")
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (["--edit", "mine.toml", "--port", "recording:run.spots"], "--edit works with one board"),
-        (["--edit", "mini", "--port", "virtual"], "give a name that ends in .toml"),
-    ],
-)
-def test_a_mistake_is_one_sentence(capsys, options, says):
-    assert apart(main, ["serve", "--http-port", "0", *options]) == 2
-    error = capsys.readouterr().err
-    assert says in error
-    assert error.count("\n") == 1

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import json
+import re
 import time
 
 import aiohttp
 import pytest
 from playwright.sync_api import expect
 
-from serving import apart, eventually, run
+from serving import apart, eventually, run, until
 from spots.cli import main
 from spots.errors import SpotsError
 from spots.link.board import Board
+from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.recording.recording import Recording
 from spots.web.recordings import Recordings
@@ -161,6 +164,112 @@ def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
     expect(told).to_contain_text("there is no board to record", timeout=LONG_MS)
     (path,) = tmp_path.iterdir()
     assert list(Recording(path))
+
+
+def recorded_at(sensor, calibration, path, place_mm, lasting_s):
+    """Record a finger that presses."""
+    held = Held()
+    held.press = Press(place_mm, 4000, 4.0)
+    with Board(LockstepLink(sensor, held)) as board:
+        prepare(board, calibration)
+        board.command("stream touch")
+        with board.record(path):
+            end_s = board.now_s() + lasting_s
+            while board.now_s() < end_s:
+                list(board.frames(0.02))
+
+
+@pytest.fixture
+def folder(sensor, calibration, bench, serve, tmp_path):
+    """A bench and its server, and a folder with two recordings and with what is none of them."""
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    # A slow machine has time to see them.
+    for name, place_mm, lasting_s in (("a", 20.0, 4.0), ("b", 60.0, 30.0), ("../outside", 30.0, 1)):
+        recorded_at(sensor, calibration, inside / f"{name}.spots", place_mm, lasting_s)
+    (inside / "link.spots").symlink_to(tmp_path / "outside.spots")
+    (inside / "damaged.spots").write_bytes(b"no recording")
+    held = Held()
+    held.press = Press(40.0, 4000, 4.0)
+    one = bench(held, record_to=inside)
+    ready(one)
+    return one, serve(one.state, orders=one.orders), inside
+
+
+PLACE = "Number(document.querySelector('.figure b').firstChild.data)"
+
+
+STATES = """window.states = [];
+new MutationObserver(() => {
+  const { state } = document.querySelector("#board").dataset;
+  if (state !== "connected") window.states.push(state);
+}).observe(document.querySelector("#board"), { attributes: true });"""
+
+
+def test_recordings_are_listed_played_and_compared(folder, open_page):
+    _, server, _ = folder
+    page = open_page(server.url)
+    until(page, f"Math.abs({PLACE} - 40) < 1")
+    page.locator("#open-recordings").click(timeout=LONG_MS)
+    names = page.locator("#recordings li b")
+    expect(names).to_have_count(3, timeout=LONG_MS)
+    assert set(names.all_inner_texts()) == {"a.spots", "b.spots", "damaged.spots"}
+    page.get_by_label("Compare a.spots").check()
+    page.get_by_label("Compare b.spots").check()
+    page.get_by_role("button", name="Compare", exact=True).click()
+    name = re.compile(r"^Position, mm of a.spots and b.spots over time$")
+    expect(page.get_by_role("img", name=name)).to_be_visible(timeout=LONG_MS)
+    # A recording is played through the same view, and the board is shown again.
+    page.get_by_role("button", name="Play b.spots").click()
+    until(page, f"Math.abs({PLACE} - 60) < 1")
+    expect(page.locator("#next")).to_contain_text("the recording b.spots is played; next: ")
+    expect(page.locator("#board")).to_contain_text("on b.spots")
+    page.get_by_role("button", name="record", exact=True).click()
+    expect(page.locator("#recorded")).to_contain_text("is already a recording", timeout=LONG_MS)
+    page.get_by_role("button", name="Show the board").click()
+    until(page, f"Math.abs({PLACE} - 40) < 1")
+    expect(page.locator("#next")).to_be_hidden()
+    # The board is also shown after the end of a recording, and was never lost.
+    page.evaluate(STATES)
+    page.get_by_role("button", name="Play a.spots").click()
+    until(page, f"Math.abs({PLACE} - 20) < 1")
+    until(page, f"Math.abs({PLACE} - 40) < 1")
+    assert page.evaluate("window.states") == []
+    # A damaged recording is a sentence, and the board is still shown.
+    page.get_by_role("button", name="Play damaged.spots").click()
+    expect(page.locator("#recordings .state")).to_contain_text("damaged.spots", timeout=LONG_MS)
+    expect(page.locator("#next")).to_be_hidden()
+
+
+def test_curves_of_recordings_are_those_of_the_finger(folder):
+    _, server, _ = folder
+    status, text = post(server, "compare\na.spots\nb.spots", token=token_of(server))
+    assert status == 200
+    for curve, place_mm in zip(json.loads(text)["curves"], (20, 60)):
+        places_um = [place for _, place, _ in curve["points"] if place is not None]
+        assert 50 < len(places_um) <= len(curve["points"]) <= 1500
+        assert max(abs(one - 1000 * place_mm) for one in places_um) < 500
+        assert not curve["cut"]
+    status, text = post(server, "compare\na.spots\ndamaged.spots", token=token_of(server))
+    assert (status, "damaged.spots" in text) == (409, True)
+
+
+def test_only_recordings_of_the_folder_are_read(folder, tmp_path):
+    one, server, inside = folder
+    token = token_of(server)
+    for name in ("../outside.spots", str(tmp_path / "outside.spots"), "link.spots", "", "a"):
+        for words in ("play", "compare\na.spots"):
+            status, text = post(server, f"{words}\n{name}", token=token)
+            assert (status, "no such recording" in text) == (409, True)
+    for body in ("play", "play\na.spots\nb.spots", "compare\na.spots", "list\n", "live\nx"):
+        assert post(server, body, token=token)[0] == 400
+    for body in ("list", "live", "play\na.spots", "compare\na.spots\nb.spots"):
+        assert post(server, body)[0] == 403
+        assert post(server, body, token=token, Origin="http://evil.example")[0] == 403
+    shown = one.state.since(one.state.begin())[1]["recording"]
+    assert shown["playing"] is None
+    before = {path.name: path.lstat().st_size for path in inside.iterdir()}
+    assert set(before) == {"a.spots", "b.spots", "damaged.spots", "link.spots"}
 
 
 @pytest.mark.parametrize(

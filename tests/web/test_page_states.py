@@ -8,11 +8,8 @@ import pytest
 from playwright.sync_api import expect
 
 from serving import eventually, until
-from spots.keyboard.layout import load
 from spots.web.state import PageState
-from spots.web.twin_feed import driven_readers
 from spots_sim.files import Finger, ScenarioFile
-from spots_sim.linkage_demo import endless
 from spots_sim.scenario import Held, Press, Scenario
 
 LONG_MS = 60_000
@@ -63,6 +60,22 @@ def test_the_next_step_is_in_sight(serve, open_page, screen, calibrated):
     assert page.evaluate(IN_SIGHT, "#next")
 
 
+def test_a_second_strip_is_a_sentence(serve, open_page):
+    state = PageState()
+    page = open_page(serve(state).url)
+    board = {"state": "connected", "board": "a board", "port": "x", "message": "", "next": ""}
+    state.put("board", board | {"layout": None, "sensors": 2})
+    expect(page.locator("#next")).to_have_text(
+        "this board has 2 strips, and the first is shown; next: to see the other one, start "
+        "'spots serve --port x#1'"
+    )
+    state.put("untrusted", "every reading is untrusted; next: wipe")
+    expect(page.locator("#next")).to_have_text(re.compile("^every reading"))
+    state.put("untrusted", None)
+    state.put("board", board | {"layout": None, "sensors": 1})
+    expect(page.locator("#next")).to_be_hidden()
+
+
 def test_strip_and_keys_are_in_sight(bench, serve, open_page, screen):
     page = open_page(serve(bench(Held()).state).url, **screen)
     expect(page.locator(".key")).to_have_count(10, timeout=LONG_MS)
@@ -93,32 +106,23 @@ def test_the_history_is_in_mm_and_shows_the_value_at_the_pointer(bench, serve, o
     expect(readout).to_be_empty()
 
 
-def test_a_linkage_comes_first_and_fills_its_place(serve, open_page, screen):
-    state = PageState()
-    readers = driven_readers(endless("default"), load("digits"), state)
-    for reader in readers:
-        reader.start()
-    try:
-        page = open_page(serve(state).url, **screen)
-        expect(page.locator("#twin .figures")).to_contain_text(" mm", timeout=LONG_MS)
-        assert page.evaluate(IN_SIGHT, "#twin canvas")
-        assert page.evaluate(IN_SIGHT, "#twin .figures")
-        tops = """[...document.querySelectorAll('main > section:not([hidden])')].map((one) =>
-          [one.getBoundingClientRect().top, one.id])"""
-        assert min(page.evaluate(tops))[1] == "twin"
-        # The drawing takes most of the height or of the width of its place.
-        share = """() => {
-          const c = document.querySelector('#twin canvas');
-          const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
-          let [left, right, top, bottom] = [c.width, 0, c.height, 0];
-          for (let y = 0; y < c.height; y++) for (let x = 0; x < c.width; x++) {
-            if (!all[4 * (y * c.width + x) + 3]) continue;
-            left = Math.min(left, x); right = Math.max(right, x);
-            top = Math.min(top, y); bottom = Math.max(bottom, y);
-          }
-          return Math.max((right - left) / c.width, (bottom - top) / c.height);
-        }"""
-        eventually(page, lambda: page.evaluate(share) > 0.6)
-    finally:
-        for reader in readers:
-            reader.stop()
+def test_a_linkage_comes_first_and_fills_its_place(linkage_page, screen):
+    page = linkage_page(**screen)
+    assert page.evaluate(IN_SIGHT, "#twin canvas")
+    assert page.evaluate(IN_SIGHT, "#twin .figures")
+    tops = """[...document.querySelectorAll('main > section:not([hidden])')].map((one) =>
+      [one.getBoundingClientRect().top, one.id])"""
+    assert min(page.evaluate(tops))[1] == "twin"
+    # The drawing takes most of the height or of the width of its place.
+    share = """() => {
+      const c = document.querySelector('#twin canvas');
+      const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
+      let [left, right, top, bottom] = [c.width, 0, c.height, 0];
+      for (let y = 0; y < c.height; y++) for (let x = 0; x < c.width; x++) {
+        if (!all[4 * (y * c.width + x) + 3]) continue;
+        left = Math.min(left, x); right = Math.max(right, x);
+        top = Math.min(top, y); bottom = Math.max(bottom, y);
+      }
+      return Math.max((right - left) / c.width, (bottom - top) / c.height);
+    }"""
+    eventually(page, lambda: page.evaluate(share) > 0.6)

@@ -46,21 +46,6 @@ def machine(sensor, tmp_path_factory):
     return Machine(sensor, tmp_path_factory.mktemp("arm"))
 
 
-@pytest.fixture
-def running():
-    """Return a function that starts readers, which end with the test."""
-    started = []
-
-    def start(readers):
-        for one in readers:
-            started.append(one)
-            one.start()
-
-    yield start
-    for one in started:
-        one.stop(timeout_s=30)
-
-
 def part(state):
     _, news = state.since(state.begin()._replace(version=0))
     return news.get("twin")

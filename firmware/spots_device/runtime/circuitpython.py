@@ -16,7 +16,7 @@ from adafruit_bus_device.i2c_device import I2CDevice
 from micropython import const
 
 from ..as7341 import AS7341, SensorError
-from ..settings import SETTINGS_FILE, BoardSettings, load_lines
+from ..settings import BoardSettings, load_lines
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
 from .stay import told_to_stay
 
@@ -276,8 +276,7 @@ def boot():
     if board_config.USB_HID:
         from .usb_circuitpython import enable
 
-        wanted = _stored_settings(board_config)
-        enable(wanted["keys"], wanted["gamepad"])
+        enable(_is_stored(board_config, "keys"), _is_stored(board_config, "gamepad"))
 
 
 def main():
@@ -294,22 +293,32 @@ def main():
     if usb_cdc.data is None:
         print("no port for data, so the application was not started: press reset, not the button")
         return
-    from ..app import BoardApp
 
     clock = MonotonicClock
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
     usb = CircuitUsb(board_config) if board_config.USB_HID else None
-    scl = getattr(board, board_config.SCL_PIN)
-    sda = getattr(board, board_config.SDA_PIN)
-    sensor = AdafruitSensor(scl, sda, board_config.I2C_HZ, clock)
-    sensor.gpio = _strip_led(board_config)
+    if hasattr(board_config, "SENSORS"):
+        from ..several import SeveralApp as BoardApp
+
+        sensor = _open_sensor
+    else:
+        from ..app import BoardApp
+
+        sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)
     app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
     # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt the end of a run,
     # which is then repeated.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
     run(app, _watchdog, _traceback, _sleep_ms, microcontroller.reset)
+
+
+def _open_sensor(config, clock):
+    scl, sda = getattr(board, config.SCL_PIN), getattr(board, config.SDA_PIN)
+    sensor = AdafruitSensor(scl, sda, config.I2C_HZ, clock)
+    sensor.gpio = _strip_led(config)
+    return sensor
 
 
 def _strip_led(board_config):
@@ -347,13 +356,17 @@ def _sleep_ms(ms):
     time.sleep(ms / 1000)
 
 
-def _stored_settings(board_config):
-    settings = BoardSettings(board_config)
-    try:
-        settings.change(load_lines(SETTINGS_FILE))
-    except ValueError:
-        pass  # the application reports this error
-    return settings.values
+def _is_stored(board_config, name):
+    """Return whether the stored settings of any strip switch `name` on."""
+    for i in range(len(getattr(board_config, "SENSORS", " "))):
+        settings = BoardSettings(board_config)
+        try:
+            settings.change(load_lines("settings%s.txt" % (i or "")))
+        except ValueError:
+            pass  # the application reports this error
+        if settings.values[name]:
+            return True
+    return False
 
 
 def _traceback(error):

@@ -67,7 +67,7 @@ class _Reports(HIDInterface):
 
 
 def open_interfaces(names, show_leds):
-    """Open HID interfaces and return their functions that send reports; makes USB reconnect.
+    """Open HID interfaces; return the functions that send their reports. USB reconnects.
 
     Parameters
     ----------

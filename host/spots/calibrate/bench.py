@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ _TREMBLE_MAX = 6.0  # largest ratio of the variance of a steady press to that of
 _SIGMAS = 5.0
 _OUTLIER = 0.3  # log2: largest difference from the light expected from other presses
 _VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
+_CHANGED = 1.25  # least ratio of the light before and after a change of the force
 CONTINUES = "the presses taken so far are stored; run the same command again to continue"
 
 
@@ -73,6 +74,10 @@ class Bench:
         Calibration file of the strip.
     spent : int
         Number of requested presses that are not stored as presses by hand.
+    trace : list of tuple of float
+        All readings of the present press: time in s, then the six counts.
+    holds : list of (float, float)
+        Start and end of each hold of the present press, in s.
     """
 
     reader: SpectrumReader
@@ -81,6 +86,8 @@ class Bench:
     length_um: float
     path: Path
     spent: int = 0
+    trace: list[tuple[float, ...]] = field(default_factory=list)
+    holds: list[tuple[float, float]] = field(default_factory=list)
 
     @property
     def window(self) -> int:
@@ -123,8 +130,10 @@ class Bench:
         for _ in range(TRIES):
             self.spent += 1
             self.presser.press(wanted)
+            self.trace, self.holds = [], []
             try:
                 reading = self._held(noise, wanted.kind)
+                self._hold(wanted.hold_s)
                 judge(reading)
                 return reading
             except BadPressError as bad:
@@ -136,6 +145,22 @@ class Bench:
             if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
                 self.release()
         raise SpotsError(f"{trouble}; {given_up}")
+
+    def change(self, wanted: Wanted) -> None:
+        """Ask for the second force of a press, without a release; wait until the press is steady.
+
+        Raises
+        ------
+        BadPressError
+            If the press is not valid. The strip is then released.
+        """
+        before = sum(self.trace[-1][1:])
+        self.presser.change(wanted)
+        try:
+            self._held(None, wanted.kind, before)
+        except BadPressError:
+            self.release()
+            raise
 
     def release(self) -> None:
         """Ask the presser to release the strip, and wait until the strip is released.
@@ -157,8 +182,30 @@ class Bench:
             "the strip stays bright after the release: shade the strip, and do not press it"
         )
 
-    def _held(self, noise: Noise | None, kind: str) -> Reading:
-        """Wait for a steady press and return its reading; raise `BadPressError` if invalid."""
+    def _window(self) -> Reading:
+        """Return the next short reading of a press, and append it to the trace."""
+        reading = self.reader.read(self.window)
+        if self.trace or not reading.unlit:
+            row = round(self.reader.board.now_s(), 3), *reading.counts.round(2).tolist()
+            self.trace.append(row)
+        return reading
+
+    def _hold(self, hold_s: float) -> None:
+        """Extend the last hold until it has lasted `hold_s`."""
+        begin_s, end_s = self.holds.pop()
+        while end_s - begin_s < hold_s:
+            reading = self._window()
+            if reading.unlit:
+                raise BadPressError(f"the press ended too early: hold it for {hold_s:.0f} s")
+            end_s = self.trace[-1][0]
+            self.guide.watch(reading, None, min((end_s - begin_s) / hold_s, 1.0))
+        self.holds.append((begin_s, end_s))
+
+    def _held(self, noise: Noise | None, kind: str, before: float | None = None) -> Reading:
+        """Wait for a steady press and return its reading; raise `BadPressError` if invalid.
+
+        `before` is the sum of the counts before a change of the force; None without a change.
+        """
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason: BadPressError = TooDarkError("no press is seen")
         long = -(-samples_of(kind, self.reader.info["exposure_us"]) // self.window)
@@ -166,13 +213,19 @@ class Bench:
         while len(steady) < needed:
             if not steady and self.reader.board.now_s() >= end_s:
                 raise reason
-            reading, trouble = self.reader.read(self.window), None
+            reading, trouble = self._window(), None
+            if before is not None and reading.unlit:
+                raise BadPressError("the strip was released: change the force without lifting")
             try:
                 _check_steady(reading, noise, self.window, kind)
+                if before is not None and 1 / _CHANGED < reading.counts.sum() / before < _CHANGED:
+                    raise BadPressError("the force has not changed: change it without lifting")
                 steady.append(reading)
             except BadPressError as bad:
                 reason, trouble, steady = bad, str(bad), []
             self.guide.watch(reading, trouble, len(steady) / needed)
+        if self.trace:
+            self.holds.append((self.trace[-len(steady)][0], self.trace[-1][0]))
         reading = mean(steady[-long:])
         any_light = kind == "choose"
         if reading.saturated and not any_light:
@@ -184,7 +237,7 @@ class Bench:
 
 def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str) -> None:
     """Raise `BadPressError` if brightness or colour change during a reading."""
-    if (reading.counts < 1).all():
+    if reading.unlit:
         raise TooDarkError("no press is seen")
     if noise is None:
         expected = np.maximum(reading.variance, _VARIANCE_MIN)
@@ -238,7 +291,9 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
         return
     line = np.polyfit(places[near] - wanted.place_um, logs[near].mean(axis=1), 1)
     if abs(log.mean() - line[1]) > _OUTLIER:
-        raise BadPressError("the brightness does not fit the neighbours: press with the same force")
+        raise BadPressError(
+            "the brightness does not fit the neighbouring presses: press with the same force"
+        )
 
 
 def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):

@@ -29,7 +29,7 @@ def calibrate_command(options: argparse.Namespace) -> None:
     if count < least:
         raise SpotsError(f"--places: {kind} needs {least} or more")
     if (kind == "strain") != (options.strain_percent is not None):
-        raise SpotsError("--strain-percent: required for 'strain', and only valid there")
+        raise SpotsError("--strain-percent: give it with 'strain', and only with 'strain'")
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
     if out.resolve() == session.path.resolve():

@@ -236,7 +236,7 @@ def load(path: Path) -> CalibrationFile:
     if version and version[1] != str(VERSION):
         raise SpotsError(
             f"{path} has format version {version[1]}, but this program reads version {VERSION}: "
-            "update whichever is older"
+            "update this program, or calibrate again"
         )
     body, _, tail = text.partition(_END)
     found = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)

@@ -245,7 +245,7 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
         raise SpotsError(
             f"the colour near {np.mean(part) / 1000:.0f} mm is not monotone along the strip: check "
-            "the positions of the presses there, and that the dye suits the strip's length"
+            "the positions of the presses near it, and that the dye suits the strip's length"
         )
     rows = np.stack([contrast, x, fits, offset], axis=1)[order]
     return [_statement("x", row) for row in rows]
@@ -266,7 +266,9 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     forces = np.unique(lit.force_mN)
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
-        raise SpotsError("the brightness does not rise with the force: check strip, LED, gain")
+        raise SpotsError(
+            "the brightness does not rise with the force: check the strip, its LED and the gain"
+        )
     # A least-squares spline of straight lines: its errors are balanced, but chords would all have
     # errors of one sign. Half of the knots are evenly spaced in brightness, for the start of a
     # touch. The density of the other knots suits the curvature, so all spans have the same error.

@@ -13,6 +13,21 @@ from .surface import Surface, fitted
 from .typed import grams
 
 _KINDS = ("hand", "position", "force", "mark")
+# Presses with two forces, which find hysteresis and creep: first force in mN, second force in mN,
+# hold in s.
+_LOADS = (
+    (2000.0, 9000.0, 0.0),
+    (9000.0, 1000.0, 0.0),
+    (9000.0, 2500.0, 0.0),
+    (5000.0, 1200.0, 30.0),
+    (2000.0, 800.0, 0.0),
+    (4500.0, 1000.0, 0.0),
+)
+_LOADS_FROM = 12  # presses; then it is known which forces light the strip
+_UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
+# Softening: distance of presses at one place; force below the earlier one that shows most of it;
+# least size; least ratio to its standard deviation.
+_NEAR_UM, _SOFTENED_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 0.05, 3.0
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
 # Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
@@ -38,7 +53,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     session : Session
         Presses taken so far; the new presses are added.
     count, least : int
-        `count` presses by hand are enough; repeated presses reduce this number, but at most to
+        `count` presses by hand are enough; repeated presses reduce this number, but not below
         `least`.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
@@ -53,14 +68,20 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     guide.skip(len(session.of("hand")))
     surface, dark_mN, wanted = _surface(session, bench.length_um), 0.0, None
     removals = tries = 0
+    advised = False
     while (done := len(session.of("hand"))) < (total := _total(bench, count, least, rough)):
         if session.removed:
             removed = session.removed.pop()
-            wanted = _wanted(removed.place_um, removed.force_mN)
+            wanted = _wanted(removed.place_um, removed.force_mN, removed.then_mN, removed.hold_s)
         elif wanted is None:
-            wanted = _next(session, surface, bench.length_um, rough, dark_mN)
+            # A firmware without `mains_hz` has no compensation of the silicone, either.
+            loads = not rough and "mains_hz" in bench.reader.info
+            wanted = _next(session, surface, bench.length_um, rough, dark_mN, loads)
         try:
             reading = bench.take(wanted)
+            trace, holds = bench.trace, bench.holds
+            if wanted.then_mN:
+                bench.change(wanted)
         except BadPressError as bad:
             dark, tries = isinstance(bad, TooDarkError), tries + 1
             if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
@@ -74,7 +95,9 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
         read = bench.presser.read_off(wanted, bench.length_um)
         if read is None:
             continue
-        session.add(point(read, reading, bench.reader.conditions, length_um=bench.length_um))
+        traced = {"trace": tuple(trace), "holds": tuple(holds)} if read.force_mN else {}
+        conditions = bench.reader.conditions
+        session.add(point(read, reading, conditions, length_um=bench.length_um, **traced))
         bench.spent, tries = bench.spent - 1, 0
         guide.taken(read, reading)
         wanted, surface = None, _surface(session, bench.length_um, surface)
@@ -85,6 +108,14 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             surface = _surface(session, bench.length_um, surface)
         else:
             guide.fitted(_progress(surface, done + 1, total))
+        if not rough and done >= _LOADS_FROM:
+            softer, sigma = _softening(session, surface)
+            if not advised and softer > max(_SOFTER, _SOFTER_SIGMAS * sigma):
+                advised = True
+                guide.say(
+                    f"firm presses have softened the strip by about {softer:.0%}: press it "
+                    "everywhere with 10 N (1 kg) several times, then begin another session"
+                )
 
 
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
@@ -118,11 +149,58 @@ def _total(bench: Bench, count: int, least: int, rough: bool) -> int:
     return min(count, max(least, count + _OTHERS[rough] - bench.spent))
 
 
-def _wanted(place_um: float, force_mN: float) -> Wanted:
-    return Wanted(kind="hand", place_um=float(place_um), force_mN=float(f"{force_mN:.2g}"))
+def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: float = 0.0) -> Wanted:
+    force_mN, then_mN = float(f"{force_mN:.2g}"), float(f"{then_mN:.2g}")
+    place_um = float(place_um)
+    return Wanted(kind="hand", place_um=place_um, force_mN=force_mN, then_mN=then_mN, hold_s=hold_s)
 
 
-def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float):
+def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
+    """Return the forces and the hold of the next press with two forces, which is at `place_um`.
+
+    Returns None before such presses are due, and after the last of them.
+    """
+    hand = session.of("hand")
+    loads = sum(bool(p.then_mN) for p in hand)
+    if loads == len(_LOADS) or len(hand) < _LOADS_FROM:
+        return None
+    force_mN, then_mN, hold_s = _LOADS[loads]
+    if then_mN < force_mN:
+        least_mN = surface.least_lit_mN(place_um)
+        then_mN = min(max(then_mN, least_mN), _UNLOADED * force_mN)
+        force_mN = max(force_mN, least_mN / _UNLOADED)
+    return force_mN, then_mN, hold_s
+
+
+def _softening(session: Session, surface: Surface) -> tuple[float, float]:
+    """Return how much firm presses have softened the strip, and the standard deviation of this.
+
+    A softened place gives more light under forces below the largest earlier force. So the error of
+    each force is fitted to a constant, the logarithm of the force, and this softening.
+    """
+    forces_mN, off_share = surface.taken.force_mN, surface.misfits[2]
+    errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))
+    rows, off = [], []
+    for i, p in enumerate(session.points):
+        if p.kind != "hand" or not p.force_mN or (p.place_um, p.force_mN) not in errors:
+            continue
+        before = [q for q in session.points[:i] if abs(q.place_um - p.place_um) < _NEAR_UM]
+        most_mN = max((max(q.force_mN, q.then_mN) for q in before), default=0.0)
+        softer = np.tanh(max(most_mN - p.force_mN, 0.0) / _SOFTENED_MN)
+        rows.append((1.0, np.log(p.force_mN), softer))
+        off.append(errors[p.place_um, p.force_mN])
+    design, off = np.array(rows), np.array(off)
+    if np.linalg.matrix_rank(design) < design.shape[1] or len(off) <= design.shape[1]:
+        return 0.0, np.inf
+    inverse = np.linalg.inv(design.T @ design)
+    found = inverse @ design.T @ off
+    variance = np.sum((off - design @ found) ** 2) / (len(off) - len(found))
+    return float(found[2]), float(np.sqrt(variance * inverse[2, 2]))
+
+
+def _next(
+    session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float, loads: bool
+) -> Wanted:
     known = [p for kind in _KINDS for p in session.of(kind) if p.force_mN or rough]
     first = _FIRST_ROUGH if rough else _FIRST
     if len(known) < len(first) or surface is None:
@@ -133,7 +211,9 @@ def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_
         place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
     else:
         place_um, force_mN = surface.next_press(dark_mN)
-    return _wanted(np.clip(round(place_um, -3), _END_UM, length_um - _END_UM), force_mN)
+    place_um = np.clip(round(place_um, -3), _END_UM, length_um - _END_UM)
+    load = _load(session, surface, place_um) if loads and surface else None
+    return _wanted(place_um, *(load or (force_mN,)))
 
 
 def _surface(session: Session, length_um: float, start: Surface | None = None) -> Surface | None:

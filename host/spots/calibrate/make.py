@@ -17,6 +17,7 @@ from .hand import material
 from .joint import fit_joint, joint_marks
 from .presses import FIRM_MN, MARKS, Noise, Presses
 from .session import Session, presses
+from .silicone import fit_session
 
 _DECODED_SAMPLES = 64  # mean counts are multiplied by this number before they are rounded
 
@@ -56,8 +57,14 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
             along[strain_ppm] = presses(at_strain)
     noise = noise or Noise.of(*along.values(), pressed)
     lines = fit(along, pressed, noise, session.conditions, misfit)
+    compensated = None
     if surface and not surface.taken.force_mN.any():
         lines.append("relative")
+    elif surface:
+        compensated = fit_session(session.of("hand"), lines, surface.sizes.force_share)
+    if compensated:
+        lines.append(compensated.line)
+        say(str(compensated))
     try:
         Calibration(lines)
     except CalibrationError as error:

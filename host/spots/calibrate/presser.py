@@ -59,9 +59,14 @@ class Presser:
         elif wanted.kind in ("hand", "choose"):
             firm = "a firm finger" if wanted.kind == "hand" else "your hardest press"
             force = f"about {grams(wanted.force_mN)}" if wanted.force_mN else firm
-            self._guide.say(f"press at {wanted.place_um / 1000:.1f} mm with {force} and hold")
+            hold = f" for {wanted.hold_s:.0f} s: keep the force" if wanted.hold_s else ""
+            self._guide.say(f"press at {wanted.place_um / 1000:.1f} mm with {force} and hold{hold}")
         elif wanted.kind != "joint":
             self._guide.say(f"press at {wanted} and hold")
+
+    def change(self, wanted: Wanted) -> None:
+        """Change the force of a press to the second force of `wanted`, without a release."""
+        self._guide.say(f"without lifting, go to about {grams(wanted.then_mN)} and hold")
 
     def release(self) -> None:
         """End the press that `press` began."""
@@ -82,23 +87,40 @@ class Presser:
         Wanted or None
             The press with its true place and force; None to repeat the press.
         """
-        default, what = f"{wanted.place_um / 1000:.1f} mm", "does the ruler"
+        default, what = f"{wanted.place_um / 1000:.1f} mm", "does the ruler show"
         if wanted.force_mN:
-            default, what = f"{default} {wanted.force_mN / FORCES['g']:.0f} g", "do ruler and scale"
+            default = f"{default} {wanted.force_mN / FORCES['g']:.0f} g"
+            what = "do ruler and scale show"
+        if wanted.then_mN:
+            what += " at the first force"
+        read = self._read(what, default, length_um)
+        if read is None:
+            return None
+        place_um, force_mN = read
+        then_mN = wanted.then_mN
+        if then_mN:
+            default = f"{then_mN / FORCES['g']:.0f} g"
+            read = self._read("does the scale show at the second force", default, length_um)
+            if read is None:
+                return None
+            then_mN = read[1] or then_mN
+        return replace(
+            wanted,
+            place_um=min(wanted.place_um if place_um is None else place_um, length_um),
+            force_mN=force_mN or wanted.force_mN,
+            then_mN=then_mN,
+        )
+
+    def _read(self, what: str, default: str, length_um: float):
+        """Ask for a position and a force, as `typed` returns them; None to repeat the press."""
         while True:
-            answer = self._guide.ask(f"what {what} show? (Enter: {default}; again; undo) ")
+            answer = self._guide.ask(f"what {what}? (Enter: {default}; again; undo) ")
             if answer.lower() == "again":
                 return None
             try:
-                place_um, force_mN = typed(answer, length_um)
+                return typed(answer, length_um)
             except SpotsError as error:
                 self._guide.say(str(error))
-                continue
-            return replace(
-                wanted,
-                place_um=min(wanted.place_um if place_um is None else place_um, length_um),
-                force_mN=force_mN or wanted.force_mN,
-            )
 
     def dark(self, board: Board) -> None:
         """Take the dark frame of a board whose LED is always on. The strip must not be pressed."""

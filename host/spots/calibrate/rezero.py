@@ -195,5 +195,5 @@ def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, pre
     raise SpotsError(
         f"the presses at the mark at {wanted.place_um / 1000:.1f} mm are more than "
         f"{_STRAY_UM / 1000:g} mm apart, or too far from the mark: draw the mark on the strip and "
-        "run this again; nothing was saved"
+        "start the re-zero again; nothing was saved"
     )

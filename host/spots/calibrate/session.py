@@ -20,9 +20,10 @@ from .spectra import Reading
 
 _SAME_UM, _SAME_SHARE = 1.0, 1e-3
 Six = Annotated[tuple[float, ...], msgspec.Meta(min_length=6, max_length=6)]
+Seven = Annotated[tuple[float, ...], msgspec.Meta(min_length=7, max_length=7)]
 
 
-class Wanted(msgspec.Struct, frozen=True, kw_only=True):
+class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A press that a session asks for.
 
     Attributes
@@ -41,6 +42,10 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
         Angle of the joint in degrees; None without a joint.
     direction : int
         Direction in which the joint was turned: 1 upwards, -1 downwards; 0 without a joint.
+    then_mN : float
+        Force in mN that follows `force_mN` without a release; 0 for a release.
+    hold_s : float
+        Least duration of the hold with `force_mN`, in s.
     """
 
     kind: Literal["choose", "position", "force", "strain", "joint", "mark", "hand"]
@@ -49,6 +54,8 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True):
     strain_ppm: int = 0
     angle_deg: float | None = None
     direction: int = 0
+    then_mN: float = 0.0
+    hold_s: float = 0.0
 
     def __str__(self) -> str:
         if self.angle_deg is not None:
@@ -73,6 +80,10 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Board and settings, see `spots_device.calibration.Conditions`.
     time : str
         Date and time in UTC, ISO 8601.
+    trace : tuple of tuple of float
+        All readings of a press by hand: time in s, then the six counts.
+    holds : tuple of (float, float)
+        Start and end of the hold of each force, in s on the time scale of `trace`.
     """
 
     counts: Six
@@ -87,6 +98,8 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     exposure_us: int
     led_mA: int
     time: str
+    trace: tuple[Seven, ...] = ()
+    holds: tuple[tuple[float, float], ...] = ()
 
     @property
     def conditions(self) -> Conditions:

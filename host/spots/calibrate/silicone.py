@@ -8,19 +8,31 @@ See `spots_device.silicone`.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
+from spots_device.calibration import Calibration
+from spots_device.views import Decoded
+
 from ..errors import SpotsError
 from .fit import ONE_Q12
+from .session import Point
 
 PLAYS_MN = (300, 1000, 3000)  # half widths
 TAUS_MS = (400, 4000, 40_000)
 _LEAST_MN = 300.0  # weaker forces are in the dead zone, or nearly
-_READINGS_MIN = 300
-_PRIOR = 0.1  # expected size of a weight
-_NOISE_MN = 20.0  # standard deviation of recorded forces: errors of the scale and of the model
+_READINGS_MIN = 100
+# Expected sizes of the weights of plays, and of the shares of creep. The pair of sizes with the
+# largest evidence is used: 0 if the recording does not show the effect.
+_SIZES = (0.0, 0.01, 0.03, 0.1)
+_NOISE_MN = 20.0  # standard deviation of the forces in a second: errors of gauge and model
+_CREEP_MS = 60_000  # creep is reported for a hold of this duration
+_FULL_MN = 10_000.0  # hysteresis is reported for this force, in per cent of it
+_SURE = 3.0  # least ratio of an effect to its standard deviation
+_SHARE_MIN = 0.005  # relative error of the force table, even if the forces are exact
+_DECODED_SAMPLES = 64  # mean counts are multiplied by this number before they are rounded
 
 
 class Compensated(NamedTuple):
@@ -29,37 +41,90 @@ class Compensated(NamedTuple):
     Attributes
     ----------
     line : str
-        Line ``silicone`` to add to the lines of a calibration.
+        Line ``silicone`` to add to the lines of a calibration; empty if the recording shows neither
+        hysteresis nor creep.
     sigma : numpy.ndarray, shape (7,)
-        Standard deviations of the gain, 3 weights of plays and 3 shares of creep, as in `line`.
+        Standard deviations of the gain, 3 weights of play operators and 3 shares of creep.
     before_mN, after_mN : float
         Mean absolute error of the recorded forces without and with compensation.
+    hysteresis_percent, creep_percent : tuple of (float, float)
+        Value and standard deviation, in per cent. Hysteresis: how much more force is read during
+        unloading from 10 N than during loading, at most, divided by 10 N. Creep: growth of a
+        reading in 60 s.
     """
 
     line: str
     sigma: np.ndarray
     before_mN: float
     after_mN: float
+    hysteresis_percent: tuple[float, float]
+    creep_percent: tuple[float, float]
+
+    def __str__(self) -> str:
+        return (
+            "silicone: hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s; the "
+            "board compensates both"
+        ).format(*self.hysteresis_percent, *self.creep_percent)
 
 
-def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
+def fit_session(points: list[Point], lines: list[str], force_share: float) -> Compensated | None:
+    """Fit the compensation to the presses by hand of a session.
+
+    Parameters
+    ----------
+    points : list of Point
+        Presses by hand.
+    lines : list of str
+        Lines of the calibration without compensation.
+    force_share : float
+        Relative standard deviation of the forces of the presses.
+
+    Returns
+    -------
+    Compensated or None
+        None if the presses have too few readings, or show neither hysteresis nor creep.
+    """
+    if not any(len(p.holds) > 1 for p in points):
+        return None
+    decode = Decoded()
+    decode.calibration = Calibration(lines)
+    rows = []
+    for i, p in enumerate(points):
+        for time_s, *counts in p.trace:
+            force_mN = np.nan
+            for (begin_s, end_s), held_mN in zip(p.holds, (p.force_mN, p.then_mN)):
+                if begin_s <= time_s <= end_s:
+                    force_mN = held_mN
+            sums = [max(round(_DECODED_SAMPLES * count), 0) for count in counts]
+            decode.update(sums, _DECODED_SAMPLES, [0] * len(sums), 0)
+            rows.append((time_s, force_mN, decode.force_mN, i))
+    with suppress(SpotsError):  # older sessions have few readings of this kind
+        found = fit_silicone(*np.array(rows).T, force_share=max(force_share, _SHARE_MIN))
+        return found if found.line else None
+    return None
+
+
+def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> Compensated:
     """Fit the compensation of hysteresis and creep to a recording.
 
-    The recording should have one press of a minute, then presses at other places with different
-    speeds and maximum forces, and with pauses. The fit would otherwise mistake creep that is left
-    from earlier presses for hysteresis.
+    The recording should have a hold of half a minute, and presses at other places with different
+    maximum forces that are released in steps or slowly. The fit would otherwise mistake creep that
+    is left from earlier presses for hysteresis.
 
     Parameters
     ----------
     time_s : array_like, shape (n,)
         Ascending times of the readings in s.
     force_mN : array_like, shape (n,)
-        True forces in mN; 0 while nothing presses.
+        True forces in mN; 0 while nothing presses, NaN where unknown.
     read_mN : array_like, shape (n,)
         Forces that the board read without compensation, in mN.
     place : array_like, shape (n,)
         Place of the press in any unit. The fit assumes that a new place has no creep of earlier
-        presses, so places must be at least 8 mm apart.
+        presses, so places must be at least 8 mm apart, or be pressed after a rest.
+    force_share : float
+        Relative standard deviation of forces that a person read off a scale, with one error for all
+        successive readings that have the same force; 0 for the forces of a gauge.
 
     Returns
     -------
@@ -68,7 +133,7 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
     Raises
     ------
     SpotsError
-        If the recording has too few readings of a press, or does not determine the weights.
+        If the recording has too few readings of a press.
     """
     time_s, force_mN, read_mN = (np.asarray(a, float) for a in (time_s, force_mN, read_mN))
     place = np.asarray(place)
@@ -78,26 +143,61 @@ def fit_silicone(time_s, force_mN, read_mN, place) -> Compensated:
             f"{pressed.sum()} readings of a press are too few for hysteresis and creep: load, hold "
             f"and unload the strip again, for at least {_READINGS_MIN} readings"
         )
-    columns = _columns(time_s, force_mN, read_mN, place)[pressed]
-    # A prior: a gain of 1 and other weights of 0, from which each deviates by about `_PRIOR`.
-    unit = np.eye(columns.shape[1])
+    known_mN = np.where(np.isfinite(force_mN), force_mN, read_mN)
+    columns = _columns(time_s, known_mN, read_mN, place)[pressed]
+    terms = columns.shape[1]
+    if force_share:
+        new = (np.diff(known_mN, prepend=-1) != 0) | (np.diff(place, prepend=place[0]) != 0)
+        _, hold = np.unique(np.cumsum(new)[pressed], return_inverse=True)
+        errors = np.eye(hold.max() + 1)[hold] * force_share * force_mN[pressed, None]
+        columns = np.hstack([columns, errors])
     off = force_mN[pressed] - read_mN[pressed]
-    information = columns.T @ columns / _NOISE_MN**2 + unit / _PRIOR**2
-    change = np.linalg.solve(information, columns.T @ off / _NOISE_MN**2)
-    after = off - columns @ change
     # Successive errors are correlated: each second of the recording counts as one measurement.
-    seconds = max(np.ptp(time_s[pressed]), 1.0)
-    spread = np.linalg.inv(information) * np.mean(after**2) / _NOISE_MN**2
-    sigma = np.sqrt(np.diag(spread) * max(pressed.sum() / seconds, 1.0))
-    gain, *rest = np.round((unit[0] + change) * ONE_Q12).astype(int).tolist()
-    plays, shares = rest[: len(PLAYS_MN)], rest[len(PLAYS_MN) :]
-    values = gain, *PLAYS_MN, *plays, *TAUS_MS, *shares
-    return Compensated(
-        " ".join(map(str, ("silicone", *values))),
-        sigma * ONE_Q12,
-        float(np.abs(off).mean()),
-        float(np.abs(after).mean()),
+    noise_mN = _NOISE_MN * max(1 / float(np.median(np.diff(time_s))), 1.0) ** 0.5
+    information, values = columns.T @ columns / noise_mN**2, columns.T @ off / noise_mN**2
+    _, plays, creep = max(
+        (_evidence(_prior(plays, creep, columns.shape[1]), information, values), plays, creep)
+        for plays in _SIZES
+        for creep in _SIZES
     )
+    prior = _prior(plays, creep, columns.shape[1])
+    spread = np.linalg.inv(np.eye(len(prior)) + information * np.outer(prior, prior))
+    spread *= np.outer(prior, prior)
+    change = spread @ values
+    after = off - columns @ change
+    spread = spread[:terms, :terms] * max(float(np.mean(after**2)) / noise_mN**2, 1.0)
+    found = change[:terms]
+    gain, *rest = np.round((np.eye(terms)[0] + found) * ONE_Q12).astype(int).tolist()
+    weights, shares = rest[: len(PLAYS_MN)], rest[len(PLAYS_MN) :]
+    numbers = gain, *PLAYS_MN, *weights, *TAUS_MS, *shares
+    radii, taus_ms = np.array(PLAYS_MN), np.array(TAUS_MS)
+    nothing, three = np.zeros(1), np.zeros(3)
+    effects = (
+        np.concatenate([nothing, 2 * radii / _FULL_MN, three]),
+        np.concatenate([nothing, three, -np.expm1(-_CREEP_MS / taus_ms)]),
+    )
+    sizes = [(100 * float(e @ found), 100 * float(np.sqrt(e @ spread @ e))) for e in effects]
+    sure = any(abs(value) > _SURE * sigma for value, sigma in sizes)
+    return Compensated(
+        " ".join(map(str, ("silicone", *numbers))) if sure else "",
+        np.sqrt(np.diag(spread)) * ONE_Q12,
+        float(np.abs(off).mean()),
+        float(np.abs(off - columns[:, :terms] @ found).mean()),
+        *sizes,
+    )
+
+
+def _prior(plays: float, creep: float, terms: int) -> np.ndarray:
+    """Return the expected size of each unknown: gain - 1, weights, shares, errors of forces."""
+    sizes = [max(plays, creep), *[plays] * len(PLAYS_MN), *[creep] * len(TAUS_MS)]
+    return np.array(sizes + [1.0] * (terms - len(sizes)))
+
+
+def _evidence(prior: np.ndarray, information: np.ndarray, values: np.ndarray) -> float:
+    """Return the logarithm of the probability of the recording, plus a constant."""
+    total = np.eye(len(prior)) + information * np.outer(prior, prior)
+    scaled = prior * values
+    return float(scaled @ np.linalg.solve(total, scaled) - np.linalg.slogdet(total)[1]) / 2
 
 
 def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
@@ -105,7 +205,7 @@ def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
     radii, taus_s = np.array(PLAYS_MN, float), np.array(TAUS_MS) / 1000
     plays, crept = np.zeros(len(radii)), np.zeros(len(taus_s))
     rows = np.zeros((len(time_s), 1 + len(radii) + len(taus_s)))
-    steps_s = np.diff(time_s, prepend=time_s[0])
+    steps_s = np.diff(time_s, prepend=time_s[0]).clip(0)
     before_mN, fresh = 0.0, np.diff(place, prepend=place[0]) != 0
     for row, step_s, force, read, new in zip(rows, steps_s, force_mN, read_mN, fresh):
         if new:

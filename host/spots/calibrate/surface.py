@@ -306,6 +306,12 @@ class Surface:
         _, forces = self._targets(np.full_like(force_mN, self.length_um / 2), force_mN)
         return (place_um, sigma(places)), (force_mN, sigma(forces))
 
+    def least_lit_mN(self, place_um: float) -> float:
+        """Return the least force in mN that lights all channels at a position."""
+        force_mN = np.geomspace(max(_LOWER * self.least_mN, _LEAST_MN), self.most_mN, 60)
+        lit = self.logs(np.full_like(force_mN, place_um), force_mN).min(axis=1) > 2 * _LIT
+        return float(force_mN[np.argmax(lit)]) if lit.any() else self.most_mN
+
     def next_press(self, dark_mN: float) -> tuple[float, float]:
         """Return the place in um and the force in mN of the press that reduces `errors` most.
 

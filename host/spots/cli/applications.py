@@ -54,7 +54,7 @@ def controller(parser: Parser):
     """
     parser.option("--settings", "FILE.toml", "settings file; default: the package's own")
     parser.flag("--calibrate", "measure middle and ends of the axes, and write a settings file")
-    _add_output(parser, "print the gamepad's states, and control no gamepad")
+    _add_output(parser, "print the gamepad's states, but emulate no gamepad")
     return calls("spots.controller.controller:controller_command")
 
 
@@ -73,7 +73,7 @@ def twin(parser: Parser):
     )
     group = parser.add_argument_group("calibrate a linkage")
     group.add_argument("--measure", metavar="POINTS.csv", help="measure positions of the end point")
-    group.add_argument("--calibrate", metavar="POINTS.csv", help="compute lengths and mounting")
+    group.add_argument("--calibrate", metavar="POINTS.csv", help="compute the linkage from points")
     group.add_argument(
         "--place-sigma-mm",
         type=arguments.sigma_mm,

@@ -38,6 +38,7 @@ def build(parser: Parser):
       spots build pico
     """
     parser.option("board", "BOARD", "a name that 'spots boards' lists")
+    _add_strips(parser)
     return _build
 
 
@@ -50,7 +51,8 @@ def flash(parser: Parser):
     """
     _add_board(parser)
     parser.flag("--dry-run", "print the changes, but copy nothing")
-    return calls("spots.deploy.flash:flash", "board", "port", "dry_run")
+    _add_strips(parser)
+    return calls("spots.deploy.flash:flash", "board", "port", "dry_run", "strips")
 
 
 def doctor(parser: Parser):
@@ -155,6 +157,12 @@ def erase(parser: Parser):
 COMMANDS = ports, boards, build, flash, doctor, dark, calibrate, rezero, erase
 
 
+def _add_strips(parser: Parser) -> None:
+    parser.option(
+        "--strips", "N", "number of strips on the board; 1 if not given", type=int, default=1
+    )
+
+
 def _add_board(parser: Parser) -> None:
     parser.option("board", "BOARD", "a name that 'spots boards' lists")
     parser.add_argument(
@@ -198,4 +206,4 @@ def _boards(options: argparse.Namespace) -> None:
 def _build(options: argparse.Namespace) -> None:
     from ..deploy.build import build
 
-    print(printable(str(build(options.board))))
+    print(printable(str(build(options.board, strips=options.strips))))

@@ -43,6 +43,12 @@ def serve(parser: Parser):
         "--http-port", "N", "port of the server; 0 for any", type=arguments.http_port, default=8765
     )
     parser.option("--edit", "FILE.toml", "let browsers with the token change this key layout")
+    parser.option(
+        "--edit-controller", "FILE.toml", "let browsers with the token change these settings"
+    )
+    parser.option(
+        "--edit-gestures", "FILE.toml", "let browsers with the token change the keys of gestures"
+    )
     parser.option("--record-to", "FOLDER", "let browsers with the token record to this folder")
     parser.option("--session", "FILE.jsonl", "let browsers with the token calibrate with this file")
     return calls("spots.web.serve:serve_command")

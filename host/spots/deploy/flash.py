@@ -21,7 +21,7 @@ from .manifest import MANIFEST
 from .place import Place, place
 from .prompt import Prompt
 from .released import FILES
-from .staging import ENTRIES, Device, device_of, names
+from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
 
 # The first versions with USB devices, and with a finer clock than milliseconds on the RP2040.
 _OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
@@ -30,8 +30,9 @@ _POLL_S = 0.2
 _PART = ".part"  # suffix of a file while it is written
 # Files that the user's commands stored on the board. `flash` leaves them, `erase` removes them.
 USER_FILES = tuple(
-    name + end
-    for name in ("settings.txt", "calibration.txt", "layout.txt")
+    f"{name}{strip}.txt{end}"
+    for name in ("settings", "calibration", "layout")
+    for strip in ("", *range(1, STRIPS_MAX))
     for end in ("", ".old", ".new")
 )
 
@@ -59,7 +60,7 @@ class Plan:
     claim: bytes
 
 
-def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
+def flash(board: str, port: str | None = None, dry_run: bool = False, strips: int = 1) -> None:
     """Copy the firmware to a board, start the firmware, and check that the board answers.
 
     Parameters
@@ -70,6 +71,8 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
         Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
     dry_run : bool
         Whether only to print the changes.
+    strips : int
+        Number of strips on the board.
 
     Raises
     ------
@@ -79,7 +82,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False) -> None:
     """
     device = device_of(board)
     with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
-        files = files_of(build(board, Path(folder)))
+        files = files_of(build(board, Path(folder), strips))
         with there.open() as target:
             refuse(target.facts, device, files, there.name)
             plan = make_plan(files, target, device.runtime)
@@ -276,7 +279,7 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
 
 def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
-    """Remove those folders of removed files that are empty now.
+    """Remove the folders that contained removed files and are now empty.
 
     Parameters
     ----------

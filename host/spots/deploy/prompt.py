@@ -191,14 +191,14 @@ class Prompt:
         Raises
         ------
         SpotsError
-            If the content is damaged on the way to the board; see also the class.
+            If the content is damaged during the transfer; see also the class.
         """
         for folder in map(str, [*PurePosixPath(path).parents][-2::-1]):
             self.run(_MAKE_FOLDER.format(folder))
         with self._explained():
             self._transport.fs_writefile(path + ".part", data, _CHUNK)
         if self.sha256(path + ".part") != hashlib.sha256(data).hexdigest():
-            raise SpotsError(f"{path} was damaged on the way to {self.port}: try another cable")
+            raise SpotsError(f"{path} was damaged in transfer to {self.port}: try another cable")
         self.run(_RENAME_PART.format(path))
 
     def reset(self) -> None:
@@ -232,7 +232,7 @@ class Prompt:
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt; return facts about the board, which a program there prints."""
+        """Enter the raw prompt; return the facts about the board that a program on it prints."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors

@@ -33,6 +33,10 @@ LIBRARIES = {
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
+# The application of a board with several strips; other boards do not get it.
+_SEVERAL = "several.py"
+STRIPS_MAX = 4
+
 # A module with this suffix is the machine code of the module without it. A board gets one of both,
 # under the name without the suffix.
 VIPER = "_viper"
@@ -58,6 +62,9 @@ class Device(toml.Strict, kw_only=True):
         Board ID by which CircuitPython names the board.
     device : dict
         Names and values for board_config.py, including the board's ``NAME``.
+    strips : tuple of dict
+        For each strip that the board has pins for, from sensor 0 on: the values that differ from
+        those of `device`.
     wiring : dict
         Pin of each wire, as printed on the board; only for documents.
     """
@@ -69,11 +76,16 @@ class Device(toml.Strict, kw_only=True):
     viper: bool = False
     board_id: str | None = None
     device: dict
+    strips: tuple[dict, ...] = ({},)
     wiring: dict = {}
 
     def __post_init__(self):
         if self.viper and (self.runtime != "micropython" or self.march is None):
             raise ValueError("viper needs runtime = micropython, and the key march: add them")
+        if not 1 <= len(self.strips) <= STRIPS_MAX:
+            raise ValueError(f"there must be 1 to {STRIPS_MAX} [[strips]] tables, or none")
+        if self.runtime != "micropython" and any("MUX_CHANNEL" in one for one in self.strips):
+            raise ValueError("MUX_CHANNEL needs runtime = micropython")
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(
@@ -91,13 +103,27 @@ def board_names() -> list[str]:
     return sorted(path.parent.name for path in BOARDS.glob("*/board.toml"))
 
 
-def device_of(board: str) -> Device:
+def device_of(board: str, strips: int = 1) -> Device:
     """Return the content of a board's board file.
+
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    strips : int
+        Number of strips on the board. If it is more than 1, `Device.device` has ``SENSORS``: a
+        list with all values of each strip.
+
+    Returns
+    -------
+    Device
+        Values of the board file.
 
     Raises
     ------
     SpotsError
-        If the board is unknown, or its board file is damaged or has viper without `march`.
+        If the board is unknown or has no pins for so many strips, or its board file is damaged or
+        has viper without `march`.
     """
     known = board_names()
     if board not in known:
@@ -108,21 +134,26 @@ def device_of(board: str) -> Device:
     except (OSError, UnicodeDecodeError):
         raise SpotsError(f"cannot read {path}: install spots again") from None
     found = toml.checked(text, Device, str(path))
-    return msgspec.structs.replace(found, device={"NAME": board} | found.device)
+    most = len(found.strips)
+    if not 1 <= strips <= most:
+        raise SpotsError(f"{board} can have 1 to {most} strips, not {strips}: change --strips")
+    several = [found.device | own for own in found.strips[:strips]]
+    values = {"NAME": board} | found.device | ({"SENSORS": several} if strips > 1 else {})
+    return msgspec.structs.replace(found, device=values)
 
 
 def names(runtime: str) -> set[str]:
     """Return the paths of this version's files on a board, both as sources and compiled.
 
-    The paths identify the firmware on a board without a manifest, on which ``mip`` or a person
-    copied the files.
+    The paths identify the firmware on a board without a manifest, to which ``mip`` or a person
+    has copied the files.
     """
     modules = [path.relative_to(_FIRMWARE.parent) for path in _FIRMWARE.rglob("*.py")]
     forms = {path.with_suffix(end).as_posix() for path in modules for end in (".py", ".mpy")}
     return {*ENTRIES[runtime], CONFIG, *forms}
 
 
-def stage(board: str, folder: Path) -> None:
+def stage(board: str, folder: Path, strips: int = 1) -> None:
     """Copy a board's files into a folder: firmware, libraries and board_config.py, as sources.
 
     Parameters
@@ -131,13 +162,15 @@ def stage(board: str, folder: Path) -> None:
         A name that ``spots boards`` lists.
     folder : Path
         An empty folder.
+    strips : int
+        Number of strips on the board.
 
     Raises
     ------
     SpotsError
-        If the board is unknown, or a library is not installed here.
+        If the board is unknown or cannot have so many strips, or a library is not installed here.
     """
-    device = device_of(board)
+    device = device_of(board, strips)
     for library in LIBRARIES[device.runtime]:
         _copy_library(library, folder / "lib")
     (others,) = set(ENTRIES) - {device.runtime}
@@ -145,7 +178,11 @@ def stage(board: str, folder: Path) -> None:
         _FIRMWARE,
         folder / "spots_device",
         ignore=shutil.ignore_patterns(
-            "__pycache__", "views.py", f"*{others}.py", *([] if device.viper else [f"*{VIPER}.py"])
+            "__pycache__",
+            "views.py",
+            f"*{others}.py",
+            *([] if device.viper else [f"*{VIPER}.py"]),
+            *([] if strips > 1 else [_SEVERAL]),
         ),
         dirs_exist_ok=True,
     )
@@ -157,7 +194,7 @@ def stage(board: str, folder: Path) -> None:
 
 
 def use_viper(package: Path) -> None:
-    """Replace portable modules in a copy of the firmware's package by their machine code."""
+    """Replace modules in a copy of the firmware's package by their ``_viper`` versions."""
     for path in package.glob(f"*{VIPER}.py"):
         path.replace(path.with_stem(path.stem.removesuffix(VIPER)))
 

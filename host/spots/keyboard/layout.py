@@ -242,7 +242,7 @@ class _Compiler:
             ways = [lines_of.action(lines_of.TOGGLE, other) for other in self._toggled]
             if not there & set(ways):
                 self._refuse(
-                    name, f"layer '{name}' has no way out: add 'toggle {name}' to one of its keys"
+                    name, f"no key leaves layer '{name}': add 'toggle {name}' to one of its keys"
                 )
 
     def _refuse(self, value: str, why: str, known: list[str] | None = None) -> None:

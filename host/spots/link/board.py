@@ -1,6 +1,7 @@
 """The class `Board`: connects to a SPOTS board, sends commands and receives frames."""
 
 import asyncio
+import re
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
@@ -41,6 +42,29 @@ _STREAMS: dict[type, tuple[str, ...]] = {
     Contact: ("contact", "touch"),
 }
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
+_SENSORS_MAX = 16  # a frame's number of the sensor has four bits
+
+
+_OF_ALL = "save", "reboot", "sync"  # commands for the whole board
+# A line of an upload belongs to the sensor that its first line names.
+_UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
+
+
+def of_sensor(line: str, sensor: int) -> str:
+    """Return a command for one sensor of a board.
+
+    Parameters
+    ----------
+    line : str
+        The command.
+    sensor : int
+        Number of the sensor; more than 0 only on a board with several strips.
+
+    Returns
+    -------
+    str
+    """
+    return f"{line} sensor={sensor}" if sensor else line
 
 
 class Board:
@@ -58,6 +82,9 @@ class Board:
     ----------
     link : serial_link.Link
         Link to the board; `close` closes it.
+    only : int, optional
+        Number of a sensor: this object then is the board of this strip alone. Its commands go to
+        this sensor, and frames of other sensors are dropped; in its frames, `sensor` is 0.
 
     Attributes
     ----------
@@ -66,7 +93,7 @@ class Board:
     log : collections.deque of dict
         The latest log lines of the board.
     patience_s : float
-        How long the port of a streaming board may be unplugged before PortLostError is raised.
+        Time in seconds for which a streaming board may be unplugged before PortLostError is raised.
     calibration : list of str or None
         Lines of the calibration that this object uploaded, otherwise None: a board reports only
         their checksum.
@@ -95,14 +122,15 @@ class Board:
     ended = False
     _poll_s = _POLL_S
 
-    def __init__(self, link: Link):
+    def __init__(self, link: Link, only: int | None = None):
         self._link: Link = link
+        self._only = only
         self._decoder = Decoder()
         self._clocks = ClockSync()
         self._frames = FrameLog()
         self._turn = Turn()
         self._replies: deque[Text] = deque(maxlen=64)
-        self._streams: list[str] = []  # streams that should be on
+        self._streams: dict[int, list[str]] = {}  # streams that should be on, by sensor
         self._chosen = False  # whether `command` chose the streams
         self._loss = LinkLoss(link.now_s())
         self._resuming = False
@@ -149,7 +177,10 @@ class Board:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of the last 64 readings by the board's clock; NaN before the second reading."""
+        """Mean rate of the last 64 readings by the board's clock; NaN before the second reading.
+
+        For a board with several strips, the rate of its first sensor.
+        """
         times_us = self._times_us
         if len(times_us) < 2:
             return float("nan")
@@ -172,7 +203,7 @@ class Board:
         ----------
         least_s : float
             Time without a reading, in seconds, after which to return True. For a slow board, the
-            time of three readings is used if it is longer.
+            time of three readings is used if that is longer.
         """
         return self._loss.silent(self.now_s(), least_s)
 
@@ -228,7 +259,7 @@ class Board:
         ----------
         **settings : int or sequence of str
             Names and values of settings, as in docs/protocol.md. The value of ``plan`` is a
-            sequence of channel names.
+            sequence of channel names. On a board with several strips, ``sensor`` selects a strip.
 
         Returns
         -------
@@ -249,8 +280,10 @@ class Board:
         words = [
             f"{name}={value if isinstance(value, int) else ','.join(value)}"
             for name, value in settings.items()
+            if name != "sensor"
         ]
-        return cast("Changed", self._command("set " + " ".join(words)))
+        line = of_sensor("set " + " ".join(words), cast("int", settings.get("sensor", 0)))
+        return cast("Changed", self._command(line))
 
     def _command(self, line: str, timeout_s: float | None = None) -> dict[str, Any]:
         if not line.strip() or len(line) > LINE_MAX or not (line.isascii() and line.isprintable()):
@@ -270,20 +303,48 @@ class Board:
             if "error" in reply.content:
                 raise CommandError(f"the board refuses '{line}': {reply.content['error']}")
             content = self._validated(reply)
+            number = content.get("sensor")
+            # To a program that reads one strip only, this strip is sensor 0.
+            sensor = number if isinstance(number, int) and self._only is None else 0
             if content["re"] == "stream":
-                self._streams = [kind for kind in content["stream"] if kind != "off"]
+                self._streams.pop(sensor, None)
+                if kinds := [kind for kind in content["stream"] if kind != "off"]:
+                    self._streams[sensor] = kinds
                 self._loss.expect(self.now_s() if self._streams else None)
-            if "exposure_us" in content:
+            if "exposure_us" in content and sensor == 0:
                 self._take_settings(content)
-            if content["re"] in ("set", "auto"):
+            if content["re"] in ("set", "auto") and sensor == 0:
                 known = {name: reply.content[name] for name in self.info if name in reply.content}
                 self.info = cast("Hello", {**self.info, **known, "re": "hello"})
         return content
 
-    def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
-        """Iterate over the readings of the strip as they arrive; unread older readings come first.
+    def stream(self, *kinds: str) -> None:
+        """Stream kinds of frames of all strips; ``command("stream ...")`` selects one strip.
 
-        This starts the stream of readings, which continues until the board is closed.
+        Parameters
+        ----------
+        *kinds : str
+            ``touch``, ``spectrum`` or ``contact``.
+
+        Raises
+        ------
+        SpotsError
+            If the board refuses a kind or does not answer.
+        """
+        for sensor in self.sensors:
+            self.command(of_sensor("stream " + " ".join(kinds), sensor))
+
+    @property
+    def sensors(self) -> range:
+        """Numbers of the board's sensors, from 0."""
+        count: Any = self.info.get("sensors") if self._only is None else 1
+        return range(count if isinstance(count, int) and 0 < count <= _SENSORS_MAX else 1)
+
+    def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
+        """Iterate over the readings of all strips as they arrive; unread older readings come first.
+
+        This starts the stream of readings, which continues until the board is closed. On a board
+        with several strips, `frames.Touch.sensor` is the number of the strip.
 
         Parameters
         ----------
@@ -408,7 +469,7 @@ class Board:
         Returns
         -------
         readers.Subscription
-            The subscription. It ends with its method ``cancel()``, or when the board is closed.
+            The subscription, which ends with its method ``cancel()``, or when the board is closed.
 
         Examples
         --------
@@ -461,28 +522,35 @@ class Board:
                 actions.callback(action)
             with self._turn:
                 with suppress(SpotsError):  # already unplugged
-                    self._link.write(b"stream off\n")
+                    for sensor in self._streams or [0]:
+                        line = of_sensor("stream off", self._only or sensor)
+                        self._link.write(line.encode() + b"\n")
                 self._link.close()
 
     def _want(self, *kinds: type) -> None:
         with self._turn:
-            before = set(self._streams)
-            streams = before.union(*(_STREAMS.get(kind, ()) for kind in kinds))
-            if streams == before:
-                return
-            try:
-                self._command("stream " + " ".join(sorted(streams)))
-            except PortLostError:
-                if not before:
-                    raise
-                self._streams = sorted(streams)  # they start when the board is connected again
-            except CommandError as error:
-                if Contact not in kinds:
-                    raise
-                raise SpotsError(
-                    f"{error}; the board's firmware {self.info['firmware']} may be too old for "
-                    "contacts: update it with 'spots flash'"
-                ) from None
+            # `command` may have chosen the streams of some sensors only.
+            for sensor in list(self._streams) if self._chosen and self._streams else self.sensors:
+                self._want_of(sensor, *kinds)
+
+    def _want_of(self, sensor: int, *kinds: type) -> None:
+        before = set(self._streams.get(sensor, ()))
+        streams = before.union(*(_STREAMS.get(kind, ()) for kind in kinds))
+        if streams == before:
+            return
+        try:
+            self._command(of_sensor("stream " + " ".join(sorted(streams)), sensor))
+        except PortLostError:
+            if not before:
+                raise
+            self._streams[sensor] = sorted(streams)  # they start once it is connected again
+        except CommandError as error:
+            if Contact not in kinds:
+                raise
+            raise SpotsError(
+                f"{error}; the board's firmware {self.info['firmware']} may be too old for "
+                "contacts: update it with 'spots flash'"
+            ) from None
 
     def _start(
         self, seconds: float | None, *kinds: type[_ReadingT], wanted: bool = True
@@ -541,7 +609,9 @@ class Board:
         SpotsError
             If the file exists or cannot be written.
         """
-        info = self.command("hello")
+        info: dict[str, Any] = dict(self.command("hello"))
+        if others := [self.command(of_sensor("hello", i)) for i in self.sensors[1:]]:
+            info["strips"] = [dict(info), *others]
 
         def describe() -> dict[str, Any]:
             return {
@@ -599,11 +669,13 @@ class Board:
                 f"the device on {self.port} does not answer 'hello': it is not a SPOTS board, or "
                 "its firmware does not run; name another port, or flash the board"
             )
+        if refusal := reply.content.get("error"):
+            raise SpotsError(f"the board on {self.port} refuses 'hello': {refusal}")
         version = reply.content.get("protocol")
         if version != PROTOCOL:
             raise SpotsError(
                 f"the board on {self.port} has protocol {version}, but the program has {PROTOCOL}: "
-                "update whichever is older"
+                "update the older one of firmware and program"
             )
         return cast("Hello", self._validated(reply))
 
@@ -721,7 +793,8 @@ class Board:
             self._restarted(loss.first_asked_s, known["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
-                self._command("stream " + " ".join(self._streams), ANSWER_S)
+                for sensor, kinds in list(self._streams.items()):
+                    self._command(of_sensor("stream " + " ".join(kinds), sensor), ANSWER_S)
                 return
             except SpotsError:
                 loss.ask_s = self.now_s()  # the command or its reply was damaged
@@ -743,6 +816,8 @@ class Board:
         self._check_open()
         name = line.split()[0][:NAME_MAX]
         self._replies.clear()
+        if self._only and line.partition(" ")[0] not in _OF_ALL and not _UPLOADED.match(line):
+            line = of_sensor(line, self._only)
         self._link.write(line.encode() + b"\n")
         sent_s = self.now_s()
         end_s = sent_s + timeout_s
@@ -788,8 +863,12 @@ class Board:
     def _take_reading(self, frame: Reading) -> None:
         if self._loss.unplugged:
             return  # the reading may be of another board
+        if self._only is not None:
+            if frame.sensor != self._only:
+                return
+            frame = frame._replace(sensor=0)
         self._resuming = False
         self._loss.expect(self.now_s())
-        if isinstance(frame, Touch):
+        if isinstance(frame, Touch) and frame.sensor == 0:
             self._times_us.append(frame.t_us)
         self._frames.append(frame, self.stats)

@@ -70,7 +70,7 @@ def hello_often(
 
 
 def tell_rest(board: Board) -> None:
-    """Let the board take the present light as the baseline; ignore a missing reply.
+    """Ask the board to take the present light as the baseline; ignore a missing reply.
 
     The baseline is the light of the untouched strip.
     """
@@ -84,9 +84,9 @@ def ticks(
 ) -> Iterator[Iterator[Touch]]:
     """Turn on baseline tracking; divide time into ticks, and yield the readings of each tick.
 
-    The setting is sent again after a restart of the board. When this process is resumed after
-    Ctrl-Z, older readings are dropped. When all readings become untrusted, the cause is printed on
-    stderr.
+    The setting ``baseline=1`` is sent again after a restart of the board. When this process is
+    resumed after Ctrl-Z, older readings are dropped. When all readings become untrusted, the cause
+    is printed on stderr.
 
     Parameters
     ----------

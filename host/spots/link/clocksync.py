@@ -36,7 +36,7 @@ class ClockSync:
         self._answer: tuple[float, int, float] | None = None
 
     def keep(self, now_s: float) -> None:
-        """Schedule regular questions for the board's time, from the host time `now_s` (in s) on."""
+        """Schedule regular questions about the board's time, from host time `now_s` (in s) on."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
@@ -68,7 +68,7 @@ class ClockSync:
         return b"sync\n"
 
     def answered(self, t_us: int, now_s: float) -> None:
-        """Record the board's answer to a question; ignore it if no question is unanswered.
+        """Record the board's answer to a question; ignore an answer without a question.
 
         Parameters
         ----------

@@ -9,7 +9,7 @@ from spots_device.calibration import Calibration, CalibrationError, Conditions
 from spots_device.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 
 from ..errors import SpotsError
-from .board import Board
+from .board import Board, of_sensor
 from .ports import known, scheme
 from .serial_link import SerialLink, usb_boards, usb_ports
 
@@ -51,7 +51,7 @@ def open(
     if module is not None:
         return module.open_port(rest, sensor=sensor, scenario=scenario, seed=seed)
     if port is not None:
-        return Board(SerialLink(port))
+        return _opened(port)
     found, reasons = find()
     if not found:
         tried = "".join(f"; {reason}" for reason in reasons)
@@ -62,6 +62,18 @@ def open(
             board.close()
         raise SpotsError(f"more than one board found: give one of these as the port: {names}")
     return found[0]
+
+
+def _opened(port: str) -> Board:
+    """Open a board on a serial port; ``PORT#N`` is strip N of a board with several strips."""
+    name, mark, number = port.rpartition("#")
+    if not mark or not number.isdecimal():
+        return Board(SerialLink(port))
+    board = Board(SerialLink(name), int(number))
+    if board.info.get("sensor", 0) != int(number):  # a firmware for one strip
+        board.close()
+        raise SpotsError(f"the board on {name} has one strip: leave out #{number}")
+    return board
 
 
 def open_named(options: Namespace) -> Board:
@@ -107,7 +119,7 @@ def survey() -> list[dict[str, str]]:
     return rows
 
 
-def prepare(board: Board, calibration: Sequence[str]) -> None:
+def prepare(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     """Set a board to the settings of a calibration, and upload the calibration.
 
     Parameters
@@ -116,6 +128,8 @@ def prepare(board: Board, calibration: Sequence[str]) -> None:
         The board to change.
     calibration : sequence of str
         Lines of the calibration, see `spots_device.calibration`.
+    sensor : int
+        Number of the strip on the board.
 
     Raises
     ------
@@ -124,12 +138,16 @@ def prepare(board: Board, calibration: Sequence[str]) -> None:
     """
     made = _checked(calibration).conditions
     board.set(
-        gain=made.gain, exposure_us=made.exposure_us, led_mA=made.led_mA, plan=list(made.plan)
+        gain=made.gain,
+        exposure_us=made.exposure_us,
+        led_mA=made.led_mA,
+        plan=list(made.plan),
+        sensor=sensor,
     )
-    upload(board, calibration)
+    upload(board, calibration, sensor)
 
 
-def upload(board: Board, calibration: Sequence[str]) -> None:
+def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     """Upload a calibration to a board. Only the board's command ``save`` makes it permanent.
 
     Parameters
@@ -138,6 +156,8 @@ def upload(board: Board, calibration: Sequence[str]) -> None:
         The board to calibrate.
     calibration : sequence of str
         Lines of the calibration, see `spots_device.calibration`.
+    sensor : int
+        Number of the strip on the board.
 
     Raises
     ------
@@ -146,16 +166,18 @@ def upload(board: Board, calibration: Sequence[str]) -> None:
         then keeps its old calibration.
     """
     made = _checked(calibration)
-    i = board.command("hello")
+    i: Any = board.command(of_sensor("hello", sensor))
     now = Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
     reason = made.mismatch(now)
     if reason is not None:
         raise SpotsError(reason)
-    board.command("cal begin")
+    board.command(of_sensor("cal begin", sensor))
     for line in calibration:
         board.command("cal " + line)
     name: str = checksum(calibration)
     board.command("cal end " + name)
+    if sensor:
+        return
     board.calibration = list(calibration)
     board.info["calibration"], board.info["length_um"] = name, made.length_um
     board.info["decay"], board.info["relative_force"] = made.decay, made.relative_force

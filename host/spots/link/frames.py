@@ -17,11 +17,12 @@ from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 from spots_device import decode, fingers, frame
 from spots_device.kernel import CRC_SIZE, TOUCH_BODY
 
-_HEADER = struct.Struct(frame.HEADER)
-_TOUCH = struct.Struct("<" + TOUCH_BODY)
-_SPECTRUM = struct.Struct("<" + frame.SPECTRUM_BODY)
-_KEY = struct.Struct("<" + frame.KEY_BODY)
-_CONTACT = struct.Struct("<" + frame.CONTACT_BODY)
+_SPECTRUM_BODY = "<BB6H"  # flags, gain, counts
+_HEADER = struct.Struct("<BHHH")  # kind and sensor, sequence, time low, time high
+_TOUCH = struct.Struct(TOUCH_BODY)
+_SPECTRUM = struct.Struct(_SPECTRUM_BODY)
+_KEY = struct.Struct(frame.KEY_BODY)
+_CONTACT = struct.Struct(frame.CONTACT_BODY)
 _CRC = struct.Struct("<I")
 # COBS adds one byte, and another for every 254 bytes.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
@@ -70,13 +71,14 @@ class Touch(NamedTuple):
         Values of `contrast` and `brightness`, times 2**20.
     position_um : float
         Distance of the press from the sensor's end of the strip, in um; NaN without a press, and
-        while the LED is off. Below the force of a touch (`touching` is false), it is inaccurate.
+        while the LED is off. Inaccurate below the force of a touch (while `touching` is false).
     force_mN : float
         Force of the press, in mN; NaN without a calibration, and while the LED is off. If
         ``board.info["relative_force"]`` is true, the force has no unit.
     time_s : float or None
-        Host time of the moment `t_us`, in seconds of the monotonic clock. None if the two clocks
-        were never compared; a board compares them when it is opened, and regularly as it streams.
+        Host time of the moment `t_us`, in seconds of the monotonic clock. None if the clocks of
+        board and host were never compared; `Board` compares them when it opens a board, and
+        regularly while the board streams.
 
     Examples
     --------
@@ -351,7 +353,7 @@ class Decoder:
         """Set the number of restarts of the board.
 
         If the number has grown, the board's sequence numbers have started from 0 again. The gap in
-        the sequence numbers since the last reading is then no loss: a board sends no readings
+        the sequence numbers is then not counted as loss: after a restart, a board sends no readings
         until its streams resume.
         """
         if restarts > self.restarts:
@@ -495,7 +497,7 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
 # Kinds whose body has one size: their type, and the format of the body for `struct`.
 LAYOUTS: dict[int, tuple[type[Reading], str]] = {
     frame.TOUCH: (Touch, TOUCH_BODY),
-    frame.SPECTRUM: (Spectrum, frame.SPECTRUM_BODY),
+    frame.SPECTRUM: (Spectrum, _SPECTRUM_BODY),
     frame.KEY: (Key, frame.KEY_BODY),
     frame.CONTACT: (Contact, frame.CONTACT_BODY),
 }

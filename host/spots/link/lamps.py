@@ -1,4 +1,4 @@
-"""Finds the mains frequency of flickering lamps in the counts of a board."""
+"""Finds the mains frequency of lamps from the flicker of a board's counts."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -55,7 +55,7 @@ def mains_hz(board: Board) -> int:
 def _light(
     board: Board, exposure_us: int, settings: Mapping[str, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Take n samples; return their times in s and their sums of all channels, both shape (n,).
+    """Take n samples; return for each its time in s and the sum of its channels, both shape (n,).
 
     Time 0 is the first sample. `settings` are set first. If they contain ``led_mA``, only samples
     without the LED are returned; otherwise, only samples with the LED.

@@ -95,7 +95,7 @@ class FrameLog:
 class FrameIterator(Generic[_ReadingT]):
     """Iterates over frames of some kinds; `board.Board` creates it.
 
-    Iterators are independent: each one yields every frame of its kinds, whatever others yield.
+    Iterators are independent: each iterator yields every frame of its kinds.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class Turn:
         timeout_s : float, optional
             Longest time to wait for the lock, in seconds; no limit if not given.
         unless : callable
-            ``unless()`` returns True to end the wait. It is called at each release of the lock.
+            Called at each release of the lock; ``unless()`` returns True to end the wait.
 
         Returns
         -------

@@ -3,12 +3,13 @@
 import sys
 
 from spots_device import decode
+from spots_device.contact import TWO_FIT
 
 from .frames import Touch
 
 # Applications accept up to 0.3 s between readings: the message comes within a second.
 _UNTRUSTED_S = 0.7
-# By flag; the first flag that is set gives the cause.
+# By flags; the first flags that are all set give the cause.
 _CAUSES = {
     decode.NOT_CALIBRATED: ("the board has no calibration for its settings; next: spots calibrate"),
     decode.SATURATED: (
@@ -16,6 +17,10 @@ _CAUSES = {
     ),
     decode.LED_OFF: (
         "the board keeps measuring its dark frame; next: lift all fingers and keep the light steady"
+    ),
+    TWO_FIT: (
+        "the strip has drifted since its calibration, or two fingers touch it; next: lift all but "
+        "one finger; if that changes nothing, a re-zero is advised: spots rezero"
     ),
     decode.MISFIT: (
         "the spectrum does not fit one press; next: lift all fingers and wipe the strip; if "
@@ -53,7 +58,9 @@ class Untrusted:
         now_s : float
             Time at which the reading arrived, in seconds by the clock of `Board.now_s`.
         """
-        flag = next((flag for flag in _CAUSES if touch.flags & flag), None)
+        # Without a press, `TWO_FIT` has no meaning: the flag of too little light is always set.
+        known = touch.flags if touch.touching else touch.flags & ~decode.TOO_DARK
+        flag = next((flag for flag in _CAUSES if known & flag == flag), None)
         if flag is None:
             self._last_s = None
             if touch.touching or not self._misfit_press:
@@ -65,7 +72,7 @@ class Untrusted:
         if self._last_s is not None:
             self._lasted_s += now_s - self._last_s
         self._last_s = now_s
-        self._misfit_press = touch.touching and flag == decode.MISFIT
+        self._misfit_press = touch.touching and flag in (TWO_FIT, decode.MISFIT)
         if self._lasted_s >= _UNTRUSTED_S:
             self.sentence = f"every reading is untrusted, because {_CAUSES[flag]}"
 

@@ -2,12 +2,12 @@
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise, takewhile
 from typing import NamedTuple
 
 from ..errors import SpotsError
-from ..link.board import Board
+from ..link.board import Board, of_sensor
 from ..link.frames import Touch
 from .encoder import Angle, Encoder
 from .fivebar import Limit, LimitError, Linkage
@@ -137,7 +137,7 @@ class Twin:
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
         if len(encoders) != 2:
             raise SpotsError(
-                f"a linkage needs two encoders, not {len(encoders)}: give one for each joint"
+                f"a linkage needs two encoders, not {len(encoders)}: give one encoder per joint"
             )
         self.linkage = linkage
         self.encoders = tuple(encoders)
@@ -159,7 +159,17 @@ class Twin:
         -------
         list of Terminal
             Positions in order of time; empty while a reading of the other joint is missing.
+
+        Raises
+        ------
+        SpotsError
+            If `joint` is neither 0 nor 1.
         """
+        if joint not in (0, 1):
+            raise SpotsError(
+                f"there is a reading of joint {joint + 1}, but a linkage has two joints: pass the "
+                "readings of two sensors"
+            )
         angle = self.encoders[joint].take(touch)
         if angle is None:
             return []
@@ -261,7 +271,7 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
 
 
 def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
-    """Return a correction of linear interpolation between the last two readings, in rad.
+    """Return a correction for linear interpolation between the last two readings, in rad.
 
     The correction is the distance, at `time_s`, from the line to a parabola through three readings.
     It is 0 if the curvature is within the noise.
@@ -282,19 +292,24 @@ def readings(
     boards: list[Board],
     seconds: float | None = None,
     restarted: Callable[[Board], None] = lambda board: None,
+    sensors: Sequence[int] | None = None,
 ) -> Iterator[tuple[int, Touch]]:
     """Start the streams of both joints' boards, and yield the readings.
 
     Parameters
     ----------
     boards : list of Board
-        Board of joint 1 and board of joint 2.
+        Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
     seconds : float, optional
         Time after which to end, in seconds by the clock of `Board.now_s`. If not given, boards are
         read without a limit, and recordings until all of them have ended.
     restarted : callable, optional
         Called with a board that has restarted and streams again. The board has lost everything
-        that it had not stored. If the function raises SpotsError, it is called again for 10 s.
+        that it had not stored. If the function raises SpotsError, the call is repeated for up to
+        10 s.
+    sensors : sequence of int, optional
+        Number of each joint's strip on its board. If not given: 0 and 1 if both joints have
+        the same board, else 0 for each.
 
     Yields
     ------
@@ -303,8 +318,12 @@ def readings(
     touch : Touch
         The reading.
     """
-    for board in boards:
-        board.command("stream touch")
+    if sensors is None:
+        sensors = [boards[:joint].count(board) for joint, board in enumerate(boards)]
+    joints = list(zip(boards, sensors))
+    for board, sensor in joints:
+        board.command(of_sensor("stream touch", sensor))
+    boards = [board for i, board in enumerate(boards) if board not in boards[:i]]
     read_s = [board.now_s() for board in boards]
     ends_s = math.inf if seconds is None else max(read_s) + seconds
     restarts = [board.stats.restarts for board in boards]
@@ -312,18 +331,18 @@ def readings(
     # Read the board that was read longest ago. In real time the boards alternate; in simulated
     # time and in recordings, where each board has its own clock, the clocks stay together.
     while min(read_s) < ends_s:
-        joint = read_s.index(min(read_s))
-        board = boards[joint]
+        i = read_s.index(min(read_s))
+        board = boards[i]
         for frame in board.frames(_POLL_S):
-            if isinstance(frame, Touch):
-                yield joint, frame
+            if isinstance(frame, Touch) and (board, frame.sensor) in joints:
+                yield joints.index((board, frame.sensor)), frame
         seen = board.stats.restarts
-        if seen != restarts[joint]:
+        if seen != restarts[i]:
             try:
                 restarted(board)
-                restarts[joint], failing_s[joint] = seen, math.inf
+                restarts[i], failing_s[i] = seen, math.inf
             except SpotsError:  # it may have restarted again
-                failing_s[joint] = min(failing_s[joint], board.now_s())
-                if board.now_s() - failing_s[joint] >= _FAILING_S:
+                failing_s[i] = min(failing_s[i], board.now_s())
+                if board.now_s() - failing_s[i] >= _FAILING_S:
                     raise
-        read_s[joint] = math.inf if board.ended else board.now_s()
+        read_s[i] = math.inf if board.ended else board.now_s()

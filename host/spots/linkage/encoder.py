@@ -88,7 +88,7 @@ class Encoder:
     -----
     With backlash between joint and indenter, the indenter lags the joint by half the backlash. When
     the position changes by more than its noise, the direction of movement is known. Half the
-    backlash is then added or subtracted.
+    backlash is then added to the angle or subtracted from it.
     """
 
     def __init__(

@@ -157,7 +157,7 @@ def line(terminal: Terminal, began_s: float) -> str:
     if not terminal.limit:
         major, minor, angle = terminal.ellipse
         text += (
-            f"  terminal {terminal.x_mm:8.2f} {terminal.y_mm:8.2f} mm  "
+            f"  end point {terminal.x_mm:8.2f} {terminal.y_mm:8.2f} mm  "
             f"+- {major:.3f} x {minor:.3f} mm at {math.degrees(angle):4.0f} deg"
         )
         if terminal.velocity_mm_s is not None:

@@ -11,10 +11,11 @@ from spots_device.settings import checksum
 
 from ..calibrate.calibration_file import CalibrationFile
 from ..errors import SpotsError
-from ..link.board import Board
+from ..link.board import Board, of_sensor
 from ..link.connect import find, open, prepare
 from ..link.frames import Touch
 from ..link.ports import offered, scheme, scheme_name
+from ..link.replies import Hello
 from ..recording.replay import open_recording
 from . import mounted
 from .digital_twin import Terminal, Twin, readings
@@ -23,25 +24,28 @@ from .fivebar import Linkage
 
 
 class Source(NamedTuple):
-    """A linkage's digital twin, and the two boards whose readings it follows.
+    """A linkage's digital twin, and the one or two boards whose readings it follows.
 
     Attributes
     ----------
     twin : Twin
         The twin that `follow` updates.
     boards : list of Board
-        Board of joint 1 and board of joint 2.
+        Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
     restarted : callable
         Called with a board after it restarted, see `digital_twin.readings`.
+    sensors : tuple of int
+        Number of each joint's strip on its board.
     """
 
     twin: Twin
     boards: list[Board]
     restarted: Callable[[Board], None] = lambda board: None
+    sensors: tuple[int, ...] | None = None
 
     def readings(self, seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
         """Yield pairs of joint index (0 or 1) and reading; end after `seconds` if given."""
-        return readings(self.boards, seconds, self.restarted)
+        return readings(self.boards, seconds, self.restarted, self.sensors)
 
     def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
         """Yield the end point's position at each reading; end after `seconds` if given."""
@@ -50,19 +54,20 @@ class Source(NamedTuple):
 
 @contextmanager
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
-    """Open the two boards of a linkage file; use it in a ``with`` block.
+    """Open the one or two boards of a linkage file; use it in a ``with`` block.
 
-    Each joint's calibration is uploaded to the joint's board, and must be made with this board.
+    Each joint's calibration must be of the joint's board, and is uploaded to this board.
 
     Parameters
     ----------
     linkage : str or Path
         Path of the linkage file.
     ports : list of str
-        Port of joint 1 and port of joint 2; ``recording:FILE`` reads a recording as fast as
-        possible. If empty, the boards are found on USB by the board ids in the calibration files.
+        Port of joint 1 and port of joint 2, or the port of a board that has both strips;
+        ``recording:FILE`` reads a recording as fast as possible. If empty, the boards are found on
+        USB by the board ids in the calibration files.
     record : list of str
-        Paths of two recordings to write, one for each board; if empty, nothing is recorded.
+        Paths of recordings to write, one for each board; if empty, nothing is recorded.
 
     Yields
     ------
@@ -84,15 +89,28 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
             boards = [stack.enter_context(open(port)) for port in ports]
         else:
             boards = _found(stack, strips)
-        for number, (board, strip) in enumerate(zip(boards, strips), 1):
-            give(board, strip, number)
-        record_all(stack, boards, record)
+        if len(boards) == 1:
+            boards *= 2
+
+        def give_all(only: list[Board]) -> tuple[int, ...]:
+            return tuple(
+                give(board, strip, number)
+                for number, (board, strip) in enumerate(zip(boards, strips), 1)
+                if board in only
+            )
+
+        sensors = give_all(boards)
+        if boards[0] is boards[1] and sensors[0] == sensors[1]:
+            raise SpotsError(
+                f"both joints have the calibration of strip {sensors[0]} of the board on "
+                f"{boards[0].port}: name the calibrations of two strips in the linkage file"
+            )
+        record_all(stack, list(dict.fromkeys(boards)), record)
 
         def restarted(board: Board) -> None:
-            joint = boards.index(board)
-            give(board, strips[joint], joint + 1)
+            give_all([board])
 
-        yield Source(twin, boards, restarted)
+        yield Source(twin, boards, restarted, sensors)
 
 
 def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[CalibrationFile]]:
@@ -103,7 +121,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     linkage : str or Path
         Path of the linkage file.
     ports : list of str
-        The ports that the user named. Only their number is checked, which must be 0 or 2.
+        The ports that the user named. Only their number is checked, which must be at most 2.
 
     Returns
     -------
@@ -115,21 +133,21 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     Raises
     ------
     SpotsError
-        If a file is wrong, or the number of ports is neither 0 nor 2.
+        If a file is wrong, or there are more than two ports.
     """
     path = Path(linkage)
     arm = mounted.load(path)
     strips = arm.strips(path)
-    if len(ports) not in (0, 2):
+    if len(ports) > 2:
         raise SpotsError(
-            f"each of the two joints has its own board, but --port was given {len(ports)} times: "
-            "name the port of joint 1, then the port of joint 2"
+            f"a linkage has two joints, but --port was given {len(ports)} times: name the port of "
+            "joint 1, then the port of joint 2, or one port of a board with both strips"
         )
     return Twin(arm.linkage, arm.encoders(strips)), strips
 
 
 class DrivenLinkage(Protocol):
-    """A linkage that opens the boards of its joints itself, such as a simulated one.
+    """A linkage that opens the boards of its joints itself, such as a simulated linkage.
 
     Attributes
     ----------
@@ -147,7 +165,7 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_of(ports: list[str]):
-    """Return the first function `linkage` that a port's scheme offers; None if there is none.
+    """Return the function `linkage` of the first port whose scheme has this function, else None.
 
     The function makes a `DrivenLinkage`, see `link.ports`.
     """
@@ -169,8 +187,16 @@ def paced(pairs: Iterator[tuple[int, Touch]]) -> Iterator[tuple[int, Touch]]:
         yield joint, touch
 
 
-def give(board: Board, strip: CalibrationFile, number: int) -> None:
-    """Check that a board belongs to a joint's calibration file, and upload the calibration.
+def board_of(strip: CalibrationFile) -> str:
+    """Return the id of the board on which a strip was calibrated.
+
+    The id of a strip is that of its board, followed by the strip's number if this is not 0.
+    """
+    return strip.board.partition("-")[0]
+
+
+def give(board: Board, strip: CalibrationFile, number: int) -> int:
+    """Find the strip of a joint's calibration file on a board, and upload the calibration.
 
     A recording or a read-only board accepts no upload, and must already use this calibration.
 
@@ -183,21 +209,30 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
     number : int
         Number of the joint, 1 or 2, for the error message.
 
+    Returns
+    -------
+    int
+        Number of the strip on the board.
+
     Raises
     ------
     SpotsError
         If the board does not belong to the calibration file, refuses the calibration, or is
         read-only and uses another calibration.
     """
-    info = board.command("hello")
-    if info["id"] != strip.board:
+    infos: list[Hello] = [board.command(of_sensor("hello", sensor)) for sensor in board.sensors]
+    ids = [str(info["id"]) for info in infos]
+    if strip.board not in ids:
         raise SpotsError(
-            f"joint {number}, {board.port}: this is board {info['id']}, but the calibration of the "
-            f"joint was made on board {strip.board}: name the ports in the order of the joints"
+            f"joint {number}, {board.port}: this is board {' and '.join(ids)}, but the calibration "
+            f"of the joint was made on board {strip.board}: name the ports in the order of the "
+            "joints"
         )
+    sensor = ids.index(strip.board)
+    info = infos[sensor]
     if not board.read_only:
-        prepare(board, strip.lines)
-        return
+        prepare(board, strip.lines, sensor)
+        return sensor
     used, needed = info.get("calibration"), checksum(list(strip.lines))
     if used != needed:
         raise SpotsError(
@@ -205,6 +240,7 @@ def give(board: Board, strip: CalibrationFile, number: int) -> None:
             f"file names calibration {needed}: name the file of calibration {used} in the linkage "
             "file"
         )
+    return sensor
 
 
 def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
@@ -212,15 +248,16 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
         raise SpotsError(
-            f"both joints have a calibration of board {wanted[0]}, but each joint needs a board: "
+            f"both joints have a calibration of board {wanted[0]}, but each joint needs a strip: "
             "correct the linkage file, or name ports with --port"
         )
+    wanted = list(dict.fromkeys(map(board_of, strips)))
     there = {board.info["id"]: stack.enter_context(board) for board in find()[0]}
     missing = [name for name in wanted if name not in there]
     if missing:
         raise SpotsError(
-            f"no board {' and no board '.join(missing)}, with which the joints were calibrated: "
-            "plug in each missing board, or name ports with --port; found: "
+            f"the joints were calibrated with boards that are missing ({', '.join(missing)}): plug "
+            "in each missing board, or name ports with --port; found: "
             f"{', '.join(there) or 'no board'}"
         )
     for name in there.keys() - set(wanted):

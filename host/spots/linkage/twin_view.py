@@ -129,7 +129,7 @@ def _numbers(last: Terminal | None, remark: str) -> Table:
         if last.velocity_mm_s is not None:
             x, y = last.velocity_mm_s
             speed = f"{x:.1f}  {y:.1f} mm/s, {math.hypot(x, y):.1f} total"
-    grid.add_row("terminal", Text(where, style="bold"))
+    grid.add_row("end point", Text(where, style="bold"))
     grid.add_row("uncertainty", error)
     grid.add_row("velocity", speed)
     grid.add_row("joints", joints)

@@ -143,7 +143,7 @@ class Keyboard(Output):
             self._apply()
 
     def release(self) -> None:
-        """Release all keys, even if the release of a key fails."""
+        """Release all keys; if the release of a key fails, still release the others."""
         with SECTION:
             self._held.clear()
             self._apply()

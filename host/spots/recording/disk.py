@@ -16,7 +16,7 @@ class Disk:
     """A new file. Appended bytes reach the operating system at once, the medium within a second.
 
     If the process is killed, no appended byte is lost; a power cut loses about the last second.
-    `append` does not wait for the medium; a thread waits.
+    `append` does not wait for the medium; a separate thread waits.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ def record(
     rotate_bytes: int | None,
     calibration: list[str] | None,
 ) -> None:
-    """Record a board for a given time or until Ctrl-C; show the progress on stderr.
+    """Record the data of a board, for a given time or until Ctrl-C; show progress on stderr.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def record(
         try:
             console = Console(stderr=True)
             with Live(console=console, get_renderable=lambda: Text(line()), transient=True):
-                board.command("stream touch spectrum")
+                board.stream("touch", "spectrum")
                 for _ in board.frames(seconds):
                     frames += 1
         except KeyboardInterrupt:

@@ -16,7 +16,7 @@ _PUMPED_FRAMES = 1000
 
 
 class _Player:
-    """Replaces the link of a board; the clock of this link shows the time of the recording."""
+    """Takes the place of a board's link; its clock shows the time of the recording."""
 
     def __init__(self, recording: Recording, speed: float):
         self.name = str(recording.path)
@@ -79,6 +79,10 @@ class Replay(Board):
         self._check_open()
         name = line.split()[:1]
         if name == ["hello"]:
+            sensor = line.rpartition("sensor=")[2]
+            strips: Any = self.info.get("strips")
+            if isinstance(strips, list) and sensor.isdecimal() and int(sensor) < len(strips):
+                return {**strips[int(sensor)]}
             return {**self.info}
         if name == ["stream"]:
             self._loss.expect(self.now_s())

@@ -70,9 +70,9 @@ class Publisher:
         self._health_pace = Pace(_HEALTH_PER_S)
         self._answers = Answers(board, self.board_id, session)
         try:
-            board.command("stream contact touch spectrum")
+            board.stream("contact", "touch", "spectrum")
         except CommandError:  # a firmware without contacts
-            board.command("stream touch spectrum")
+            board.stream("touch", "spectrum")
         # The token comes last: a reader that sees it may query and subscribe at once.
         self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
 

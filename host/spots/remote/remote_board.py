@@ -31,12 +31,16 @@ class Remote(Board):
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
         name, *words = line.split()
+        sensor = [word for word in words if word.startswith("sensor=")]
         if name == "stream":
-            reply = self._stream(words)
+            # A publisher sends the frames of all sensors.
+            reply = self._stream([word for word in words if word not in sensor])
+        elif sensor:
+            reply = {"error": "a remote board replies for its first sensor: leave sensor= out"}
         elif name in READ_ONLY:
             reply = self._far.ask(name, timeout_s)
         else:
-            reply = {"error": "a remote board is read-only: send the command on its own machine"}
+            reply = {"error": "a remote board is read-only: send the command on its machine"}
         if reply is None:
             return None
         if name == "hello" and "error" in reply:

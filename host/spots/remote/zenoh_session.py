@@ -98,7 +98,7 @@ def find(session: zenoh.Session, wanted: str) -> str:
     Raises
     ------
     SpotsError
-        If the board is not published in time, or `wanted` is empty and several are published.
+        If the board is not published in time, or several are published and `wanted` is empty.
     """
     alive: set[str] = set()
     changed = threading.Condition()

@@ -77,7 +77,7 @@ class StripView:
     advice : str
         Sentence that is shown below the picture.
     unit : str
-        Unit of a force divided by 1000: ``N``, or ``relative`` if no scale was used to calibrate.
+        Unit of ``force_mN / 1000``: ``N``, or ``relative`` after a calibration without a scale.
     """
 
     def __init__(self, info: dict, port: str):
@@ -218,7 +218,7 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
 
 
 def strip_columns() -> int:
-    """Return the width of a strip's picture in characters, which the terminal's width limits."""
+    """Return the width of a strip's picture in characters, limited by the terminal's width."""
     return max(_TRACE_COLUMNS // 2, min(_TRACE_COLUMNS, get_terminal_size().columns - 16))
 
 

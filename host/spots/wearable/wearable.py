@@ -26,7 +26,17 @@ DEFAULT = FOLDER / "media.toml"
 _TICK_S = 0.02
 
 
-class _File(toml.Strict):
+class GesturesFile(toml.Strict):
+    """Content of a gestures file.
+
+    Attributes
+    ----------
+    gestures : dict of str to str
+        Name of the key for each gesture.
+    least_confidence : float
+        Gestures with a lower confidence press no key.
+    """
+
     gestures: dict[str, str]
     least_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.6
 
@@ -38,6 +48,8 @@ class Mapping:
     ----------
     path : str or Path
         Path of the file, or name of a file in the package.
+    text : str, optional
+        Text of the file; if not given, the file is read.
 
     Attributes
     ----------
@@ -54,9 +66,10 @@ class Mapping:
         If the file does not exist or is invalid.
     """
 
-    def __init__(self, path: str | Path = DEFAULT):
-        path, text = toml.find(path, FOLDER, "gestures")
-        file = toml.checked(text, _File, f"gestures file {path}")
+    def __init__(self, path: str | Path = DEFAULT, text: str | None = None):
+        if text is None:
+            path, text = toml.find(path, FOLDER, "gestures")
+        file = toml.checked(text, GesturesFile, f"gestures file {path}")
         self.least_confidence = file.least_confidence
         self.names = file.gestures
         self.keys = {}
@@ -67,6 +80,12 @@ class Mapping:
                 self.keys[gesture] = chord_of(action)
             except SpotsError as error:
                 raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
+
+    def pressed_by(self, gesture: Gesture) -> str:
+        """Return the name of the key that a gesture presses; empty if it presses none."""
+        return (
+            self.names.get(gesture.name, "") if gesture.confidence >= self.least_confidence else ""
+        )
 
     def do(self, gesture: Gesture, keyboard: KeySink) -> None:
         """Press and release the key of a gesture if the gesture's confidence is high enough.
@@ -83,7 +102,7 @@ class Mapping:
         SpotsError
             If the keyboard refuses events.
         """
-        if gesture.name in self.keys and gesture.confidence >= self.least_confidence:
+        if self.pressed_by(gesture):
             for pressed in (True, False):
                 keyboard.key(*self.keys[gesture.name], pressed)
 

@@ -6,7 +6,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection
+from pathlib import Path
 from statistics import median
+from typing import Any
 
 from spots_device.smux import CHANNELS
 
@@ -18,7 +20,7 @@ from ..link.connect import find, open
 from ..link.frames import Contact, Key, Spectrum, Touch
 from ..link.ports import scheme
 from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED
-from ..recording.replay import Replay
+from ..recording.replay import Replay, open_recording
 from ..terminal.view import Pace
 from .expected import expected_shown
 from .feel import Feel, layout_shown
@@ -68,7 +70,8 @@ class BoardReader:
         on_touch: Callable[[Touch], None] = lambda touch: None,
         orders: Collection[Orders] = (),
     ):
-        self._open_board, self._layout, self._state = open_board, layout, state
+        self._open_board, self._state = open_board, state
+        self._settings: dict[str, Any] = {"layout": layout}  # arguments of `Feel`
         self._search_every_s = search_every_s
         self._on_touch, self._orders = on_touch, orders
         self._fingers: list[float] = []  # positions in the next reading, in um
@@ -99,15 +102,22 @@ class BoardReader:
 
     def _attempt(self) -> bool:
         """Open and read a board until the reader is stopped; return False if reading fails."""
+        playing = self._playing()
         try:
-            with self._open_board(self._id) as board:
+            with open_recording(playing) if playing else self._open_board(self._id) as board:
                 board.when_state_changes(self._take_state)
-                while not self._stopping.is_set():
+                while not self._stopping.is_set() and self._playing() == playing:
                     self._read(board)
         except SpotsError as error:
+            if playing:
+                for one in self._orders:
+                    one.leave()
             self._lost(str(error), refused=isinstance(error, RefusedError))
             return False
         return True
+
+    def _playing(self) -> Path | None:
+        return next((one.playing for one in self._orders if one.playing), None)
 
     def _lost(self, why: str, refused: bool = False) -> None:
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
@@ -116,25 +126,28 @@ class BoardReader:
         """Read a board until it restarts, or until a request may have changed its settings."""
         restarts = board.stats.restarts
         for one in self._orders:
-            self._layout = one.layout or self._layout
+            self._settings |= one.feel
         try:
             board.command("stream contact touch spectrum")
         except SpotsError:  # the firmware is too old for contacts
             board.command("stream touch spectrum")
         info = board.command("hello")
-        if self._id not in (None, info["id"]):
-            raise SpotsError(f"the board on {board.port} is {info['id']} instead of {self._id}")
-        self._id = info["id"]
+        playing = self._playing()
+        if not playing:
+            if self._id not in (None, info["id"]):
+                raise SpotsError(f"{board.port} now has board {info['id']} instead of {self._id}")
+            self._id = info["id"]
         settings = _settings(board)
         self._known = {
             **{name: info.get(name) for name in _FACTS},
-            "port": board.port,
+            "sensors": len(board.sensors),  # 1 if the port names one strip of several
+            "port": playing.name if playing else board.port,
             "full_scale": settings["full_scale"],
             "expected": expected_shown(board, info, settings["dark"]),
-            "layout": layout_shown(self._layout) if info.get("length_um") else None,
+            "layout": layout_shown(self._settings["layout"]) if info.get("length_um") else None,
         }
         self._say(CONNECTED, "")
-        feel = Feel(board, info, self._layout, self._state)
+        feel = Feel(board, info, self._state, **self._settings)
         health = _Health(board, self._state)
         left = self._orders
         try:

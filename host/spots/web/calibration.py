@@ -21,13 +21,14 @@ from .orders import Orders
 from .state import PageState
 
 _SAID = 4  # number of messages that are shown
+_PASSING = "touch nothing"  # end of a message that holds only during its step
 _PLACES_MIN = 3  # positions needed to know how the colour changes along the strip
 _ALONG = "hand", "position", "force", "mark"
 _MORE = 6  # presses to add if a complete session is continued
 # Phases of a session, for the web UI.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
-_BEHIND = "the session has gone on in the meantime: look at the page again"
+_BEHIND = "the answer is for an earlier step: answer the step that the page shows"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
@@ -143,7 +144,7 @@ class PageCalibration(Orders):
         self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK, note=None)
 
     def skip(self, count: int = 1) -> None:
-        """Increase the displayed number of presses taken by `count`, which may be negative."""
+        """Add `count`, which may be negative, to the displayed number of presses taken."""
         self._show(done=self._shown["done"] + count)
 
     def want(self, wanted: Wanted) -> None:
@@ -154,7 +155,10 @@ class PageCalibration(Orders):
         """Show that the session waits for a press (`phase` is `PRESS`) or a release (`RELEASE`)."""
         self._step += 1
         self._state.put("hold", None)
-        self._show(phase=phase, step=self._step, todo=None)
+        note = self._shown["note"]
+        if note and note.endswith(_PASSING):
+            note = None
+        self._show(phase=phase, step=self._step, todo=None, note=note)
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
         """Show how steady a press is, and its rough position; handle the requests of browsers."""
@@ -183,7 +187,8 @@ class PageCalibration(Orders):
         if self._shown["phase"] in (PRESS, RELEASE) and self._shown["todo"] is None:
             self._show(todo=text)
         else:
-            self._show(note=text, said=[*self._shown["said"][1 - _SAID :], text])
+            kept = [] if text.endswith(_PASSING) else [text]
+            self._show(note=text, said=[*self._shown["said"], *kept][-_SAID:])
 
     def ask(self, question: str) -> str:
         """Show a question, and wait for the answer of a browser."""
@@ -247,6 +252,11 @@ class _Person(Presser):
         """Ask the person for a press."""
         self._page.request(PRESS)
         super().press(wanted)
+
+    def change(self, wanted: Wanted) -> None:
+        """Ask the person for the second force of a press."""
+        self._page.request(PRESS)
+        super().change(wanted)
 
     def release(self) -> None:
         """Ask the person to release the strip."""

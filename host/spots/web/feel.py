@@ -1,13 +1,14 @@
 """Computes keys, gestures and a gamepad's state from a board's readings, for the web UI."""
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 
 from spots_device.layout import LIMITS, action, default_lines
 from spots_device.settings import checksum
 
 from ..controller.controller import controller_for
+from ..controller.controller_settings import ControllerSettings
 from ..controller.controller_settings import load as load_controller
 from ..errors import SpotsError
 from ..keyboard.key_engine import KeyEngine
@@ -18,10 +19,9 @@ from ..link.untrusted import Untrusted
 from ..outputs.devices import AXIS_MAX
 from ..outputs.usages import name_of
 from ..terminal.view import flag_words
+from ..wearable import wearable
 from ..wearable.gestures import Gestures
 from .state import PageState
-
-_BUTTONS = 3
 
 
 class Feel:
@@ -33,14 +33,30 @@ class Feel:
         The board that is read.
     info : dict
         The board's reply to ``hello``. Without a calibration only the readings are shown.
-    layout : KeyLayout
-        Key layout; gives only the zones of the keys if the board itself is a keyboard.
     state : PageState
         State that gets the parts ``touch``, ``keys``, ``stick``, ``untrusted`` and the events.
+    layout : KeyLayout
+        Key layout; gives only the zones of the keys if the board itself is a keyboard.
+    controller : ControllerSettings, optional
+        Settings of the gamepad; by default those of the package.
+    draft : callable
+        Returns a key layout to try beside `layout`, or None; its keys are events ``tried``.
+    gestures : Mapping, optional
+        Keys of the gestures; each gesture is shown with the name of the key that it presses.
     """
 
-    def __init__(self, board: Board, info: dict, layout: KeyLayout, state: PageState):
+    def __init__(
+        self,
+        board: Board,
+        info: dict,
+        state: PageState,
+        layout: KeyLayout,
+        controller: ControllerSettings | None = None,
+        gestures: wearable.Mapping | None = None,
+        draft: Callable[[], KeyLayout | None] = lambda: None,
+    ):
         self._state, self._layout = state, layout
+        self._does = gestures.pressed_by if gestures else lambda gesture: ""
         self._engine = self._gestures = self._controller = None
         self._own = info.get("keys")  # if true, the engine only tracks the layers
         self._untrusted = Untrusted()
@@ -50,12 +66,15 @@ class Feel:
         if length_um:
             self._gestures = Gestures()
             with contextlib.suppress(SpotsError):  # too slow for a gamepad
-                self._controller = controller_for(board, load_controller())
+                settings = controller or load_controller()
+                self._buttons = max((one.number for one in settings.button), default=0)
+                self._controller = controller_for(board, settings)
             if not info["keys"] or _is_on(info, layout):
                 sink = SimpleNamespace(key=_ignored) if info["keys"] else self
                 self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
         engines = self._engine, self._gestures, self._controller
-        self._engines = [one for one in engines if one is not None]
+        self._engines = self._untried = [one for one in engines if one is not None]
+        self._draft, self._tried, self._sizes = draft, None, (length_um, info.get("decay"))
         self.release()
         self._show()
 
@@ -73,11 +92,27 @@ class Feel:
         """
         self._state.put("touch", _message(touch, now_s, fingers))
         self._untrusted.take(touch, now_s)
+        self._try()
         for engine in self._engines:
             found = engine.take(touch, now_s)
             for gesture in found if engine is self._gestures else ():
-                self._state.add_event({"kind": "gesture", **gesture._asdict()})
+                self._state.add_event(
+                    {"kind": "gesture", "does": self._does(gesture), **gesture._asdict()}
+                )
         self._show()
+
+    def _try(self) -> None:
+        """Start to try the present draft if it has been replaced; stop if there is none."""
+        length_um, decay = self._sizes
+        draft = self._draft() if length_um else None
+        if draft is not self._tried:
+            self._tried, self._engines = draft, self._untried
+            if draft:
+                trial = KeyEngine(draft, length_um, SimpleNamespace(key=self._tried_key), decay)
+                self._engines = [*self._untried, trial]
+
+    def _tried_key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
+        self._state.add_event({"kind": "tried", "name": _name(page, usage), "pressed": pressed})
 
     def take_key(self, key: Key) -> None:
         """Show a key event of a board that is a keyboard itself."""
@@ -116,10 +151,8 @@ class Feel:
             layer, index = self._down[event]
         else:
             layer, index = self._down.pop(event, (None, None))
-        name = typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
-        self._state.add_event(
-            {"kind": "key", "name": name, "pressed": pressed, "layer": layer, "index": index}
-        )
+        what = {"name": _name(page, usage), "layer": layer, "index": index}
+        self._state.add_event({"kind": "key", "pressed": pressed, **what})
         self._show()
 
     def _place(self, wanted: int) -> tuple[str | None, int | None]:
@@ -154,20 +187,45 @@ class Feel:
             "x": x / AXIS_MAX,
             "y": y / AXIS_MAX,
             "z": z / AXIS_MAX,
-            "buttons": [bool(buttons >> i & 1) for i in range(_BUTTONS)],
+            "buttons": [bool(buttons >> i & 1) for i in range(self._buttons)],
             "held": self._controller.held,
         }
+
+
+def _name(page: int, usage: int) -> str:
+    return typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
 
 
 def _ignored(*event) -> None:
     pass
 
 
+def stored_layout(info: Mapping, layout: KeyLayout) -> str:
+    """Return which layout a board stores.
+
+    Parameters
+    ----------
+    info : Mapping
+        The board's reply to ``hello``.
+    layout : KeyLayout
+        The layout to compare with the stored one.
+
+    Returns
+    -------
+    str
+        ``this`` if the board stores `layout`, ``default`` if it stores no layout, else ``other``.
+    """
+    stored = info.get("layout")
+    if stored is None:
+        return "default"
+    return "this" if stored == checksum(layout.lines) else "other"
+
+
 def _is_on(info: Mapping, layout: KeyLayout) -> bool:
     """Return whether a board uses a layout, according to `info`, the board's ``hello`` reply."""
     zones = [line for line in layout.lines if line.split()[0] not in LIMITS]
-    stored = info.get("layout")
-    return zones == default_lines() if stored is None else stored == checksum(layout.lines)
+    stored = stored_layout(info, layout)
+    return stored == "this" or (stored == "default" and zones == default_lines())
 
 
 def layout_shown(layout: KeyLayout) -> dict:

@@ -1,14 +1,14 @@
 """Passes requests of browsers to the thread that reads the board."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from pathlib import Path
 from queue import Empty, Full, Queue
 from typing import Any
 
 from ..errors import SpotsError
 from ..guarded import sentence_of
-from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 
 _WAITING_MAX = 8
@@ -26,13 +26,16 @@ class Orders:
     ----------
     stopping : bool
         Whether the thread that runs `attend` must end; `attend` then returns soon.
-    layout : KeyLayout or None
-        Key layout that the web UI shows and uses from now on; None to keep the present layout.
+    playing : Path or None
+        Recording that is read instead of the board.
+    feel : dict
+        New arguments of `feel.Feel` by name, such as a key layout; they replace the present ones.
     """
 
     what = "a request"  # for error messages
     request_max = 1024  # bytes
-    layout: KeyLayout | None = None
+    feel: Mapping[str, Any] = {}
+    playing: Path | None = None
 
     def __init__(self, nobody: str):
         self._nobody = nobody

@@ -1,19 +1,31 @@
-"""Recordings that a browser starts and stops; the thread that reads the board writes them."""
+"""Recordings that a browser starts, stops, lists, plays and compares, all in one folder."""
 
 import re
 import time
+from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import datetime, timezone
 from pathlib import Path
 
+import numpy as np
+
+from spots_device import decode
+
 from ..errors import SpotsError
 from ..link.board import Board
+from ..recording.arrays import RecordingBlocks
 from ..recording.recorder import Recorder
+from ..recording.replay import open_recording
 from ..terminal.view import Pace
 from .orders import Orders
 from .state import PageState
 
-START, STOP = "start", "stop"
+# Requests, and the number of names of recordings after each.
+_WORDS = {"start": 0, "stop": 0, "live": 0, "play": 1, "list": 0, "compare": 2}
 _SHOWN_PER_S = 2
+_LISTED = 100  # newest recordings
+_READ_MAX = 200_000  # readings of a compared recording
+_POINTS = 1500  # of its curve
+_UNKNOWN = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
 class Recordings(Orders):
@@ -41,28 +53,53 @@ class Recordings(Orders):
         self._folder, self._state = folder, state
         self._recorder: Recorder | None = None
         self._pace = Pace(_SHOWN_PER_S)
-        self._put({"on": False, "file": None})
+        self._thread = ThreadPoolExecutor(1, "recordings")
+        self._reading: Future | None = None
+        self._put({"on": False, "file": None, "playing": None})
 
     def decode(self, body: bytes) -> str:
-        """Return the request in a browser's message: `START` or `STOP`."""
-        if body not in (START.encode(), STOP.encode()):
-            raise ValueError(f"the body must be '{START}' or '{STOP}'")
+        """Return the request in a browser's message: a word, and names on further lines."""
+        word, *names = body.decode().split("\n")
+        if _WORDS.get(word) != len(names):
+            raise ValueError(f"the body must be one of {', '.join(_WORDS)}, and names of files")
         return body.decode()
 
+    def submit(self, request: str) -> Future:
+        """Answer requests that only read the folder in a separate thread; queue all others."""
+        word, *names = request.split("\n")
+        if word not in ("list", "compare"):
+            return super().submit(request)
+        if self._reading and not self._reading.done():
+            busy: Future = Future()
+            busy.set_exception(SpotsError("recordings are being read: wait a moment"))
+            return busy
+        self._reading = self._thread.submit(self._list if word == "list" else self._compare, *names)
+        return self._reading
+
     def attend(self, board: Board) -> bool:
-        """Handle all waiting requests, and show the progress of a recording."""
+        """Handle all waiting requests, and show the progress of a recording.
+
+        Returns
+        -------
+        bool
+            Whether another recording, or the board again, must be read.
+        """
         self._attended = True
+        before = self.playing
         while asked := self._next():
-            word, answer = asked
-            self._answer(answer, self._start if word == START else self._stop, board)
+            (word, *names), answer = asked[0].split("\n"), asked[1]
+            handle = {"start": self._start, "stop": self._stop, "play": self._play}.get(word)
+            self._answer(answer, handle or self._live, board, *names)
         if self._recorder and self._pace.due(time.monotonic()):
             self._show(board, on=True)
-        return False
+        if self.playing and board.ended:
+            self._live(board)
+        return self.playing != before
 
     def leave(self) -> None:
         """Handle the loss of the board, which also ends the recording; refuse waiting requests."""
-        self._recorder = None
-        self._put({**self._shown, "on": False})
+        self._recorder = self.playing = None
+        self._put({**self._shown, "on": False, "playing": None})
         super().leave()
 
     def _start(self, board: Board) -> None:
@@ -86,6 +123,41 @@ class Recordings(Orders):
         finally:
             self._recorder = None
 
+    def _play(self, board: Board, name: str) -> None:
+        if self._recorder:
+            raise SpotsError("a recording runs: stop it before you play another one")
+        path = self._file(name)
+        open_recording(path).close()  # an error must not end the present view
+        self.playing = path
+        self._put({**self._shown, "playing": name})
+
+    def _live(self, board: Board) -> None:
+        self.playing = None
+        self._put({**self._shown, "playing": None})
+
+    def _files(self) -> dict[str, Path]:
+        """Return the recordings in the folder by name, newest first. Links are not followed."""
+        found = [one for one in self._folder.glob("*.spots") if one.is_file()]
+        found = [one for one in found if not one.is_symlink()]
+        found.sort(key=lambda one: one.stat().st_mtime, reverse=True)
+        return {one.name: one for one in found[:_LISTED]}
+
+    def _file(self, name: str) -> Path:
+        if name not in (files := self._files()):
+            raise SpotsError("the folder has no such recording: reload the list")
+        return files[name]
+
+    def _list(self) -> dict:
+        stats = {name: path.stat() for name, path in self._files().items()}
+        files = [
+            {"name": name, "bytes": one.st_size, "utc_s": one.st_mtime}
+            for name, one in stats.items()
+        ]
+        return {"files": files}
+
+    def _compare(self, *names: str) -> dict:
+        return {"curves": [_curve(self._file(name)) for name in names]}
+
     def _show(self, board: Board, on: bool) -> None:
         self._put(
             {
@@ -94,9 +166,37 @@ class Recordings(Orders):
                 "bytes": self._recorder.bytes,
                 "seconds": board.now_s() - self._begun_s,
                 "lost": board.stats.lost - self._lost,
+                "playing": None,
             }
         )
 
     def _put(self, shown: dict) -> None:
         self._shown = shown
         self._state.put("recording", shown)
+
+
+def _curve(path: Path) -> dict:
+    """Return the position and the force of a recording over time.
+
+    Returns
+    -------
+    dict
+        ``name``; ``points``: at most `_POINTS` lists of time in s, position in um and force in mN,
+        both null without a press; ``cut``: whether the recording is longer than what was read.
+    """
+    parts, count = [], 0
+    for block in RecordingBlocks(path):
+        touches = block.touches[block.touches["sensor"] == 0]
+        parts.append(touches[["arrived_s", "flags", "position_um", "force_mN"]])
+        count += len(touches)
+        if count > _READ_MAX:
+            break
+    rows = np.concatenate(parts) if parts else np.empty(0)
+    points = []
+    for arrived_s, flags, position_um, force_mN in rows[
+        :: max(-(-len(rows) // _POINTS), 1)
+    ].tolist():
+        pressed = flags & decode.TOUCHING and not flags & _UNKNOWN
+        values = [position_um, force_mN] if pressed else [None, None]
+        points.append([round(arrived_s - float(rows["arrived_s"][0]), 3), *values])
+    return {"name": path.name, "points": points, "cut": count > _READ_MAX}

@@ -22,6 +22,7 @@ from .connections import Connections
 from .layout_editor import LayoutEditor
 from .orders import Orders
 from .recordings import Recordings
+from .settings_editor import KINDS, SettingsEditor
 from .state import PageState
 from .twin_feed import driven_readers, linkage_readers
 
@@ -119,11 +120,13 @@ def serve_command(options: argparse.Namespace) -> None:
     elif options.session is not None:
         orders["calibration"] = PageCalibration(Path(options.session), state)
     if options.edit is not None:
-        orders["layout"] = editor = LayoutEditor(Path(options.edit), layout, state)
-        layout = editor.layout
+        orders["layout"] = LayoutEditor(Path(options.edit), layout, state)
+    for name in KINDS:
+        if (path := getattr(options, f"edit_{name}")) is not None:
+            orders[name] = SettingsEditor(name, Path(path), state)
     if orders and (options.linkage is not None or any(map(is_recording, ports))):
-        named = {"record_to": "--record-to", "session": "--session", "edit": "--edit"}
-        option = next(text for name, text in named.items() if getattr(options, name))
+        named = "record_to", "session", "edit", *(f"edit_{name}" for name in KINDS)
+        option = next(f"--{name.replace('_', '-')}" for name in named if getattr(options, name))
         raise SpotsError(
             f"{option} works with one board: do not use it with --linkage or a recording"
         )

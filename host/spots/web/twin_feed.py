@@ -6,12 +6,13 @@ from collections import deque
 from contextlib import ExitStack
 from functools import partial
 
+from ..calibrate.calibration_file import CalibrationFile
 from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 from ..link.frames import Touch
 from ..link.timeouts import CONNECTED
 from ..linkage.digital_twin import Terminal, Twin
-from ..linkage.twin_source import DrivenLinkage, give, loaded
+from ..linkage.twin_source import DrivenLinkage, board_of, give, loaded
 from ..terminal.view import Pace
 from .board_feed import BoardReader, finder
 from .state import PageState
@@ -116,14 +117,15 @@ class _Aside(PageState):
 def linkage_readers(
     linkage: str, ports: list[str], layout: KeyLayout, state: PageState
 ) -> list[BoardReader]:
-    """Return the readers of the two boards that belong to a linkage file.
+    """Return the readers of the one or two boards that belong to a linkage file.
 
     Parameters
     ----------
     linkage : str
         Path of the linkage file.
     ports : list of str
-        Port of joint 1 and port of joint 2. If empty, the boards are found by their ids.
+        Port of joint 1 and port of joint 2, or the port of a board that has both strips. If empty,
+        the boards are found by their ids.
     layout : KeyLayout
         Key layout to show for the strip of joint 1.
     state : PageState
@@ -136,9 +138,12 @@ def linkage_readers(
     Raises
     ------
     SpotsError
-        If a file is invalid, or the number of ports is neither 0 nor 2.
+        If a file is invalid, or there are more than two ports.
     """
     twin, strips = loaded(linkage, ports)
+    ids = {board_of(strip) for strip in strips}
+    if len(ports) == 1 or (not ports and len(ids) == 1):
+        return [_reader_of_both(twin, strips, (ports or [None])[0], ids.pop(), layout, state)]
     # One search at a time: a board that answers one search cannot answer the other.
     searching = threading.Lock()
     searches = [finder(port) for port in (ports or (None, None))]
@@ -152,6 +157,34 @@ def linkage_readers(
             return board
 
     return _readers(twin, open_board, layout, state)
+
+
+def _reader_of_both(
+    twin: Twin,
+    strips: list[CalibrationFile],
+    port: str | None,
+    found_by: str,
+    layout: KeyLayout,
+    state: PageState,
+) -> BoardReader:
+    """Return the reader of a board that has the strips of both joints."""
+    feed, search = TwinFeed(twin, state), finder(port)
+    joint_of: dict[int, int] = {}
+
+    def open_board(board_id: str | None) -> Board:
+        with ExitStack() as stack:
+            board = stack.enter_context(search(board_id if port else found_by))
+            for joint, strip in enumerate(strips):
+                joint_of[give(board, strip, joint + 1)] = joint
+            board.stream("touch")
+            stack.pop_all()
+            return board
+
+    def take(touch: Touch) -> None:
+        if touch.sensor in joint_of:
+            feed.take(joint_of[touch.sensor], touch)
+
+    return BoardReader(open_board, layout, state, on_touch=take)
 
 
 def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -> list[BoardReader]:

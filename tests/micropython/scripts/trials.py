@@ -76,7 +76,7 @@ def prepare_unpack(cases):
 def unpack(cases, results):
     for i in range(len(cases)):
         burst, counts = cases[i]
-        results[7 * i] = kernel.unpack(burst, counts)
+        results[7 * i] = kernel.unpack(burst, counts, 2)
         for j in range(6):
             results[7 * i + 1 + j] = counts[j]
 

@@ -6,12 +6,15 @@ import { board } from "./panels/board.js";
 import { figures } from "./panels/figures.js";
 import { calibration } from "./panels/calibration.js";
 import { editor } from "./panels/editor.js";
+import { controller } from "./panels/controller.js";
+import { gestures } from "./panels/gestures.js";
 import { strip } from "./panels/strip.js";
 import { history } from "./panels/history.js";
 import { spectrum } from "./panels/spectrum.js";
 import { keyboard } from "./panels/keyboard.js";
 import { stick } from "./panels/stick.js";
 import { twin } from "./panels/twin.js";
+import { recordings } from "./panels/recordings.js";
 import { recording } from "./panels/recording.js";
 import { next } from "./panels/next.js";
 import { link } from "./panels/link.js";
@@ -23,6 +26,8 @@ const PANELS = [
   [strip, ANSWER, "board", "touch"],
   [keyboard, ANSWER, "board", "touch", "keys"],
   [editor, ANSWER, "editor", "may_command", "board", "touch", "keys"],
+  [controller, LOOK, "controller", "may_command", "board", "touch", "stick"],
+  [gestures, LOOK, "gestures", "may_command", "board"],
   [calibration, LOOK, "calibration", "hold", "may_command", "board"],
   [figures, READ, "board", "touch"],
   [board, READ, "board", "connection"],
@@ -31,8 +36,9 @@ const PANELS = [
   [spectrum, LOOK, "board", "touch", "spectrum"],
   [history, LOOK, "touch", "board"],
   [recording, READ, "recording", "may_command"],
+  [recordings, READ, "recording", "may_command"],
   [link, READ, "link"],
-  [next, READ, "board", "touch", "untrusted", "calibration", "connection"],
+  [next, READ, "board", "touch", "untrusted", "calibration", "connection", "recording"],
 ];
 // Waiting panels are drawn with the next messages, or this time after the last message.
 const QUIET_MS = 100;

@@ -1,8 +1,8 @@
-// The layout that is being edited, with undo and redo. It survives a reload of the window.
+// The file that is being edited, with undo and redo. It survives a reload of the window.
 
-const MOST = 100, STORED = "spots-layout", STORED_MAX = 500_000;
+const MOST = 100, STORED_MAX = 500_000;
 
-export function makeDraft(onChange) {
+export function makeDraft(STORED, onChange) {
   let past = [], future = [], now = null, base = null;  // texts of JSON
   const keep = () => {
     const text = JSON.stringify({ past, now, future, base });
@@ -23,9 +23,8 @@ export function makeDraft(onChange) {
   } catch { /* the same */ }
 
   return {
-    // {content, head, others}: the layout, and the comments of its file, see `comments`.
     get value() { return now === null ? null : JSON.parse(now); },
-    // The layout of the server that the draft began with.
+    // The checksum of the server's text that the draft began with.
     get base() { return base; },
     set base(value) { base = value; keep(); },
     get canUndo() { return past.length > 0; },

@@ -1,5 +1,7 @@
 // A layout file as an object, as the server sends it: without the keys that have default values.
 
+import { value } from "../toml.js";
+
 export const SLOTS = {
   tap: "tap", double: "double tap", hold: "hold", firm: "firm press",
   slide_minus: "slide to the sensor", slide_plus: "slide away",
@@ -101,17 +103,4 @@ export function written(content, head = "") {
 
 function inline(key) {
   return `{${KEY_PARTS.filter((name) => key[name] !== undefined).map((name) => `${name} = ${value(key[name])}`).join(", ")}}`;
-}
-
-// A string of JSON is a string of TOML, and so is a number.
-function value(it) {
-  return JSON.stringify(it);
-}
-
-// Comments of a text: those at its begin, which a changed file keeps, and the number of all others.
-export function comments(text) {
-  const head = /^(?:[ \t]*(?:#.*)?\r?\n)*/.exec(text)[0];
-  const rest = text.slice(head.length)
-    .replace(/"""(?:[^\\]|\\[^])*?"""|'''[^]*?'''|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'/g, '""');
-  return { head, others: (rest.match(/#/g) ?? []).length };
 }

@@ -1,11 +1,14 @@
 // The layout editor: zones over the living strip, their actions, and the way to the board.
 // Only a browser with the token has it; the server checks and stores each layout.
-import { make, placed } from "../dom.js";
+import { button, field, number, put, sliderField, text } from "../controls.js";
+import { canvas, colours, make, placed } from "../dom.js";
+import { editing, listed } from "../editing.js";
 import { actionField, cap, matches, readUsages } from "../layout/actions.js";
-import { makeDraft } from "../layout/draft.js";
 import * as file from "../layout/file.js";
+import { comments } from "../toml.js";
 
-const USUAL_LENGTH_UM = 85000, CHECK_MS = 250, STEP_MM = 0.5, FINE_MM = 0.1;
+const USUAL_LENGTH_UM = 85000, STEP_MM = 0.5, FINE_MM = 0.1, TRIED = 8;
+const FORCE_S = 4, FORCE_KEPT = 512, FORCE_HEIGHT = 130;
 const TUNING = {
   detect: ["Readings that make a press", ""], flavour: ["A hold is decided", ""],
   press_mN: ["Force that begins a touch", "mN"], release_mN: ["Force that ends a touch", "mN"],
@@ -22,18 +25,31 @@ const STORED = {
 };
 
 export function editor(root) {
-  const opener = document.getElementById("edit"), clearer = document.getElementById("clear");
-  let it = null, may = false, open = false, usages = [], length_um = USUAL_LENGTH_UM;
-  let layer = 0, zone = 0, problem = "", news = "", loses = [], checking = 0, busy = false, dragging = false, changed = false;
+  const clearer = document.getElementById("clear");
+  let usages = [], length_um = USUAL_LENGTH_UM, layer = 0, zone = 0, dragging = false;
   let drawn = { layer: "", zones: [] };
-  const draft = makeDraft(() => { news = ""; refresh(); check(); });
+  const engine = editing(root, document.getElementById("edit"), {
+    path: "layout", store: "push", begin: (text, content) => ({ content, ...comments(text) }), same,
+    words: { push: "Put on the board", chooser: "Layout file to import", kept: ": only the comments at its beginning are kept" },
+    // What was not changed keeps its text, with all comments.
+    written: (value, it) => {
+      const unchanged = same(value.content, it.content);
+      return { text: unchanged ? it.text : file.written(value.content, value.head), lost: unchanged ? 0 : value.others };
+    },
+    forget: (value) => ({ ...value, others: 0 }),
+    state: (it, changed, loses) => (it.stored === null ? STORED.null
+      : changed ? `not on the board yet${loses.length ? `; nothing will type ${listed(loses)}` : ""}` : STORED[it.stored] ?? ""),
+    paused: () => dragging, refresh, first: layTuning,
+    shown: (it, may, busy) => {
+      clearer.hidden = !may || !["this", "other"].includes(it.stored);
+      clearer.disabled = busy;
+    },
+  });
+  const { draft } = engine;
 
   // The parts of the panel, in the order of reading.
   const title = make("h2", "", "Key layout"), name = text("Name of the layout");
-  const undo = button("Undo", () => draft.undo()), redo = button("Redo", () => draft.redo());
-  undo.ariaKeyShortcuts = "Control+Z";
-  redo.ariaKeyShortcuts = "Control+Shift+Z";
-  const head = make("div", "head", title, name, undo, redo);
+  const head = make("div", "head", title, name, engine.undo, engine.redo);
   const tabs = make("div", "tabs"), addLayer = button("Add a layer", newLayer);
   tabs.setAttribute("role", "group");
   tabs.ariaLabel = "Layers";
@@ -67,41 +83,13 @@ export function editor(root) {
   const ofLayer = make("fieldset", "layer-form", make("legend"),
     make("div", "fields", field(layerName), field(gap), ...swipes.map(([, one]) => one.root)), make("div", "buttons", removeLayer));
   const tuning = make("details", "tuning", make("summary", "", "Tuning"), make("div", "fields"));
-  const state = make("p", "state"), ask = make("dialog", "ask");
-  state.role = "status";
-  const push = button("Put on the board", () => send());
-  push.className = "main";
-  const chooser = make("input");
-  chooser.type = "file";
-  chooser.accept = ".toml";
-  chooser.ariaLabel = "Layout file to import";
-  chooser.hidden = true;
-  const foot = make("div", "buttons foot", push, button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), head: "", others: 0 }); }),
-    button("Import…", () => chooser.click()), button("Export", download), chooser);
-  root.append(head, make("div", "layers-row", tabs, addLayer), row, place, state, foot, ofZone, ofLayer, tuning, ask);
-
-  function button(words, onClick) {
-    const one = make("button", "", words);
-    one.type = "button";
-    one.addEventListener("click", onClick);
-    return one;
-  }
-  function text(words) {
-    const one = make("input");
-    one.ariaLabel = words;
-    one.autocomplete = "off";
-    one.maxLength = 60;
-    return one;
-  }
-  function number(words) {
-    const one = text(words);
-    one.type = "number";
-    one.step = "any";
-    return one;
-  }
-  function field(input) {
-    return make("label", "", make("span", "", input.ariaLabel), input);
-  }
+  const trial = make("div", "trial"), trialWords = make("p", "place"), points = [];
+  const force = make("figure", "", make("figcaption", "", "Force of the last seconds, with the limits of this draft")), paintForce = canvas(force, FORCE_HEIGHT);
+  force.role = "img";
+  force.ariaLabel = "Force of the last seconds, with the limits of this draft";
+  tuning.firstChild.after(force);
+  engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), head: "", others: 0 }); }));
+  root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
 
   // Changes the layer in the draft, as one step of undo.
   function edit(mutate, replace = false) {
@@ -134,34 +122,17 @@ export function editor(root) {
     const value = draft.value, wanted = layerName.value.trim();
     if (wanted && !value.content.layer.some((one) => one.name === wanted)) file.renameLayer(value.content, layer, wanted);
     draft.set(value);
-    refresh();
+    engine.draw();
   });
   gap.addEventListener("change", () => edit((it) => {
     if (Number(gap.value)) it.gap_percent = Number(gap.value);
     else delete it.gap_percent;
   }));
-  root.addEventListener("keydown", (event) => {
-    const undoes = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
-    const redoes = (event.ctrlKey && event.key.toLowerCase() === "y") || (undoes && event.shiftKey);
-    if (event.target.matches("input") || !(undoes || redoes)) return;
-    event.preventDefault();
-    (redoes ? draft.redo : draft.undo)();
-  });
-  opener.addEventListener("click", () => {
-    open = !open;
-    remember();
-    show();
-  });
   clearer.addEventListener("click", async () => {
-    const answer = await post({ do: "clear" });
-    news = answer.refused ?? "the board has its default layout again; undo brings yours back to this editor";
-    showState();
-    if (answer.refused) { open = true; show(); }
+    const { refused } = await engine.post({ do: "clear" });
+    if (refused) engine.setOpen(true);
+    engine.say(refused ?? "the board has its default layout again; undo brings yours back to this editor");
   });
-  function remember() {
-    try { sessionStorage.setItem("spots-editing", open ? "1" : ""); } catch { /* closed after a reload */ }
-  }
-  try { open = Boolean(sessionStorage.getItem("spots-editing")); } catch { /* as above */ }
 
   // Zones and borders. Tab reaches the zone that is shown below and its borders; arrows do the rest.
   const zoneElements = [], borders = [];
@@ -169,13 +140,13 @@ export function editor(root) {
     return zoneElements[i] ??= (() => {
       const one = make("button", "zone", make("b"), make("small"));
       one.type = "button";
-      one.addEventListener("click", () => { zone = i; refresh(); });
+      one.addEventListener("click", () => { zone = i; engine.draw(); });
       one.addEventListener("keydown", (event) => {
         const to = { ArrowLeft: i - 1, ArrowRight: i + 1, Home: 0, End: draft.value.content.layer[layer].keys.length - 1 }[event.key];
         if (to === undefined || !zoneElements[to]?.isConnected) return;
         event.preventDefault();
         zone = to;
-        refresh();
+        engine.draw();
         zoneElements[to].focus();
       });
       return one;
@@ -199,7 +170,7 @@ export function editor(root) {
         };
       });
       for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
-        one.addEventListener(end, () => { one.onpointermove = null; dragging = false; check(); });
+        one.addEventListener(end, () => { one.onpointermove = null; dragging = false; engine.check(); });
       }
       one.addEventListener("keydown", (event) => {
         const way = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
@@ -219,20 +190,16 @@ export function editor(root) {
   }
 
   // Shows the draft.
-  function refresh() {
-    const value = draft.value;
-    if (!value || !it || root.hidden) return;
-    const { content } = value;
+  function refresh({ content }) {
+    load();
     layer = Math.min(layer, content.layer.length - 1);
     const now = content.layer[layer], all = file.zones(now);
     drawn = { layer: now.name, zones: all };
     zone = Math.min(zone, all.length - 1);
     put(name, content.name);
-    undo.disabled = !draft.canUndo;
-    redo.disabled = !draft.canRedo;
     while (tabs.children.length > content.layer.length) tabs.lastChild.remove();
     content.layer.forEach((one, i) => {
-      const tab = tabs.children[i] ?? tabs.appendChild(button("", () => { layer = i; zone = 0; refresh(); }));
+      const tab = tabs.children[i] ?? tabs.appendChild(button("", () => { layer = i; zone = 0; engine.draw(); }));
       tab.textContent = one.name;
       tab.setAttribute("aria-pressed", String(i === layer));
     });
@@ -273,205 +240,99 @@ export function editor(root) {
     for (const [slot, one] of swipes) one.show(now[slot] ?? "");
     removeLayer.disabled = content.layer.length === 1;
     for (const [statement, { show }] of Object.entries(tunings)) show(content.tuning?.[statement]);
-    showState();
   }
 
   // The fields of [tuning], with the limits that the server sends.
   let tunings = {};
-  function layTuning() {
+  function layTuning(it) {
     tunings = Object.fromEntries(Object.entries(it.limits).map(([statement, [low, high, usual]]) => {
       const [words, unit] = TUNING[statement] ?? [statement, ""];
-      const set = (value) => edit((_, content) => {
+      const set = (value, replace) => edit((_, content) => {
         const values = { ...content.tuning, [statement]: value };
         if (value === undefined) delete values[statement];
         if (Object.keys(values).length) content.tuning = values;
         else delete content.tuning;
-      });
+      }, replace);
       if (statement === "flavour") {
         const choice = make("select", "", ...it.flavours.map((one) => new Option(one)));
         choice.addEventListener("change", () => set(choice.value === it.flavours[usual] ? undefined : choice.value));
         return [statement, { root: make("label", "", make("span", "", words), choice), show: (value) => { choice.value = value ?? it.flavours[usual]; } }];
       }
-      const exact = number(`${words}${unit && `, ${unit}`}`), slider = make("input");
-      slider.type = "range";
-      slider.ariaLabel = `${words}, slider`;
-      Object.assign(slider, { min: low, max: Math.min(high, usual ? 4 * usual : 4000), step: usual > 1000 ? 50 : usual > 20 ? 5 : 1 });
-      Object.assign(exact, { min: low, max: high, step: 1 });
-      const take = (input) => {
-        const value = Math.min(Math.max(Math.round(Number(input.value)), low), high);
-        set(value === usual ? undefined : value);
-        put(exact, String(value), true);
-      };
-      exact.addEventListener("change", () => take(exact));
-      slider.addEventListener("change", () => take(slider));
-      slider.addEventListener("input", () => { exact.value = slider.value; });
-      return [statement, { root: make("div", "tune", field(exact), slider), show: (value) => { put(exact, String(value ?? usual)); slider.value = value ?? usual; } }];
+      const sizes = { low, high, top: usual ? 4 * usual : 4000, step: usual > 1000 ? 50 : usual > 20 ? 5 : 1 };
+      const one = sliderField(words, unit, sizes, (value, replace) => set(value === usual ? undefined : value, replace));
+      return [statement, { ...one, show: (value) => one.show(value ?? usual) }];
     }));
     tuning.lastChild.replaceChildren(...Object.values(tunings).map((one) => one.root));
   }
 
-  function put(input, value, always = false) {
-    if (always || (document.activeElement !== input && input.value !== value)) input.value = value;
-    else if (document.activeElement === input && input.value !== value && !input.matches(":focus-visible")) input.value = value;
-  }
   function mm(share) {
     return `${((share * length_um) / 1000).toFixed(1)} mm`;
   }
 
-  // The text of the draft. What was not changed keeps its text, with all comments.
-  function textOf(value) {
-    return same(value.content, it.content) ? it.text : file.written(value.content, value.head);
+  // The force of the finger, and the forces and times that the draft compares it with.
+  function drawForce(limits) {
+    const tuned = (name) => draft.value.content.tuning?.[name] ?? limits[name][2];
+    const lines = ["press_mN", "release_mN", "firm_mN"].map((name) => [TUNING[name][0], tuned(name)]).filter(([, mN]) => mN);
+    const times = ["tapping_ms", "firm_ms"].map((name) => [TUNING[name][0], tuned(name)]);
+    paintForce((c, width) => {
+      const top = Math.max(1000, ...lines.map(([, mN]) => 1.15 * mN), ...points.map(([, mN]) => mN));
+      const y = (mN) => FORCE_HEIGHT - 4 - (FORCE_HEIGHT - 20) * (mN / top), end_s = points.at(-1)?.[0] ?? 0;
+      const x = (time_s) => width * (1 - (end_s - time_s) / FORCE_S);
+      c.font = "12px -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
+      c.lineWidth = 1;
+      c.strokeStyle = colours.quiet;
+      c.fillStyle = colours.quiet;
+      for (const [text, mN] of lines) {
+        c.beginPath();
+        c.moveTo(0, Math.round(y(mN)) + 0.5);
+        c.lineTo(width, Math.round(y(mN)) + 0.5);
+        c.stroke();
+        c.fillText(`${text}, ${mN} mN`, 4, y(mN) - 3);
+      }
+      // From the begin of the last touch.
+      const from = points.findLastIndex(([, mN], i) => mN && !points[i - 1]?.[1]);
+      if (from >= 0) for (const [text, ms] of times) {
+        const at = x(points[from][0] + ms / 1000);
+        if (at <= width) { c.fillRect(Math.round(at), 0, 1, FORCE_HEIGHT); c.fillText(text, at + 4, 11 + (text === times[0][0] ? 0 : 13)); }
+      }
+      c.strokeStyle = colours.force;
+      c.lineWidth = 2;
+      c.beginPath();
+      for (const [time_s, mN] of points) if (x(time_s) > -20) c.lineTo(x(time_s), y(mN));
+      c.stroke();
+    });
   }
   function same(a, b) {
     return file.written(a) === file.written(b);
   }
-  function showState() {
-    if (!it) return;
-    changed = Boolean(draft.value) && !same(draft.value.content, it.content);
-    const words = problem || news || (it.stored === null ? STORED.null : changed ? `not on the board yet${loses.length ? `; nothing will type ${listed(loses)}` : ""}`
-      : STORED[it.stored] ?? "");
-    if (state.textContent !== words) state.textContent = words;
-    state.dataset.kind = problem ? "bad" : changed || it.stored !== "this" ? "new" : "good";
-    push.disabled = Boolean(problem) || busy || it.stored === null || !(changed || it.stored !== "this");
-    clearer.hidden = !may || !["this", "other"].includes(it.stored);
-    clearer.disabled = busy;
-  }
-
-  async function post(message) {
-    busy = true;
-    showState();
-    try {
-      const answer = await fetch("layout", { method: "POST", body: JSON.stringify(message) });
-      if (!answer.ok) return { refused: await answer.text() };
-      return answer.status === 204 ? {} : await answer.json();
-    } catch {
-      return { refused: "the server does not answer: try again" };
-    } finally {
-      busy = false;
-      showState();
-    }
-  }
-
-  // The server checks the draft shortly after the last change.
-  let asked = 0;
-  function check() {
-    clearTimeout(checking);
-    if (!draft.value || !it || !may || !open || dragging) return;
-    checking = setTimeout(async () => {
-      const number = ++asked;
-      let answer;
-      try {
-        const got = await fetch("layout", { method: "POST", body: JSON.stringify({ do: "check", text: textOf(draft.value) }) });
-        answer = got.ok ? await got.json() : { refused: await got.text() };
-      } catch { return; }
-      if (number !== asked) return;
-      problem = answer.refused ?? "";
-      loses = answer.loses ?? [];
-      showState();
-    }, CHECK_MS);
-  }
-
-  async function send() {
-    const value = draft.value;
-    if (!(await mayLose(value, "Put on the board"))) return;
-    const message = { do: "push", text: textOf(value), base: it.base, loses: [] };
-    let answer = await post(message);
-    if (answer.loses?.length) {
-      if (!(await question(`With this layout, nothing types ${listed(answer.loses)} any more.`, "Put it on the board"))) return;
-      answer = await post({ ...message, loses: answer.loses });
-    }
-    problem = answer.refused ?? "";
-    news = answer.refused ? "" : answer.note ? `on the board: ${answer.note}` : "";
-    showState();
-  }
-
-  // Comments are kept with an unchanged text; otherwise one is asked before any are lost.
-  async function mayLose(value, go) {
-    if (!value.others || textOf(value) === it.text) return true;
-    const count = value.others === 1 ? "1 comment" : `${value.others} comments`;
-    if (!(await question(`${count} of the file will be lost: only the comments at its begin are kept.`, go))) return false;
-    draft.set({ ...value, others: 0 });
-    return true;
-  }
-
-  async function download() {
-    const value = draft.value;
-    if (!(await mayLose(value, "Export"))) return;
-    const link = make("a");
-    link.href = URL.createObjectURL(new Blob([textOf(value)], { type: "application/toml" }));
-    link.download = it.file;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
-  }
-  chooser.addEventListener("change", async () => {
-    const [chosen] = chooser.files;
-    if (!chosen) return;
-    const text = await chosen.text();
-    chooser.value = "";
-    const answer = await post({ do: "check", text });
-    if (answer.refused) news = `${chosen.name}: ${answer.refused}`;
-    else {
-      layer = zone = 0;
-      draft.set({ content: answer.content, ...file.comments(text) });
-    }
-    showState();
-  });
-
-  function question(words, yes) {
-    return new Promise((done) => {
-      const finish = (answer) => () => { ask.close(answer); };
-      ask.replaceChildren(make("p", "", words), make("div", "buttons", button(yes, finish("yes")), button("Cancel", finish(""))));
-      ask.ariaLabel = words;
-      ask.onclose = () => done(ask.returnValue === "yes");
-      ask.returnValue = "";
-      ask.showModal();
-    });
-  }
-  function listed(names) {
-    return names.length > 8 ? `${names.slice(0, 7).join(", ")} and ${names.length - 7} more` : names.join(", ");
-  }
-
-  function show() {
-    opener.hidden = !it || !may;
-    root.hidden = !it || !may || !open;
-    opener.textContent = open ? "close" : "edit keys";
-    opener.setAttribute("aria-expanded", String(!root.hidden));
-    document.body.dataset.editing = root.hidden ? "off" : "on";
-    if (!it) return;
-    showState();
-    if (root.hidden) return;
-    if (!usages.length) {
-      readUsages().then((all) => { usages = all; refresh(); }, () => { problem = "the names of the keys cannot be loaded: reload this window"; showState(); });
-    }
-    refresh();
-    check();
+  function load() {
+    if (usages.length) return;
+    readUsages().then((all) => { usages = all; engine.draw(); }, () => engine.fail("the names of the keys cannot be loaded: reload this window"));
   }
 
   return (shown, changes) => {
     if ("board" in changes) length_um = changes.board?.length_um ?? USUAL_LENGTH_UM;
-    if ("editor" in changes || "may_command" in changes || "board" in changes) {
-      const first = !it;
-      it = shown.editor ?? null;
-      may = Boolean(shown.may_command);
-      if (first && it) layTuning();
-      if (it && may) {
-        // Another layout on the server becomes the draft; undo returns to the one that was here.
-        if (draft.base !== it.base) {
-          if (!draft.value || !same(draft.value.content, it.content)) draft.set({ content: it.content, ...file.comments(it.text) });
-          draft.base = it.base;
-        }
-      }
-      show();
-    }
+    if ("editor" in changes || "may_command" in changes || "board" in changes) engine.take(shown.editor, shown.may_command);
     if (root.hidden) return;
     const touch = shown.touch, share = placed(touch) ? touch.position_um / length_um : -1;
-    const down = changed ? [] : shown.keys?.down ?? [];
+    const down = engine.changed ? [] : shown.keys?.down ?? [];
     finger.classList.toggle("on", share >= 0);
     if (share >= 0) finger.style.transform = `translateX(${100 * Math.min(share, 1)}cqw)`;
     drawn.zones.forEach(({ low, high }, i) => {
       zoneElements[i]?.classList.toggle("under", share >= low && share < high);
       zoneElements[i]?.classList.toggle("lit", down.some((one) => one.layer === drawn.layer && one.index === i));
     });
+    const kind = engine.changed ? "tried" : "key";
+    for (const event of changes.events) {
+      if (event.kind !== kind || !event.pressed) continue;
+      trial.append(make("span", "", event.name));
+      while (trial.children.length > TRIED) trial.firstChild.remove();
+    }
+    const tries = `With ${engine.changed ? "this draft, not on the board yet" : "the layout on the board"}, the finger types:`;
+    if (trialWords.textContent !== tries) trialWords.textContent = tries;
+    for (const one of changes.touches) points.push([one.time_s, one.touching ? one.force_mN ?? 0 : 0]);
+    if (points.length > FORCE_KEPT) points.splice(0, FORCE_KEPT / 4);
+    if (tuning.open && draft.value) drawForce(shown.editor.limits);
     const words = share < 0 ? "Touch the strip to see its zone." : `The finger is at ${mm(share)}.`;
     if (place.textContent !== words) place.textContent = words;
   };

@@ -38,7 +38,7 @@ export function keyboard(root) {
       if (event.kind === "gesture") {
         // A tap is shown as its key.
         if (event.name !== "tap") say(event.name.replaceAll("_", " "), "gesture");
-      } else if (event.pressed) {
+      } else if (event.kind === "key" && event.pressed) {
         say(event.name, "key-event");
         lit.set(`${event.layer}/${event.index}`, now_s + SHORTEST_S);
       }

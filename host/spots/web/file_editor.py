@@ -1,0 +1,108 @@
+"""Validates the text of a TOML file that browsers edit; a subclass stores the text."""
+
+from concurrent.futures import Future
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+
+from spots_device.settings import checksum
+
+from ..errors import SpotsError
+from ..link.board import Board
+from .orders import Orders
+
+_TEXT_MAX = 32_768  # characters; the largest layout of a board needs about 20,000
+Text = Annotated[str, msgspec.Meta(max_length=_TEXT_MAX)]
+Base = Annotated[str, msgspec.Meta(max_length=8)]
+
+
+class Check(msgspec.Struct, tag_field="do", tag="check", forbid_unknown_fields=True):
+    """Request of a browser: validate the text of a file, without storing it."""
+
+    text: Text
+
+
+class FileEditor(Orders):
+    """Validates texts of a TOML file from browsers; a subclass stores them.
+
+    Parameters
+    ----------
+    path : Path
+        The file. If it does not exist, the first request that stores a text creates it.
+    kind : str
+        Kind of file for error messages, such as "layout".
+
+    Attributes
+    ----------
+    text : str
+        Present text of the file; a subclass sets it.
+
+    Raises
+    ------
+    SpotsError
+        If the name of the file does not end in ``.toml``.
+    """
+
+    request_max = 2 * _TEXT_MAX
+    requests: Any = Check  # a union of structs
+    text: str
+
+    def __init__(self, path: Path, kind: str):
+        super().__init__(f"there is no board for the {kind}: plug one in")
+        if path.suffix != ".toml":
+            raise SpotsError(f"'{path}' is not a {kind} file: give a name that ends in .toml")
+        self._path, self._kind = path, kind
+        self._decoder = msgspec.json.Decoder(self.requests)
+
+    def decode(self, body: bytes) -> Any:
+        """Return the request in a browser's message; raise a ValueError if invalid."""
+        return self._decoder.decode(body)
+
+    def submit(self, request: Any) -> Future:
+        """Answer a `Check` at once, without a board; queue any other request."""
+        if not isinstance(request, Check):
+            return super().submit(request)
+        answer: Future = Future()
+        self._answer(answer, self._check, request)
+        return answer
+
+    def attend(self, board: Board) -> bool:
+        """Handle all waiting requests; return whether something was stored."""
+        if not self._attended:
+            self._attended = True
+            self._show(board.info)
+        changed = False
+        while asked := self._next():
+            request, answer = asked
+            self._answer(answer, self._store, request, board)
+            changed = True
+        return changed
+
+    def leave(self) -> None:
+        """Handle the loss of the board: refuse all waiting requests."""
+        super().leave()
+        self._show(None)
+
+    @property
+    def base(self) -> str:
+        """Checksum of the present text."""
+        return checksum([self.text])
+
+    def _check_base(self, base: str) -> None:
+        if base != self.base:
+            raise SpotsError(f"another browser has changed the {self._kind}: reload this window")
+
+    # In a subclass:
+
+    def _check(self, request: Check) -> dict[str, Any]:
+        """Return the answer to a `Check`."""
+        raise NotImplementedError
+
+    def _store(self, request: Any, board: Board) -> dict[str, Any] | None:
+        """Handle any other request, and return its answer."""
+        raise NotImplementedError
+
+    def _show(self, info: Any) -> None:
+        """Show the file in the web UI; `info` is the board's ``hello`` reply, or None."""
+        raise NotImplementedError

@@ -1,0 +1,196 @@
+// A TOML file that this window edits: the draft with undo, the checks of the server, questions before
+// something is lost, import and export. Only a browser with the token has it; the server checks and
+// stores each text.
+import { button } from "./controls.js";
+import { make } from "./dom.js";
+import { makeDraft } from "./layout/draft.js";
+
+const CHECK_MS = 250;
+
+// `path`: of the requests. `opener`: the button that opens the panel. `begin(text, content)`: a draft.
+// `written(value, it)`: {text, lost}, the text of a draft and the number of comments that it loses.
+// `forget(value)`: a draft that has lost them. `words(it, loses)`: the state of the draft. `refresh`:
+// draws the draft. `paused`: whether a check must wait. `first(it)`: called once.
+export function editing(root, opener, { path, store, words, begin, written, forget, refresh, first, state: stateOf, same, differs = () => {}, paused = () => false, shown = () => {} }) {
+  const OPEN = `spots-editing-${path}`, closed = opener.textContent;
+  let it = null, may = false, open = false, problem = "", news = "", loses = [];
+  let checking = 0, asked = 0, busy = false, changed = false;
+  const draft = makeDraft(`spots-${path}`, () => { news = ""; draw(); check(); });
+
+  const undo = button("Undo", () => draft.undo()), redo = button("Redo", () => draft.redo());
+  undo.ariaKeyShortcuts = "Control+Z";
+  redo.ariaKeyShortcuts = "Control+Shift+Z";
+  const state = make("p", "state"), ask = make("dialog", "ask");
+  state.role = "status";
+  const push = button(words.push, () => send());
+  push.className = "main";
+  const chooser = make("input");
+  chooser.type = "file";
+  chooser.accept = ".toml";
+  chooser.ariaLabel = words.chooser;
+  chooser.hidden = true;
+  const foot = make("div", "buttons foot", push, button("Import…", () => chooser.click()), button("Export", download), chooser);
+
+  root.addEventListener("keydown", (event) => {
+    const undoes = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
+    const redoes = (event.ctrlKey && event.key.toLowerCase() === "y") || (undoes && event.shiftKey);
+    if (event.target.matches("input:not([type=range])") || !(undoes || redoes)) return;
+    event.preventDefault();
+    (redoes ? draft.redo : draft.undo)();
+  });
+  // At most one editor is open.
+  opener.addEventListener("click", () => setOpen(!open));
+  document.addEventListener("editing", ({ detail }) => { if (detail !== path && open) setOpen(false); });
+  function setOpen(on) {
+    open = on;
+    if (on) document.dispatchEvent(new CustomEvent("editing", { detail: path }));
+    try { sessionStorage.setItem(OPEN, open ? "1" : ""); } catch { /* closed after a reload */ }
+    show();
+  }
+  try { open = Boolean(sessionStorage.getItem(OPEN)); } catch { /* as above */ }
+
+  function draw() {
+    if (!draft.value || !it || root.hidden) return;
+    undo.disabled = !draft.canUndo;
+    redo.disabled = !draft.canRedo;
+    refresh(draft.value, it);
+    showState();
+  }
+
+  function showState() {
+    if (!it) return;
+    changed = Boolean(draft.value) && !same(draft.value.content, it.content);
+    const text = problem || news || stateOf(it, changed, loses);
+    if (state.textContent !== text) state.textContent = text;
+    const stored = it.stored === true || it.stored === "this";
+    state.dataset.kind = problem ? "bad" : changed || !stored ? "new" : "good";
+    push.disabled = Boolean(problem) || busy || it.stored === null || !(changed || !stored);
+    shown(it, may, busy);
+  }
+
+  async function post(message) {
+    busy = true;
+    showState();
+    try {
+      const answer = await fetch(path, { method: "POST", body: JSON.stringify(message) });
+      if (!answer.ok) return { refused: await answer.text() };
+      return answer.status === 204 ? {} : await answer.json();
+    } catch {
+      return { refused: "the server does not answer: try again" };
+    } finally {
+      busy = false;
+      showState();
+    }
+  }
+
+  // The server checks the draft shortly after the last change.
+  function check() {
+    clearTimeout(checking);
+    if (!draft.value || !it || !may || !open || paused()) return;
+    checking = setTimeout(async () => {
+      const number = ++asked, value = draft.value;
+      let answer;
+      try {
+        const got = await fetch(path, { method: "POST", body: JSON.stringify({ do: "check", text: written(value, it).text }) });
+        answer = got.ok ? await got.json() : { refused: await got.text() };
+      } catch { return; }
+      if (number !== asked) return;
+      problem = answer.refused ?? "";
+      loses = answer.loses ?? [];
+      showState();
+      differs(value, answer);
+    }, CHECK_MS);
+  }
+
+  async function send() {
+    if (!(await mayLose(words.push))) return;
+    const message = { do: store, text: written(draft.value, it).text, base: it.base, ...(store === "push" && { loses: [] }) };
+    let answer = await post(message);
+    if (answer.loses?.length) {
+      if (!(await question(`With this layout, nothing types ${listed(answer.loses)} any more.`, "Put it on the board"))) return;
+      answer = await post({ ...message, loses: answer.loses });
+    }
+    problem = answer.refused ?? "";
+    news = answer.refused ? "" : answer.note ? `on the board: ${answer.note}` : "";
+    showState();
+  }
+
+  // One is asked before any comments are lost.
+  async function mayLose(go) {
+    const value = draft.value, { lost } = written(value, it);
+    if (!lost) return true;
+    const count = lost === 1 ? "1 comment" : `${lost} comments`;
+    if (!(await question(`${count} of the file will be lost${words.kept}.`, go))) return false;
+    draft.set(forget(value));
+    return true;
+  }
+
+  async function download() {
+    if (!(await mayLose("Export"))) return;
+    const link = make("a");
+    link.href = URL.createObjectURL(new Blob([written(draft.value, it).text], { type: "application/toml" }));
+    link.download = it.file;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  }
+  chooser.addEventListener("change", async () => {
+    const [chosen] = chooser.files;
+    if (!chosen) return;
+    const text = await chosen.text();
+    chooser.value = "";
+    const answer = await post({ do: "check", text });
+    if (answer.refused) news = `${chosen.name}: ${answer.refused}`;
+    else draft.set(begin(text, answer.content));
+    showState();
+  });
+
+  function question(text, yes) {
+    return new Promise((done) => {
+      const finish = (answer) => () => { ask.close(answer); };
+      ask.replaceChildren(make("p", "", text), make("div", "buttons", button(yes, finish("yes")), button("Cancel", finish(""))));
+      ask.ariaLabel = text;
+      ask.onclose = () => done(ask.returnValue === "yes");
+      ask.returnValue = "";
+      ask.showModal();
+    });
+  }
+
+  function show() {
+    const was = root.hidden;
+    opener.hidden = !it || !may;
+    root.hidden = !it || !may || !open;
+    opener.textContent = open ? "close" : closed;
+    opener.setAttribute("aria-expanded", String(!root.hidden));
+    if (!root.hidden) document.body.dataset.editing = path;
+    else if (!was || document.body.dataset.editing === path) document.body.dataset.editing = "off";
+    if (!it) return;
+    showState();
+    if (root.hidden) return;
+    draw();
+    check();
+  }
+
+  return {
+    draft, undo, redo, state, ask, foot, post, check, draw, setOpen,
+    get changed() { return changed; },
+    say: (text) => { news = text; showState(); },
+    fail: (text) => { problem = text; showState(); },
+    // Takes what the server sent.
+    take: (part, allowed) => {
+      const begins = !it;
+      it = part ?? null;
+      may = Boolean(allowed);
+      if (begins && it) first(it);
+      // Another file on the server becomes the draft; undo returns to the one that was here.
+      if (it && may && draft.base !== it.base) {
+        if (!draft.value || !same(draft.value.content, it.content)) draft.set(begin(it.text, it.content));
+        draft.base = it.base;
+      }
+      show();
+    },
+  };
+}
+
+export function listed(names) {
+  return names.length > 8 ? `${names.slice(0, 7).join(", ")} and ${names.length - 7} more` : names.join(", ");
+}

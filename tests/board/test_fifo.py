@@ -1,0 +1,176 @@
+"""The chip's FIFO: a stall of the loop loses no sample, and its counts equal the polled counts."""
+
+import contextlib
+import itertools
+
+import numpy as np
+import pytest
+
+from spots.link.board import Board
+from spots.link.frames import Spectrum
+from spots_device.decode import DROPPED
+from spots_sim.chip import AS7341, DIODES, GAIN, ChipNoise, Quirks
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held
+
+BOARDS = ["virtual", "virtual_circuitpython"]
+SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
+EXPOSURE_US = 2_780
+AROUND = 400
+GAIN_64X = 7
+
+
+class Numbered:
+    """A light with another count for each diode and, modulo 400, for each sample."""
+
+    def __init__(self):
+        self.samples = 0
+
+    def collect(self, start_us, end_us, led_mA):
+        number = self.samples % AROUND
+        self.samples += 1
+        return {name: (number + 50 * i) / GAIN[GAIN_64X] for i, name in enumerate(DIODES)}
+
+
+class Stalled:
+    """A board that streams the counts of a numbered light."""
+
+    def __init__(self, sensor, board="virtual", exposure_us=EXPOSURE_US, **quirks):
+        self.link = LockstepLink(sensor, Held(), board=board)
+        rng = np.random.default_rng(0)
+        self.chip = AS7341(Numbered(), SILENT, rng, Quirks(**quirks))
+        self.link.bus.chip = self.link.chip = self.chip
+        self.board = Board(self.link)
+        self.board.command(f"set exposure_us={exposure_us} gain={GAIN_64X} led=always")
+        self.board.command("stream spectrum")
+        self.run(0.3)
+
+    def run(self, seconds):
+        return [f for f in self.board.frames(seconds=seconds) if isinstance(f, Spectrum)]
+
+    def get(self):
+        return self.board.command("get")
+
+    def stall(self, stall_us):
+        self.link.clock.spend_us(stall_us)
+
+
+@pytest.fixture
+def stalled(sensor):
+    with contextlib.ExitStack() as boards:
+
+        def make(*arguments, **options):
+            made = Stalled(sensor, *arguments, **options)
+            boards.enter_context(made.board)
+            return made
+
+        yield make
+
+
+def numbers(frames):
+    """Return the number of each sample, which must be the same in all its six counts."""
+    for frame in frames:
+        assert not (np.diff(frame.counts) % 50).any(), frame.counts
+        assert frame.counts[0] < frame.counts[1]
+    return [frame.counts[0] for frame in frames]
+
+
+def steps(frames):
+    """Return by how much the number grows from each frame to the next one."""
+    return {(b - a) % AROUND for a, b in itertools.pairwise(numbers(frames))}
+
+
+@pytest.mark.parametrize("board", BOARDS)
+@pytest.mark.parametrize("error_percent", [-3.0, 0.0, 3.0])
+def test_a_stall_of_50_ms_loses_no_sample(stalled, board, error_percent):
+    made = stalled(board, clock_error_percent=error_percent)
+    assert made.get()["fifo"]
+    frames = []
+    for stall_us in (50_000, 11_000, 50_000, 3_000, 50_000):
+        frames += made.run(0.2)
+        made.stall(stall_us)
+    frames += made.run(0.2)
+    assert len(frames) > 380
+    assert steps(frames) == {1}
+    assert not any(frame.flags & DROPPED for frame in frames)
+    assert made.get()["missed"] == 0
+    # The chip's own period gives the times, also during a stall.
+    times_us = np.unwrap(np.array([frame.t_us for frame in frames], float), period=2.0**32)
+    period_us = EXPOSURE_US * (1 + error_percent / 100)
+    late_us = times_us - period_us * np.arange(len(frames))
+    assert np.ptp(late_us) < 500
+
+
+@pytest.mark.parametrize("board", BOARDS)
+def test_the_fifo_has_the_counts_of_the_data_registers(stalled, board):
+    found = []
+    for reverse in (False, True):
+        made = stalled(board, fifo_reversed=reverse)
+        frames = made.run(2.0)
+        assert made.get()["fifo"] != reverse
+        found.append({frame.counts[0]: tuple(frame.counts) for frame in frames})
+    assert len(found[0]) == AROUND
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("overwrites", [False, True])
+@pytest.mark.parametrize("stall_us", [61_000, 70_000, 500_000, 2_000_000])
+def test_an_overflow_is_counted_and_the_fifo_is_used_again(stalled, stall_us, overwrites):
+    made = stalled(fifo_overwrites=overwrites, clock_error_percent=2.0)
+    made.run(0.5)
+    before = made.get()["missed"]
+    frames = made.run(0.1)
+    made.stall(stall_us)
+    after = made.run(0.5)
+    lost = made.get()["missed"] - before
+    assert steps(frames) == {1}
+    gap = (numbers(after)[0] - numbers(frames)[-1]) % AROUND
+    assert steps(after) == {1}
+    lost_by_chip = stall_us / (1.02 * EXPOSURE_US)
+    turns = round((lost_by_chip - gap) / AROUND)
+    assert lost == gap - 1 + AROUND * turns
+    assert after[0].flags & DROPPED
+    assert made.get()["fifo"]
+
+
+def test_a_shifted_fifo_is_emptied(stalled):
+    made = stalled()
+    made.run(0.2)
+    del made.chip._fifo[:]
+    made.chip._fifo.append(b"\1\0")  # as after clocks that the chip missed
+    made.run(0.1)
+    assert steps(made.run(0.3)) == {1}
+    assert made.get()["missed"] >= 1
+
+
+class Cut:
+    """A bus on which some transfers from the FIFO fail in the middle."""
+
+    def __init__(self, bus, after):
+        self._bus, self.left, self._after = bus, 0, after
+
+    def __getattr__(self, name):
+        return getattr(self._bus, name)
+
+    def write_read(self, address, data, size):
+        if data == b"\xfe" and self.left:
+            self.left -= 1
+            self._bus.write_read(address, data, self._after)
+            self._bus.refuse()
+        return self._bus.write_read(address, data, size)
+
+
+@pytest.mark.parametrize("after", [2, 5, 12])
+def test_a_transfer_that_fails_in_the_middle_costs_samples_that_are_counted(stalled, after):
+    made = stalled()
+    made.link.bus = cut = Cut(made.link.bus, after)
+    frames = made.run(0.2)
+    for _ in range(10):
+        cut.left = 1
+        frames += made.run(0.1)
+    assert not cut.left
+    gaps = [(b - a) % AROUND for a, b in itertools.pairwise(numbers(frames))]
+    state = made.get()
+    assert max(gaps) <= 3
+    assert state["missed"] == sum(gaps) - len(gaps)
+    assert state["retries"] == 10

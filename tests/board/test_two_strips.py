@@ -1,0 +1,316 @@
+"""Two strips on one board: one loop samples both, and neither waits for the other."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+import spots
+from spots.deploy import staging
+from spots.errors import SpotsError
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.frames import Touch
+from spots.terminal.monitor import watch
+from spots_device.decode import DROPPED
+from spots_device.layout import KEYBOARD, action
+from spots_device.settings import checksum
+from spots_sim.bus import I2CBus, MultiplexedBus
+from spots_sim.files import ScenarioFile, SensorFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Press, Scenario
+from spots_sim.stage import calibrate
+from spots_sim.virtual import start_simulator
+
+SENSOR = load(SensorFile, "default")
+BOARDS = ["virtual", "virtual_circuitpython"]
+_SETTLE_S = 1.0
+
+
+def opened(board="virtual", exposure_us=10_000, **more) -> Board:
+    scenario = Scenario(load(ScenarioFile, "demo"))
+    link = LockstepLink(SENSOR, scenario, 1, board=board, second=(scenario, 2), **more)
+    found = Board(link)
+    for sensor in found.sensors:
+        found.set(exposure_us=exposure_us, sensor=sensor)
+    return found
+
+
+class Plug:
+    """The bus of a strip that can be unplugged and plugged in again."""
+
+    def __init__(self, bus):
+        self._bus, self._there = bus, True
+        self.chip, self.clock, self.lines, self.light = bus.chip, bus.clock, bus.lines, bus.light
+        self.frequency_hz = bus.frequency_hz
+
+    def pull(self):
+        self._there = False
+
+    def push(self):
+        self.chip.power_on(self.clock.now_us())
+        self._there = True
+
+    def write(self, *transfer):
+        self._ask()
+        self._bus.write(*transfer)
+
+    def write_read(self, *transfer):
+        self._ask()
+        return self._bus.write_read(*transfer)
+
+    def read(self, *transfer):
+        self._ask()
+        return self._bus.read(*transfer)
+
+    def _ask(self):
+        if not self._there:
+            self._bus.refuse()
+
+
+@pytest.mark.parametrize("exposure_us", [10_000, 5_000])
+@pytest.mark.parametrize("name", BOARDS)
+def test_both_strips_give_every_sample_at_their_full_rate(name, exposure_us):
+    with opened(name, exposure_us) as board:
+        board.stream("touch")
+        for _ in board.frames(_SETTLE_S):
+            pass
+        seconds = 3.0
+        counts = Counter(touch.sensor for touch in board.touches(seconds))
+        for sensor in board.sensors:
+            assert counts[sensor] == pytest.approx(seconds * 1e6 / exposure_us, abs=2)
+            assert board.command(f"get sensor={sensor}")["missed"] == 0
+        assert board.stats.lost == board.stats.bad_crc == 0
+
+
+def test_strips_of_different_exposures_do_not_wait_for_each_other():
+    with opened() as board:
+        board.set(exposure_us=40_000, sensor=1)
+        board.stream("touch")
+        for _ in board.frames(_SETTLE_S):
+            pass
+        counts = Counter(touch.sensor for touch in board.touches(4.0))
+        assert counts == {0: pytest.approx(400, abs=2), 1: pytest.approx(100, abs=2)}
+        assert [board.command(f"get sensor={i}")["missed"] for i in (0, 1)] == [0, 0]
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_an_unplugged_strip_takes_nothing_from_the_other(name):
+    with opened(name) as board:
+        plug = board._link.second = Plug(board._link.second)
+        board.stream("touch")
+        for _ in board.frames(_SETTLE_S):
+            pass
+        found = []
+        for _ in range(5):
+            plug.pull()
+            found += board.touches(0.25)
+            assert board.command("get sensor=1")["fault"]
+            plug.push()
+            found += board.touches(0.25)
+            assert board.command("get sensor=1")["fault"] is None
+        one = [touch for touch in found if touch.sensor == 0]
+        assert not any(touch.flags & DROPPED for touch in one)
+        assert np.diff([touch.t_us for touch in one]).max() < 15_000
+        state = board.command("get")
+        assert (state["missed"], state["faults"], state["fault"]) == (0, 0, None)
+        assert board.command("get sensor=1")["faults"] == 5
+        faults = [line for line in board.log if line["log"] == "error"]
+        assert [line["sensor"] for line in faults] == [1] * 5
+
+
+def test_each_strip_has_its_own_settings_files_and_calibration(tmp_path):
+    folder = tmp_path / "board"
+    folder.mkdir()
+    with opened(folder=folder) as board:
+        board.set(gain=7, sensor=1)
+        assert board.command("hello")["gain"] == 9
+        assert board.command("hello sensor=1")["gain"] == 7
+        board.command("save")
+        first, second = board.command("hello"), board.command("hello sensor=1")
+        assert (first["sensors"], first["sensor"], second["sensor"]) == (2, 0, 1)
+        assert second["id"] == first["id"] + "-1"
+    assert "gain=9" in (folder / "settings.txt").read_text().split()
+    assert "gain=7" in (folder / "settings1.txt").read_text().split()
+
+
+def test_a_command_for_a_strip_that_is_not_there_is_refused():
+    with opened() as board:
+        with pytest.raises(SpotsError, match="sensor must be one of 0, 1"):
+            board.command("get sensor=2")
+        with pytest.raises(SpotsError, match="sensor must be one of 0, 1"):
+            board.command("set gain=3 sensor=x")
+        assert board.command("get")["gain"] == 9
+    link = LockstepLink(SENSOR, Scenario(load(ScenarioFile, "demo")))
+    with Board(link) as board, pytest.raises(SpotsError, match="this board has one sensor"):
+        board.command("get sensor=1")
+
+
+def test_a_board_for_one_strip_of_two_is_like_a_board_with_one_strip():
+    scenario = Scenario(load(ScenarioFile, "demo"))
+    link = LockstepLink(SENSOR, scenario, 1, second=(scenario, 2))
+    with Board(link, 1) as board:
+        assert board.info["id"].endswith("-1")
+        board.set(gain=6)
+        touches = list(board.touches(0.5))
+        assert {touch.sensor for touch in touches} == {0}
+        assert len(touches) == pytest.approx(50, abs=3)
+        assert link is board._link
+        assert board.command("get")["gain"] == board.info["gain"] == 6
+
+
+def test_the_times_of_both_strips_agree(monkeypatch):
+    """The time of a reading is the middle of its integration, for both strips alike."""
+    ends = {0: [], 1: []}
+    with opened() as board:
+        for sensor, bus in enumerate((board._link.bus, board._link.second)):
+            complete = bus.chip._complete
+
+            def record(end_us, sensor=sensor, complete=complete):
+                ends[sensor].append(end_us)
+                complete(end_us)
+
+            monkeypatch.setattr(bus.chip, "_complete", record)
+        board.stream("touch")
+        for _ in board.frames(_SETTLE_S):
+            pass
+        errors = {0: [], 1: []}
+        for touch in board.touches(5.0):
+            if isinstance(touch, Touch):
+                end_us = touch.t_us + 5_000
+                truth = np.array(ends[touch.sensor][-8:])
+                errors[touch.sensor].append(end_us - truth[np.abs(truth - end_us).argmin()])
+    means = [float(np.mean(errors[sensor])) for sensor in (0, 1)]
+    assert all(math.isfinite(mean) for mean in means)
+    assert abs(means[0] - means[1]) <= 20
+    assert np.ptp(errors[0]) < 600
+    assert np.ptp(errors[1]) < 600
+
+
+def test_a_port_with_the_number_of_a_strip_is_that_strip():
+    start, end = start_simulator("default", "demo", 0, strips=2)
+    try:
+        with spots.open(start["port"] + "#1") as board:
+            assert board.info["id"].endswith("-1")
+            assert {touch.sensor for touch in board.touches(0.3)} == {0}
+        with spots.open(start["port"]) as board:
+            assert {touch.sensor for touch in board.touches(0.3)} == {0, 1}
+        with pytest.raises(SpotsError, match="sensor must be one of 0, 1"):
+            spots.open(start["port"] + "#2")
+    finally:
+        end()
+
+
+def test_the_terminal_prints_the_readings_of_both_strips(capsys):
+    with opened() as board:
+        watch(board, 1.0, quiet=False)
+    lines = capsys.readouterr().out.splitlines()
+    shown = Counter(line[:7] for line in lines)
+    assert shown.keys() == {"strip 0", "strip 1"}
+    assert min(shown.values()) >= 3
+
+
+def test_two_strips_behind_a_multiplexer_share_one_bus(monkeypatch):
+    known = staging.device_of
+
+    def multiplexed(board, strips=1):
+        device = known(board, strips)
+        for channel, sensor in enumerate(device.device["SENSORS"] if strips > 1 else ()):
+            sensor |= {"I2C_ID": 0, "SCL_PIN": 1, "SDA_PIN": 0, "MUX_CHANNEL": channel}
+        return device
+
+    monkeypatch.setattr(staging, "device_of", multiplexed)
+    scenario = Scenario(load(ScenarioFile, "demo"))
+    link = LockstepLink(SENSOR, scenario, 1, second=(scenario, 2))
+    link.bus = MultiplexedBus((link.bus.chip, link.second.chip), link.clock)
+    link.second = I2CBus(None, link.clock)
+    with Board(link) as board:
+        board.set(gain=7, sensor=1)
+        board.stream("touch")
+        for _ in board.frames(_SETTLE_S):
+            pass
+        counts = Counter(touch.sensor for touch in board.touches(2.0))
+        assert counts == {0: pytest.approx(200, abs=2), 1: pytest.approx(200, abs=2)}
+        states = [board.command(f"get sensor={sensor}") for sensor in board.sensors]
+        assert [state["missed"] for state in states] == [0, 0]
+        assert [state["gain"] for state in states] == [9, 7]
+        chips = link.bus._chips
+        assert [chip._main[0xAA] for chip in chips] == [9, 7]
+
+
+class TestKeyboard:
+    """Both strips of a board type on one USB keyboard."""
+
+    @pytest.fixture(params=BOARDS)
+    def start(self, request, tmp_path):
+        def start():
+            self.fingers = [Held(), Held()]
+            first, second = self.fingers
+            link = LockstepLink(
+                SENSOR, first, 1, folder=tmp_path, board=request.param, second=(second, 2)
+            )
+            return Board(link)
+
+        return start
+
+    def press(self, sensor, zone):
+        self.fingers[sensor].press = Press(85 * (zone + 0.5) / 10, 1500, 4.0)
+
+    def lift(self, sensor):
+        self.fingers[sensor].press = None
+
+    @pytest.fixture
+    def board(self, start):
+        lines = calibrate(SENSOR)
+        with start() as board:
+            own = board.info["id"]
+            prepare(board, lines)
+            prepare(board, [line.replace(f"board {own}", f"board {own}-1") for line in lines], 1)
+            halves = enumerate(((0, 500), (500, 1000)))
+            layout = ["layer 0 0"]
+            layout += [
+                f"key {low} {high} {action(KEYBOARD, 4 + i)} 0 0 0 0 0" for i, (low, high) in halves
+            ]
+            board.command("layout begin sensor=1")
+            for line in layout:
+                board.command("layout " + line)
+            board.command("layout end " + checksum(layout))
+            assert "save and reboot" in board.command("keys on sensor=1")["note"]
+            board.command("keys on")
+            board.command("save")
+        with start() as board:
+            self.wait(board, 0.5)
+            yield board
+
+    def wait(self, board, seconds):
+        for _ in board.frames(seconds):
+            pass
+
+    def test_each_strip_types_the_keys_of_its_own_layout(self, board):
+        for sensor, zone in ((0, 0), (1, 2), (0, 9), (1, 7)):
+            self.press(sensor, zone)
+            self.wait(board, 0.2)
+            self.lift(sensor)
+            self.wait(board, 0.2)
+        keys = [data[2] for _, data in board._link.usb.reports]
+        assert keys == [30, 0, 4, 0, 39, 0, 5, 0]
+
+    @pytest.mark.parametrize("lost", [0, 1])
+    def test_a_lost_strip_releases_its_own_key_only(self, board, lost):
+        name = ("bus", "second")[lost]
+        plug = Plug(getattr(board._link, name))
+        setattr(board._link, name, plug)
+        self.press(0, 0)
+        self.wait(board, 0.2)
+        self.press(1, 2)
+        self.wait(board, 0.2)
+        plug.pull()
+        self.wait(board, 0.5)
+        down = [sorted(filter(None, data[2:])) for _, data in board._link.usb.reports]
+        assert down == [[30], [4, 30], [(4, 30)[lost]]]
+        self.lift(1 - lost)
+        self.wait(board, 0.2)
+        assert not any(board._link.usb.reports[-1][1])
