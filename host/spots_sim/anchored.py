@@ -18,6 +18,7 @@ _START_S = 3.0  # a virtual board takes its first dark frames before
 _EVERY_S = 0.05  # between two points of a path
 _APART_MM = 15.0
 _FORCE_MN = 3000.0
+_SIGMA_MM = 3.0  # the applications use no position with a larger uncertainty
 
 
 def sliding(
@@ -40,6 +41,10 @@ def sliding(
     places_mm : tuple of float, optional
         Position of the first finger, and first and last position of the second one, in mm; random
         positions on a strip of 85 mm, at least 15 mm apart, if not given.
+
+    Returns
+    -------
+    ScenarioFile
     """
     rng = random.Random(seed)
     while places_mm is None:
@@ -69,7 +74,7 @@ def sliding(
 
 
 def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
-    """Return errors and uncertainties of the second finger's positions, in mm, without its ends.
+    """Locate the second finger of a scenario in the readings of a virtual board.
 
     Parameters
     ----------
@@ -77,6 +82,11 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
         Scenario of `sliding`.
     seed : int
         Random seed of the noise.
+
+    Returns
+    -------
+    list of tuple
+        For each reading with two contacts: error and uncertainty of the second position, in mm.
     """
     truth = Scenario(file)
     points = file.touch[1].points
@@ -98,11 +108,13 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
 
 
 def summary(found: list[tuple[float, float]]) -> dict:
-    """Return statistics of the values of `followed`; errors in mm."""
-    squares = sorted(error**2 for error, _ in found)
-    shares = [(error / sigma) ** 2 for error, sigma in found]
+    """Return statistics of the values of `followed`; errors in mm, of the located positions."""
+    located = [one for one in found if one[1] <= _SIGMA_MM]
+    squares = sorted(error**2 for error, _ in located)
+    shares = [(error / sigma) ** 2 for error, sigma in located]
     return {
         "readings": len(found),
+        "located_percent": round(100 * len(located) / len(found), 1),
         "rms_mm": round(math.sqrt(sum(squares) / len(squares)), 2),
         "p95_mm": round(math.sqrt(squares[len(squares) * 95 // 100]), 2),
         "rms_of_error_by_sigma": round(math.sqrt(sum(shares) / len(shares)), 2),

@@ -49,7 +49,13 @@ class ContactFinder:
     def contact(
         self, sensor: int, number: int, state: int, x_um: int, sigma_um: int, force_mN: int
     ) -> None:
-        """Handle a contact that `spots_device.fingers.Fingers` sends; see docs/protocol.md."""
+        """Handle a contact that `spots_device.fingers.Fingers` sends.
+
+        Parameters
+        ----------
+        sensor, number, state, x_um, sigma_um, force_mN : int
+            Number of the sensor, and the body of a CONTACT frame; see docs/protocol.md.
+        """
         touch = self._touch
         if touch is not None:
             force = force_mN or math.nan
