@@ -17,6 +17,7 @@ LINES = 0x4C  # SCL (bus) and SDA released (1) or pulled (0), 1; returns the lev
 FEED = 0x44  # timeout of the watchdog in ms, 3 bytes
 HID = 0x48  # USB interface, size of the report or 0 to check for room, 0
 MEMORY = 0x4D  # free heap in bytes, 3 bytes; simulated time only; gets no answer
+BUSY = 0x42  # processor time in us, 3 bytes; simulated time only; gets no answer
 HOST = 0x55  # 0, 0, 0; fails unless a USB host is connected and awake
 LIGHT = 0x4F  # level of the pin that switches the strip's LED (bus), 0, 0
 

@@ -9,6 +9,7 @@ import os
 
 import utime
 from _protocol import (  # the board's other modules take them from here
+    BUSY,
     EAGAIN,  # noqa: F401
     FEED,  # noqa: F401
     HID,  # noqa: F401
@@ -16,7 +17,7 @@ from _protocol import (  # the board's other modules take them from here
     LIGHT,  # noqa: F401
     LINES,
     MEMORY,
-    PERIOD_US,  # noqa: F401
+    PERIOD_US,
     READ,
     READS,
     RECEIVE,  # noqa: F401
@@ -45,6 +46,7 @@ STRIP_LED = const(4)  # a pin, not a wire of the bus
 simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
 _memory_every = int(os.getenv("SPOTS_MEMORY_EVERY"))
 _looks = 0
+_busy_us = 0  # processor time that the simulator does not know yet
 now_us = 0
 
 
@@ -54,6 +56,8 @@ def call(operation, a, b, c, buffer=None):
     `buffer` contains the data to send, or receives the data of the answer.
     """
     global now_us
+    if _busy_us:
+        _report_busy()
     if _memory_every == 1 and operation in (READ, WRITE):
         _report_memory()
     if operation in SENDS:
@@ -94,6 +98,20 @@ def sleep_us(us):
         part = min(us, 0xFFFFFF)
         call(SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
         us -= part
+
+
+def spend_us(us):
+    """Advance the clock by `us` microseconds of processor time; only in simulated time."""
+    global _busy_us, now_us
+    _busy_us += us
+    now_us = now_us + us & (PERIOD_US - 1)
+
+
+def _report_busy():
+    global _busy_us
+    _fill(_header, BUSY, _busy_us & 0xFF, _busy_us >> 8 & 0xFF, _busy_us >> 16)
+    _send(_header, 4)
+    _busy_us = 0
 
 
 def _report_memory():

@@ -19,8 +19,7 @@ _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
 _SKIPPED = const(2)  # passes to skip, because the first passes after a command are late
-_COUNTED = const(16)  # passes in the mean
-_LONGEST_US = const(1 << 24)  # upper limit of one duration: 16 of them fit a small integer
+_LOG2_COUNTED = const(4)  # log2 of the passes in the mean
 
 
 class Meter:
@@ -31,7 +30,8 @@ class Meter:
     Attributes
     ----------
     busy_us : int
-        Mean duration of a pass without its sleep, in us; 0 before the first mean is complete.
+        Duration of a pass in us if the loop is slower than the sensor: then no poll is early, and
+        each pass takes an eighth longer. 0 before the first mean is complete.
     """
 
     def __init__(self):
@@ -40,31 +40,20 @@ class Meter:
 
     def restart(self):
         """Start a new mean; `busy_us` is the previous mean until the new mean is complete."""
-        self._sum_us = 0
+        self._mean_us = 0
         self._passes = -_SKIPPED
 
-    def add(self, lasted_us):
-        """Add the duration of one pass in us; return True once the mean is complete."""
+    def add(self, lasted_us, exposure_us):
+        """Add the duration of one pass without its sleep; return True once the mean is complete."""
         if self._passes >= 0:
-            self._sum_us += min(lasted_us, _LONGEST_US)
+            self._mean_us += lasted_us >> _LOG2_COUNTED
         self._passes += 1
-        if self._passes < _COUNTED:
+        if self._passes < 1 << _LOG2_COUNTED:
             return False
-        self.busy_us = self._sum_us // _COUNTED
+        busy_us = self._mean_us
+        self.busy_us = busy_us if busy_us > exposure_us else busy_us + (busy_us >> 3)
         self.restart()
         return True
-
-    def rate_mHz(self, exposure_us, average):
-        """Return the expected rate of readings in mHz, limited by the sensor or by the loop.
-
-        Parameters
-        ----------
-        exposure_us : int
-            Integration time in us.
-        average : int
-            Samples in a reading.
-        """
-        return 1_000_000_000 // (max(exposure_us, self.busy_us) * average)
 
 
 def _nothing(*_):
@@ -151,6 +140,7 @@ class BoardApp:
             self.strip, self._clock, self.replies, self.apply_calibration, self._sensor_lost
         )
         self._commands = Commands(self)
+        self._sum()
 
     def run(self):
         """Run until the command ``reboot``.
@@ -246,7 +236,7 @@ class BoardApp:
         BoardApp._pass(self)
         if self.reconnect.lost or sensor.complete == complete:
             return
-        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began)):
+        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), sensor.exposure_us):
             del self._pass
 
     def log(self, level, text):
@@ -277,6 +267,7 @@ class BoardApp:
             Note for the user, see `apply_calibration`.
         """
         self.calibration.use(lines)
+        self._sum()
         return self.apply_calibration()
 
     def use_layout(self, lines):
@@ -293,7 +284,12 @@ class BoardApp:
             Note for the user, see `apply_calibration`.
         """
         self.uses.use_layout(lines)
+        self._sum()
         return self.apply_calibration()
+
+    def _sum(self):
+        # Checksums take a Pico 0.2 ms for each line, so a reply to ``hello`` does not compute them.
+        self._sums = checksum(self.calibration.lines), checksum(self.uses.layout_lines)
 
     def apply_calibration(self):
         """Use the calibration if it is valid at the present settings; update keys and gamepad.
@@ -343,11 +339,11 @@ class BoardApp:
         reply["id"] = self._uid
         reply["sensors"] = self.sensors
         calibration = self.strip.decode.calibration
-        reply["calibration"] = checksum(self.calibration.lines) if calibration else None
+        reply["calibration"] = calibration and self._sums[0]
         reply["length_um"] = calibration and calibration.length_um
         reply["decay"] = calibration and calibration.decay
         reply["relative_force"] = calibration and calibration.relative_force
-        reply["layout"] = checksum(self.uses.layout_lines) if self.uses.layout_lines else None
+        reply["layout"] = self._sums[1] if self.uses.layout_lines else None
         return reply
 
     def state(self):
@@ -361,9 +357,9 @@ class BoardApp:
         return reply
 
     def rate_mHz(self):
-        """Return the expected rate of readings at the present settings, in mHz."""
+        """Return the expected rate of readings in mHz, limited by the sensor or by the loop."""
         s = self.settings.values
-        return self.meter.rate_mHz(s["exposure_us"], s["average"])
+        return 1_000_000_000 // (max(s["exposure_us"], self.meter.busy_us) * s["average"])
 
     def release_keys(self):
         """Release all keys, because the readings may stop for a while."""

@@ -423,9 +423,9 @@ def _between(strains, strain_ppm):
     def mix(a, b):
         return a + (((b - a) * share) >> _STRAIN_Q)
 
-    bounds = [mix(a, b) for a, b in zip(bounds_a, bounds_b)]
+    bounds = list(map(mix, bounds_a, bounds_b))
     tables = [
-        [tuple(mix(a, b) for a, b in zip(p, q)) for p, q in zip(table_a, table_b)]
+        [tuple(map(mix, p, q)) for p, q in zip(table_a, table_b)]
         for table_a, table_b in zip(tables_a, tables_b)
     ]
     return bounds, tables

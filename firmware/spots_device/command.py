@@ -174,7 +174,7 @@ class Upload:
         if words[1:] != [checksum(lines)]:
             raise ValueError("the checksum differs: send the %s again" % self._what)
         self._check(lines)
-        return _noted({self._what: checksum(lines)}, self._use(lines))
+        return _noted({self._what: words[1]}, self._use(lines))
 
     def _keep(self, line):
         if not line:

@@ -19,6 +19,7 @@ TWO   DOWN   the first finger lifts, and the position has almost reached the sec
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
 TWO   TWO    the first finger rests, and readings agree on the position of the second finger
              (second.py), even if the light of the first finger is unknown
+TWO   TWO    the second finger slides: the first one rests, and could not cause this by lifting
 TWO   DOWN   one of two known fingers has left: one reading shows which
 TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is now the first
 TWO   UP     no finger touches
@@ -192,10 +193,11 @@ class ContactTracker:
         ``up(t)``: the finger has left.
         ``next(x_um, t)``: the finger has left, and another one touches.
         ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
-        If the strip length is known, also these two methods:
+        If the strip length is known, also these methods:
         ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
         Returns whether the sink uses the second finger.
         ``left(second, t)``: the second finger has left if `second` is true, else the first one.
+        ``moved(x_um, slack_um)``: new estimate of the second finger, while the first one rests.
     """
 
     def __init__(self, sink):
@@ -530,7 +532,12 @@ class ContactTracker:
             and away_um * away_um < s[_STEP_UM] * _REMAINS_UM
         )
         s[_STEP_UM] = away_um
-        if brightness < s[_PEAK] - _EVEN:
+        if brightness < s[_PEAK] - _EVEN and not (
+            s[_SECOND]
+            and not s[_FALLS]
+            and brightness > b_last - _EVEN
+            and self._slides(fits, x_um, brightness)
+        ):
             s[_IS_EVEN] = s[_RISES] = False  # the first finger may be leaving
             if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM and away_um > _REST_UM:
                 s[_FALLS] = _LATE
@@ -593,12 +600,16 @@ class ContactTracker:
         """Update the light of two known fingers; return whether one of them has left."""
         s = self._s
         if s[_IS_EVEN]:
-            if (
-                self._solve(s[_X_UM], s[_B], x_um, brightness, fits)
-                and abs(s[_FOUND_UM] - s[_X_SECOND_UM]) < _NEAR_UM
-            ):
-                s[_X_SECOND_UM] = s[_FOUND_UM]
-                s[_B_SECOND] = s[_FOUND_B]
+            if self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
+                at_um = s[_FOUND_UM]
+                slack_um = s[_FOUND_SLACK_UM]
+                if abs(at_um - s[_X_SECOND_UM]) < _NEAR_UM:
+                    if brightness == s[_PEAK]:
+                        s[_X_SECOND_UM] = at_um
+                        s[_B_SECOND] = s[_FOUND_B]
+                elif not self._slides(fits, x_um, brightness):
+                    return False
+                self.sink.moved(at_um, slack_um)
             return False
         if fits and abs(x_um - s[_X_SECOND_UM]) < _NEAR_UM and (brightness < s[_B_SECOND] + _MORE):
             b = s[_B_SECOND]
@@ -630,6 +641,23 @@ class ContactTracker:
             s[_B_SECOND] = s[_B_GUESS]
         return True
 
+    def _slides(self, fits, x_um, brightness):
+        """Follow the second finger unless the first one may be lifting; return whether it did."""
+        s = self._s
+        if (
+            brightness < s[_PEAK] - (_RISEN >> 1)  # a finger that lifts loses light
+            and self._solve(s[_X_SECOND_UM], s[_B_SECOND], x_um, brightness, fits)
+            and abs(s[_FOUND_UM] - s[_X_UM]) < (s[_FOUND_SLACK_UM] >> 1) + _SAME_UM
+        ) or not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
+            return False
+        if abs(s[_FOUND_UM] - s[_X_SECOND_UM]) > 2 * _APART_UM:
+            return False
+        s[_X_SECOND_UM] = s[_FOUND_UM]
+        s[_B_SECOND] = s[_FOUND_B]
+        s[_PEAK] = brightness
+        s[_IS_EVEN] = True
+        return True
+
     def _find_third(self, fits, x_um, brightness):
         """Estimate a third finger beside the second finger, as if the first finger had left.
 
@@ -658,7 +686,7 @@ class ContactTracker:
         return abs(s[_FOUND_UM] - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate from a reading a finger beside another finger at `x1_um`, see `second.locate`.
+        """Estimate a finger beside another finger at `x1_um` from a reading, see `second.locate`.
 
         Stores the result in the element `_FOUND_UM` of the state and in the next two. Returns
         whether the estimate succeeds with a position on the strip.

@@ -12,9 +12,6 @@ CONFIRMED = 2  # the finger is alone in this reading
 UP = 3  # last frame of the finger
 NEVER_ALONE = 4  # last frame of a finger whose positions were all estimates
 
-_NEAR_UM = 2000
-_SIGMA_MAX_UM = 65_535
-
 
 class _Finger:
     """State of a finger; `pending` is True until its first frame is sent."""
@@ -44,9 +41,9 @@ class Fingers:
         self._second = _Finger()
 
     def attach(self, tracker, sink):
-        """Receive the events of a tracker, and pass them on to `sink`, unless it is None.
+        """Receive the events of a tracker, and pass them on to `sink` unless `sink` is None.
 
-        For a finger that already touches, the first frame is sent when it is alone in a reading.
+        For a finger that already touches, the first frame is sent when this finger is alone.
         """
         self._tracker = tracker
         self._sink = sink
@@ -77,8 +74,10 @@ class Fingers:
             if tracker.two:
                 first.x_um = tracker.x_um
             self._report(first, PROVISIONAL, 0)
-        if self._second.there:
-            self._report(self._second, PROVISIONAL, 0)
+        second = self._second
+        if second.there:
+            self._report(second, PROVISIONAL, 0)
+            self.moved(second.x_um, second.sigma_um + 500)  # until it is located again
 
     def release(self):
         """Send each finger's last frame; an object that still touches is ignored until lifted."""
@@ -112,7 +111,7 @@ class Fingers:
 
     def next(self, x_um, t):
         second = self._second
-        if second.there and abs(x_um - second.x_um) < _NEAR_UM:
+        if second.there and abs(x_um - second.x_um) < 2000:  # it was this finger
             self._swap()
         else:
             self._end(second)
@@ -126,9 +125,13 @@ class Fingers:
         second = self._second
         if not second.there:
             self._begin(second)
-        second.x_um = x_um
-        second.sigma_um = min(slack_um * 3 >> 2, _SIGMA_MAX_UM)
+        self.moved(x_um, slack_um)
         return not self._sink or self._sink.second(x_um, slack_um, t)
+
+    def moved(self, x_um, slack_um):
+        second = self._second
+        second.x_um = x_um
+        second.sigma_um = min(slack_um, 0xFFFF)
 
     def left(self, second, t):
         if second:

@@ -228,6 +228,9 @@ class Keypad:
         self._key(action >> 20, action & 0xFFF, action >> 12 & 0xFF, True)
         return True
 
+    def moved(self, x_um, slack_um):
+        pass
+
     def left(self, second, t):
         """Release a finger's key: the second finger's if `second` is true, else the first one's."""
         if second:
@@ -252,7 +255,8 @@ class Keypad:
 
         `again` is the row of the key that was tapped before, or -1. A quick second tap is less
         accurate: a position up to ``slack_um`` beside this key, but at most a sixteenth of its
-        width, counts as on the key. On another key, only a second tap with a meaning has a slack.
+        width, counts as on the key. A position on another key counts only if the tapped key has
+        a ``hold`` or ``double`` action.
         """
         layout = self._layout
         keys = layout.keys

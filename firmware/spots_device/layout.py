@@ -178,10 +178,10 @@ class Layout:
 
 def _integers(line, count):
     try:
-        values = [int(word) for word in line.split()[1:]]
+        values = list(map(int, line.split()[1:]))
     except ValueError:
         values = []
-    if len(values) != count or any(not 0 <= value < 1 << 24 for value in values):
+    if len(values) != count or min(values) < 0 or max(values) >> 24:
         raise LayoutError("'%s' needs %d whole numbers" % (line, count))
     return values
 

@@ -1,4 +1,4 @@
-"""The application of a board with several strips: one loop samples all of them, none waits.
+"""The application of a board with several strips: one loop samples all, no strip waits.
 
 Only a board whose board.toml has ``SENSORS`` gets this module. Sensor 0 has the files of a board
 with one strip. Each strip has its own settings, calibration, dark frame, layout and commands.
@@ -17,6 +17,7 @@ _RETRY_US = const(100_000)  # time between two starts of a sensor that does not 
 # A strip whose last poll was too early goes first, unless another strip is late by this time: its
 # next poll bounds the time of its sample.
 _PUNCTUAL_US = const(500)
+_MUX_ADDRESS = const(0x70)  # of the I2C multiplexer TCA9548A; one bit of its register a channel
 _PREFIX = "sensor="
 _FOR_ALL = ("save", "reboot")  # commands that concern all strips
 
@@ -33,6 +34,31 @@ class SensorConfig:
     def __init__(self, values):
         for name, value in values.items():
             setattr(self, name, value)
+
+
+class ChannelBus:
+    """A sensor's I2C bus behind a multiplexer TCA9548A; selects the channel before each transfer.
+
+    Parameters
+    ----------
+    bus : object
+        The bus of the board, see `as7341`; its ``write_to(address, buffer)`` writes to any chip.
+    channel : int
+        Channel of the sensor, 0 to 7.
+    """
+
+    def __init__(self, bus, channel):
+        self.recover = bus.recover
+        self._bus = bus
+        self._channel = bytes((1 << channel,))
+
+    def read_into(self, register, buffer):
+        self._bus.write_to(_MUX_ADDRESS, self._channel)
+        self._bus.read_into(register, buffer)
+
+    def write(self, buffer):
+        self._bus.write_to(_MUX_ADDRESS, self._channel)
+        self._bus.write(buffer)
 
 
 class StripClock:
@@ -142,7 +168,10 @@ class StripApp(BoardApp):
         clock = self._clock
         self._clock = StripClock(clock, self)
         self.framer = StripFramer(self.framer)
-        BoardApp._attach(self, open_sensor(config, self._clock), config, None)
+        sensor = open_sensor(config, self._clock)
+        if hasattr(config, "MUX_CHANNEL"):
+            sensor._bus = ChannelBus(sensor._bus, config.MUX_CHANNEL)
+        BoardApp._attach(self, sensor, config, None)
         self._clock = clock
         self.pacing = self._sensor.pacing
         self.remaining_us = self._sensor.remaining_us
@@ -183,7 +212,7 @@ class StripApp(BoardApp):
         self.use_stored()
 
     def lose(self, error):
-        """Record that the sensor does not answer, because of `error`; the other strips go on."""
+        """Record that the sensor does not answer, because of `error`; other strips continue."""
         self.reconnect.lose(error)
         clock = self._clock
         self._again = clock.ticks_add(clock.ticks_us(), _RETRY_US)
@@ -196,7 +225,7 @@ class StripApp(BoardApp):
             if self.reconnect.fault:
                 self.reconnect.sampled()
             self.strip.take()
-            self.meter.add(clock.ticks_diff(clock.ticks_us(), began))
+            self.meter.add(clock.ticks_diff(clock.ticks_us(), began), self._sensor.exposure_us)
 
     def measure(self):
         self.meter.restart()
@@ -275,7 +304,7 @@ class SeveralApp(StripApp):
         StripApp._attach(self, open_sensor, board, usb)
 
     def handle(self, line):
-        """Execute a command with the strip that ``sensor=N`` at its end names, or with sensor 0.
+        """Execute a command on the strip that ``sensor=N`` at the end of `line` names, else on 0.
 
         All lines of an upload belong to the sensor of its first line. The result is that of
         `command.Commands.handle`.

@@ -197,7 +197,7 @@ class Strip:
         elif self._state != _UNKNOWN:
             self._take_blink(sensor)
         if dark.wanted or dark.age_us >= dark.every_us:
-            self._start_blink_if_due(sensor)
+            self._blink_if_due(sensor)
         elif self._mains_hz:
             self._correct_drift(sensor)
 
@@ -293,7 +293,7 @@ class Strip:
         self.baseline.forget()
         self._samples = self._flags = 0
 
-    def _start_blink_if_due(self, sensor):
+    def _blink_if_due(self, sensor):
         # Only a requested dark frame may interrupt an average.
         dark = self._dark
         due = dark.wanted or (not self._samples and (self._idle_us >= _IDLE_US or dark.always))

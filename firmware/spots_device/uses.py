@@ -8,9 +8,6 @@ from .decode import BRIGHTNESS, FLAGS, FORCE_MN, MISFIT, POSITION_UM, TOO_DARK, 
 
 # Name of each USB interface, and the setting that enables it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
-# HID usage pages as in layout.py, which is imported only if a layout is used.
-_KEYBOARD_PAGE = 7
-_CONSUMER_PAGE = 12
 _NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
 
 
@@ -207,7 +204,7 @@ class Uses:
             True for a press, False for a release.
         """
         self._framer.key(self._sensor, page, usage, modifiers, pressed)
-        if page == _KEYBOARD_PAGE:
+        if page == 7:  # layout.KEYBOARD; layout.py is imported only if a layout is used
             if self._keyboard is not None:
                 self._keyboard.key(usage, modifiers, pressed)
         elif self._consumer is not None:
@@ -298,7 +295,7 @@ class Uses:
         names = [name for name, setting in INTERFACES if self._values[setting]]
         if "consumer" in names:
             try:
-                if _CONSUMER_PAGE in self._get_layout().pages:
+                if 12 in self._get_layout().pages:  # layout.CONSUMER
                     return names
             except MemoryError:
                 self._memory_fault = _NO_MEMORY

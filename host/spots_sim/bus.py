@@ -23,9 +23,18 @@ class SimulationClock(Protocol):
 
 @dataclass
 class SimulatedClock:
-    """A clock that advances only by transfers and sleeps."""
+    """A clock that advances only by transfers, sleeps and processor time.
+
+    Attributes
+    ----------
+    time_us : float
+        Present time in us.
+    idle_us : float
+        Part of the time in which the board slept, in us.
+    """
 
     time_us: float = 0.0
+    idle_us: float = 0.0
 
     def now_us(self) -> float:
         return self.time_us
@@ -33,7 +42,9 @@ class SimulatedClock:
     def spend_us(self, duration_us: float) -> None:
         self.time_us += duration_us
 
-    pause_us = spend_us
+    def pause_us(self, duration_us: float) -> None:
+        self.time_us += duration_us
+        self.idle_us += duration_us
 
 
 class RealClock:
@@ -71,6 +82,9 @@ class BusCost:
     bus_us: float = 0.0
 
 
+MULTIPLEXER = 0x70  # address of a TCA9548A whose address pins are low
+
+
 @dataclass
 class I2CBus:
     """A simulated I2C controller: 9 clocks for a byte, 1 for START, STOP or repeated START.
@@ -85,12 +99,15 @@ class I2CBus:
         Frequency of the bus in Hz.
     ledger : BusCost
         Cost of all transfers so far.
+    call_us : float
+        Processor time of each transfer in us, in addition to its bits.
     """
 
     chip: object
     clock: SimulationClock
     frequency_hz: int = 400_000
     ledger: BusCost = field(default_factory=BusCost)
+    call_us: float = 0.0
 
     def write(self, address: int, data: bytes) -> None:
         """Send START, address, data, STOP.
@@ -214,4 +231,37 @@ class I2CBus:
         duration_us = self._bits_us(bits + 9 * count)
         self.ledger.wire_bytes += count
         self.ledger.bus_us += duration_us
-        self.clock.spend_us(duration_us)
+        self.clock.spend_us(duration_us + self.call_us)
+
+
+class MultiplexedBus(I2CBus):
+    """An `I2CBus` with a multiplexer TCA9548A, which connects the chip of one channel at a time.
+
+    Its only register has one bit for each channel. All bits are 0 after power-on.
+
+    Parameters
+    ----------
+    chips : sequence of chip.AS7341
+        Chip of each channel, from channel 0 on.
+    clock : SimulationClock
+        Clock that each transfer advances.
+    """
+
+    def __init__(self, chips, clock: SimulationClock):
+        super().__init__(chips[0], clock)
+        self._chips = tuple(chips)
+        self._connected = 0
+
+    def write(self, address: int, data: bytes) -> None:
+        if address == MULTIPLEXER:
+            self._spend(2, 1 + len(data))
+            self._connected = data[-1]
+            if self._connected & self._connected - 1 == 0 < self._connected:
+                self.chip = self._chips[self._connected.bit_length() - 1]
+        else:
+            super().write(address, data)
+
+    def _address(self, address: int) -> None:
+        if self._connected & self._connected - 1 or not self._connected:
+            self.refuse()  # both chips have the same address, or none is connected
+        super()._address(address)

@@ -56,6 +56,9 @@ def demo(parser: Parser):
         "--rezero", action="store_true", help="re-zero the strip after its change; with --fast"
     )
     parser.add_argument("--warm", action="store_true", help="start with a warm LED; with --fast")
+    parser.add_argument(
+        "--cpu", metavar="NAME", help="a processor as slow as pico or pico-xip50; with --fast"
+    )
     parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
 
@@ -184,6 +187,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
         options.layout,
         options.rezero,
         options.warm,
+        options.cpu,
     )
     if options.json:
         print(json.dumps(summary))
@@ -200,10 +204,12 @@ def _check(options: argparse.Namespace) -> None:
         raise SpotsError(
             "--page always runs in real time until Ctrl-C: leave out --seconds, --json and --fast"
         )
-    if (options.rezero or options.warm) and (not options.fast or options.use == FIVEBAR):
+    if (options.rezero or options.warm or options.cpu) and (
+        not options.fast or options.use == FIVEBAR
+    ):
         raise SpotsError(
-            "--rezero and --warm need simulated time and one strip: add --fast, and leave out "
-            "--use fivebar"
+            "--rezero, --warm and --cpu need simulated time and one strip: add --fast, and leave "
+            "out --use fivebar"
         )
     if options.use == FIVEBAR and options.scenario:
         raise SpotsError("--use fivebar has a fixed scenario: leave out --scenario")

@@ -13,6 +13,7 @@ import itertools
 import os
 import pkgutil
 import platform
+import runpy
 import sys
 import tempfile
 import threading
@@ -23,15 +24,17 @@ from types import ModuleType, SimpleNamespace
 from typing import Protocol
 
 import spots_device
-from spots.deploy.staging import VIPER, device_of
+from spots.deploy.staging import BOARDS, VIPER, device_of
 from spots_device.runtime.common import ADDRESS, AFTER_CRASH_MS, CRASH_CHARACTERS, free_bus
 
 from .bus import I2CBus
+from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .protocol import protocol
 from .usb import UsbHost
 
 _TICKS = protocol.PERIOD_US
+_slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
 _MODULES = "app", "as7341", "several"
 
 _numbers = itertools.count()
@@ -82,6 +85,8 @@ class CPythonBoard:
     folder : Path, optional
         File system for settings and calibration. By default a temporary folder, which `close`
         removes.
+    cpu : cpu.Cpu, optional
+        Processor time of the firmware, on a simulated clock.
     second : bus.I2CBus, optional
         Second I2C bus, of a board with two strips.
     """
@@ -94,6 +99,7 @@ class CPythonBoard:
         port: BoardPort,
         faults: BoardFaults | None = None,
         folder: Path | None = None,
+        cpu: Cpu | None = None,
         second: I2CBus | FaultyBus | None = None,
     ):
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
@@ -102,6 +108,7 @@ class CPythonBoard:
         self._config = SimpleNamespace(**device_of("virtual", 2 if second else 1).device)
         self._id, self._usb = board_id, usb
         self._port = port
+        self._cpu = cpu
         self._requests = _Requests(bus, faults)
         self._package = ""
         try:
@@ -149,6 +156,8 @@ class CPythonBoard:
     def _boot(self) -> None:
         self._unload()
         self._package = _load(self._folder)
+        if self._cpu:
+            _slow_down(self._package, self._cpu.times_us(), self._requests.spend_us)
         modules = {name: sys.modules[f"{self._package}.{name}"] for name in _MODULES}
         clock = self._requests
 
@@ -246,9 +255,12 @@ class _Requests:
     def sleep_us(self, us: int) -> None:
         self.ask(self.bus.clock.pause_us, us / self._rate)
 
+    def spend_us(self, us: int) -> None:
+        self.bus.clock.spend_us(us / self._rate)
+
 
 class _SecondBus:
-    """Handles requests for the board's second bus, as `_Requests` does for its first one."""
+    """Handles requests for the board's second bus, as `_Requests` does for the first bus."""
 
     def __init__(self, board: CPythonBoard, requests: _Requests):
         self._board, self.ask = board, requests.ask
@@ -273,7 +285,10 @@ class _Sensor:
         buffer[:] = r.ask(r.bus.write_read, ADDRESS, bytes((register,)), len(buffer))
 
     def write(self, buffer) -> None:
-        self._requests.ask(self._requests.bus.write, ADDRESS, bytes(buffer))
+        self.write_to(ADDRESS, buffer)
+
+    def write_to(self, address: int, buffer) -> None:
+        self._requests.ask(self._requests.bus.write, address, bytes(buffer))
 
     def recover(self) -> None:
         """Free the bus without waits, because simulated wires need no minimum pulse width."""
@@ -329,13 +344,15 @@ class InProcessBoard(CPythonBoard):
     free_bytes = None
     _ROOM = 1 << 16  # size of the buffer for each direction, in bytes
 
-    def __init__(self, board_id: str, bus, usb: UsbHost, faults=None, folder=None, second=None):
+    def __init__(
+        self, board_id: str, bus, usb: UsbHost, faults=None, folder=None, cpu=None, second=None
+    ):
         self._to_board, self._to_host = bytearray(), bytearray()
         port = SimpleNamespace(
             receive=lambda: _take(self._to_board),
             send=lambda data: _put(self._to_host, data, self._ROOM),
         )
-        super().__init__(board_id, bus, usb, port, faults, folder, second)
+        super().__init__(board_id, bus, usb, port, faults, folder, cpu, second)
 
     def received(self) -> bytes:
         """Return all bytes that the board has sent since the last call."""

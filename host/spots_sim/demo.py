@@ -45,6 +45,7 @@ def demo(
     layout: str | None = None,
     rezeroed: bool = False,
     warm: bool = False,
+    cpu: str | None = None,
 ) -> dict:
     """Run the virtual board, show its readings, and return the results of the run.
 
@@ -71,6 +72,8 @@ def demo(
         `fast`.
     warm : bool, optional
         Whether the LED is warm at the start. Needs `fast`.
+    cpu : str, optional
+        Name of a processor, see `cpu.Cpu`. Needs `fast`.
 
     Returns
     -------
@@ -94,7 +97,8 @@ def demo(
     file = load(ScenarioFile, scenario)
     truth = Scenario(file)
     if fast:
-        board, digest = open_fast(sensor, truth, seed, of_scenario(file, seed), rezeroed, warm)
+        faults = of_scenario(file, seed)
+        board, digest = open_fast(sensor, truth, seed, faults, rezeroed, warm, cpu=cpu)
         started_s = 0.0
     else:
         (board, started_s), digest = open_virtual(sensor, scenario, seed), None
@@ -172,6 +176,7 @@ def open_fast(
     rezeroed: bool = False,
     warm: bool = False,
     lines: tuple[str, ...] | None = None,
+    cpu: str | None = None,
 ) -> tuple[Board, hashlib._Hash]:
     """Open a calibrated virtual board in simulated time, and hash all bytes that the board sends.
 
@@ -191,6 +196,8 @@ def open_fast(
         Whether the LED is warm at the start.
     lines : tuple of str, optional
         Lines of the calibration to use; by default, the sensor is calibrated.
+    cpu : str, optional
+        Name of a processor, see `cpu.Cpu`.
 
     Returns
     -------
@@ -206,7 +213,7 @@ def open_fast(
     """
     file = load(SensorFile, sensor)
     calibration = lines or (recalibrated(file) if rezeroed else calibrate(file))
-    bare = LockstepLink(file, truth, seed, faults=faults, warm=warm)
+    bare = LockstepLink(file, truth, seed, faults=faults, warm=warm, cpu=cpu)
     digest = hashlib.sha256()
     link = FaultyLink(bare, faults) if faults else bare
     board = Board(Tap(link, lambda data, now_s: digest.update(data)))

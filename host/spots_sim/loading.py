@@ -49,7 +49,7 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     seed : int
         Random seed of the noise.
     led : str
-        LED settings as assignments for ``set``, if the LED is not the usual one.
+        LED settings as assignments for ``set``, if the LED is not on LDR.
 
     Returns
     -------

@@ -12,6 +12,7 @@ from spots.errors import SpotsError
 from spots.link.serial_link import WRITE_TIMEOUT_S, takes_nothing
 
 from .bus import I2CBus, SimulatedClock
+from .cpu import load as load_cpu
 from .cpython_board import InProcessBoard
 from .faults import BoardFaults, Faults, FaultyBus
 from .files import SensorFile
@@ -47,8 +48,11 @@ class LockstepLink:
         of free heap bytes at each transfer, which doubles the run time.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
+    cpu : str, optional
+        Name of a processor, see `cpu.load`: the firmware is as slow as on that board. Without it,
+        only transfers and sleeps take time.
     second : tuple, optional
-        Scenario and seed of a second strip on this board, whose sensor is like the first one.
+        Scenario and seed of a second strip on this board; its sensor is like that of the first.
 
     Attributes
     ----------
@@ -69,11 +73,17 @@ class LockstepLink:
         faults: Faults | None = None,
         busy_us: Callable[[int], float] | float | None = None,
         warm: bool = False,
+        cpu: str | None = None,
         second: tuple | None = None,
     ):
+        if cpu and second:
+            raise SpotsError(
+                "the processor times are those of one strip: leave out 'second' or 'cpu'"
+            )
+        slow = load_cpu(cpu, board) if cpu else None
         self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed, warm)
-        bus = I2CBus(self.chip, self.clock)
+        bus = I2CBus(self.chip, self.clock, call_us=slow.transfer_us() if slow else 0.0)
         if faults:
             bus = FaultyBus(bus, faults)
         board_faults = BoardFaults(faults) if faults else None
@@ -82,9 +92,9 @@ class LockstepLink:
         parts = board_id(sensor), bus, self.usb, board_faults, folder
         self._is_open = True
         self._board = (
-            InProcessBoard(*parts, second=other)
+            InProcessBoard(*parts, slow, other)
             if is_cpython(board)
-            else PipedBoard(*parts, board, busy_us, other)
+            else PipedBoard(*parts, board, busy_us, slow, other)
         )
 
     @property

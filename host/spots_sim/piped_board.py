@@ -13,6 +13,7 @@ from spots.errors import SpotsError
 
 from . import server
 from .bus import I2CBus
+from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .usb import UsbHost
 from .vm import MicroPythonProcess
@@ -40,6 +41,8 @@ class PipedBoard:
         Name of the virtual board, see `vm.MicroPythonProcess`.
     busy_us : callable, float or None
         Processor time of a loop pass, see `lockstep.LockstepLink`.
+    cpu : cpu.Cpu or None
+        Processor time of the firmware's functions.
     second : bus.I2CBus, optional
         Second I2C bus, of a board with two strips.
 
@@ -62,9 +65,11 @@ class PipedBoard:
         folder: Path | None,
         board: str,
         busy_us: Callable[[int], float] | float | None,
+        cpu: Cpu | None = None,
         second: I2CBus | FaultyBus | None = None,
     ):
         self.bus, self._usb, self._faults = bus, usb, faults
+        self._rate = faults.rate if faults else 1.0
         self.second = second
         self.busy_us = busy_us
         self.free_bytes: int | None = None
@@ -89,6 +94,7 @@ class PipedBoard:
             board,
             data=data,
             reports_memory=callable(busy_us),
+            cpu=cpu,
             strips=2 if second else 1,
         )
         self._pending = self._next_request()
@@ -116,9 +122,8 @@ class PipedBoard:
                 busy_us = self.busy_us
                 lasted_us = busy_us(self.free_bytes) if callable(busy_us) else busy_us
                 self.bus.clock.spend_us(passes * lasted_us)
-            rate = self._faults.rate if self._faults else 1.0
             answers = self._machine.answers
-            server.answer(self._pending, self.bus, self._usb, answers, rate, self.second)
+            server.answer(self._pending, self.bus, self._usb, answers, self._rate, self.second)
         else:
             self._brown_out(off_us)
         self._pending = self._next_request()
@@ -141,8 +146,7 @@ class PipedBoard:
     def _next_request(self) -> bytes:
         for _ in range(3):
             request = self._request()
-            while request and (free_bytes := server.reported_free_bytes(request)) is not None:
-                self.free_bytes = free_bytes
+            while request and self._is_report(request):
                 request = self._request()
             if request is None:
                 self._machine.ended(self.received())
@@ -150,6 +154,16 @@ class PipedBoard:
                 return request
             self._machine.boot()
         raise SpotsError("the virtual board reboots at each start: check main.py and its output")
+
+    def _is_report(self, request: bytes) -> bool:
+        """Process a report of the board; return False for a request, which needs an answer."""
+        if (free_bytes := server.reported_free_bytes(request)) is not None:
+            self.free_bytes = free_bytes
+        elif (busy_us := server.busy_us(request)) is not None:
+            self.bus.clock.spend_us(busy_us / self._rate)
+        else:
+            return False
+        return True
 
     def _request(self) -> bytes | None:
         deadline_s = time.monotonic() + _HANGS_S

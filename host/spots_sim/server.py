@@ -47,6 +47,14 @@ def reported_free_bytes(request: bytes) -> int | None:
     return _number(request) if request[0] == protocol.MEMORY else None
 
 
+def busy_us(request: bytes) -> int | None:
+    """Return the processor time in us that a report contains; None for other requests.
+
+    Such a report gets no answer.
+    """
+    return _number(request) if request[0] == protocol.BUSY else None
+
+
 def fed_for_us(request: bytes) -> int | None:
     """Return the watchdog's timeout in us for a request that feeds the watchdog; otherwise None."""
     return 1000 * _number(request) if request[0] == protocol.FEED else None
@@ -93,7 +101,7 @@ def answer(
     try:
         match request[0]:
             case protocol.SLEEP:
-                bus.clock.spend_us(_number(request) / rate)
+                bus.clock.pause_us(_number(request) / rate)
             case protocol.SPEED:
                 bus.frequency_hz = 1000 * int.from_bytes(request[1:3], "little")
             case protocol.READ:

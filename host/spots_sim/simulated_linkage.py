@@ -280,7 +280,7 @@ def start_s(sensor: SensorFile) -> float:
 
 
 def moved(strip: CalibrationFile, number: int) -> CalibrationFile:
-    """Return the calibration of a strip as another strip of its board.
+    """Return a strip's calibration, changed to another strip of the same board.
 
     Parameters
     ----------

@@ -249,7 +249,7 @@ def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None
 
 
 def led_settings(sensor: SensorFile) -> str:
-    """Return the LED settings that `calibrate` used, for ``set``; empty for the usual LED."""
+    """Return the LED settings that `calibrate` used, for ``set``; empty for an LED on LDR."""
     return "" if sensor.led.wired == "ldr" else _calibrated(sensor)[1]
 
 

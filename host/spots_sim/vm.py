@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import json
 import os
 import shutil
 import subprocess
@@ -13,6 +14,8 @@ from pathlib import Path
 
 from spots.deploy.staging import BOARDS, stage
 from spots.errors import SpotsError
+
+from .cpu import Cpu
 
 # Heap of a program on an RP2040, doubled for the 64-bit words of the unix port.
 HEAP_BYTES = 384 * 1024
@@ -24,6 +27,8 @@ _COMMON = BOARDS / "_virtual"
 # every exit path of this process.
 _KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
 _EXIT_S = 10.0  # time for MicroPython to end after it has closed its pipes
+# Runs the main file with the processor time of a slow board.
+_SLOW = _COMMON / "_slow.py"
 # Performs the steps of CircuitPython after a reset; on a real board they are built in.
 _CIRCUITPYTHON = "_circuitpython.py"
 
@@ -75,6 +80,8 @@ class MicroPythonProcess:
         Seconds that the board's clock counts in one true second.
     reports_memory : bool
         True if the board must report its free memory before every sleep and transfer.
+    cpu : cpu.Cpu, optional
+        Processor time of the firmware; only in simulated time, and not on CircuitPython.
     strips : int
         Number of strips on the board.
     """
@@ -92,6 +99,7 @@ class MicroPythonProcess:
         data: tuple[int, int] | None = None,
         rate: float = 1.0,
         reports_memory: bool = False,
+        cpu: Cpu | None = None,
         strips: int = 1,
     ):
         self._command = micropython_command()
@@ -111,6 +119,9 @@ class MicroPythonProcess:
             # "held" simulates a pressed button.
             "SPOTS_BUTTON": os.environ.get("SPOTS_BUTTON", ""),
         }
+        if cpu:
+            self._entry = _SLOW
+            self._environment["SPOTS_CPU"] = json.dumps(cpu.times_us())
         self._data = data or ()
         if data:
             self._environment |= dict(zip(("SPOTS_DATA_IN", "SPOTS_DATA_OUT"), map(str, data)))

@@ -1,19 +1,20 @@
 """Contacts: a frame for each finger and reading, from a virtual board with two fingers."""
 
 import math
+import random
 from itertools import groupby
+from statistics import fmean
 from types import SimpleNamespace
 
 import pytest
 
 from spots.errors import SpotsError
+from spots.link.contact_finder import ContactFinder
 from spots.link.frames import Contact, Key, Touch
-from spots_device.contact import ContactTracker
-from spots_device.decode import BRIGHTNESS, FORCE_MN, MISFIT, POSITION_UM, TOUCHING
-from spots_device.fingers import CONFIRMED, DOWN, NEVER_ALONE, PROVISIONAL, UP, Fingers
-from spots_device.layout import Layout, default_lines
+from spots_device.decode import LED_OFF, MISFIT, TOUCHING
+from spots_device.fingers import CONFIRMED, DOWN, NEVER_ALONE, PROVISIONAL, UP
 from spots_sim.demo import open_fast
-from spots_sim.files import Finger, ScenarioFile
+from spots_sim.files import Ambient, Finger, ScenarioFile
 from spots_sim.scenario import Scenario
 
 LENGTH_UM = 85_000
@@ -85,6 +86,46 @@ def test_a_finger_beside_a_resting_one_was_never_alone(played):
     assert abs(found[2][-1].position_um / 1000 - 62) < 3
 
 
+def sliding(x1_mm, from_mm, to_mm, mm_per_s, wobble=0.0, seed=0):
+    """Return a finger that rests at `x1_mm`, and one that slides beside it; forces may wobble."""
+    rng = random.Random(seed)
+    ends_s = 0.5 + abs(to_mm - from_mm) / mm_per_s
+
+    def path(begins_s, ends_s, at_mm, wobble):
+        inner = range(round(20 * begins_s) + 1, round(20 * ends_s))
+        points = [(i / 20, at_mm(i / 20), 3000 * (1 + rng.uniform(-wobble, wobble))) for i in inner]
+        ramps = [(begins_s, at_mm(begins_s), 0), (ends_s, at_mm(ends_s), 0)]
+        return Finger(points=[(3 + t, x, f) for t, x, f in [ramps[0], *points, ramps[1]]])
+
+    def at_mm(time_s):
+        share = (time_s - 0.5) * mm_per_s / abs(to_mm - from_mm)
+        return from_mm + min(max(share, 0.0), 1.0) * (to_mm - from_mm)
+
+    first = path(0.0, ends_s + 0.4, lambda _: x1_mm, wobble / 10)
+    return first, path(0.3, ends_s + 0.2, at_mm, wobble), lambda t: at_mm(t - 3.0)
+
+
+SLIDES = (12, 70, 35), (30, 50, 75), (60, 15, 45), (60, 40, 15), (75, 50, 20), (45, 20, 5)
+
+
+@pytest.mark.parametrize(("mm_per_s", "wobble"), [(20, 0.0), (50, 0.1), (100, 0.1)])
+def test_a_second_finger_is_followed_while_the_first_one_rests(played, mm_per_s, wobble):
+    off, shares = [], []
+    for seed, (x1_mm, from_mm, to_mm) in enumerate(SLIDES):
+        first, second, at_mm = sliding(x1_mm, from_mm, to_mm, mm_per_s, wobble, seed)
+        _, frames = played(first, second)
+        found = contacts(frames)
+        assert len(found) == 2
+        assert states(found[1])[-3:] == [CONFIRMED, PROVISIONAL, UP]  # it was there to the end
+        both = [c for c in found[2] if c.state == PROVISIONAL and c.time_s < second.points[-2][0]]
+        errors_mm = [c.position_um / 1000 - at_mm(c.time_s) for c in both]
+        off += errors_mm
+        shares += [error * 1000 / c.sigma_um for error, c in zip(errors_mm, both)]
+    assert max(map(abs, off)) < 3
+    assert math.sqrt(fmean(x * x for x in off)) < 0.5
+    assert math.sqrt(fmean(x * x for x in shares)) < 1
+
+
 def test_a_force_is_known_only_of_a_finger_alone(played):
     _, frames = played(*ROLLED)
     for one in contacts(frames).values():
@@ -114,26 +155,48 @@ def test_no_key_is_typed_without_keys(played):
 @pytest.mark.parametrize("fingers", [ROLLED, RESTED])
 def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
     _, frames = played(*fingers)
-    made = []
-    tracker = ContactTracker(None)
-    tracker.set_layout(Layout(default_lines()), LENGTH_UM, 289)
-    here = Fingers(SimpleNamespace(contact=lambda *values: made.append(values)))
-    here.attach(tracker, None)
-    for frame in frames:
-        if isinstance(frame, Touch):
-            place_um, force_mN = (
-                0 if math.isnan(value) else value for value in (frame.position_um, frame.force_mN)
-            )
-            reading = {POSITION_UM: place_um, FORCE_MN: force_mN, BRIGHTNESS: frame.brightness_q20}
-            flags, t = frame.flags, frame.t_us >> 10
-            tracker.take(flags, place_um, force_mN, frame.brightness_q20, t)
-            here.send(0, reading)
-    there = [
-        (0, *frame[3:7], 0 if math.isnan(frame.force_mN) else frame.force_mN)
-        for frame in frames
-        if isinstance(frame, Contact)
-    ]
-    assert there == made != []
+    finder = ContactFinder(LENGTH_UM, 289)
+    made = [one for frame in frames if isinstance(frame, Touch) for one in finder.take(frame)]
+    there = [frame for frame in frames if isinstance(frame, Contact)]
+    assert [repr(one[2:]) for one in there] == [repr(one[2:]) for one in made] != []
+
+
+@pytest.mark.parametrize(("fingers", "ends"), [(ROLLED, [4, 8]), (RESTED, [8, 4])])
+def test_contacts_and_keys_do_not_change_while_the_led_is_off(played, fingers, ends):
+    # Dark frames while one finger touches, while two touch, and at other times.
+    _, frames = played(*fingers, command="set keys=1 dark_every=100")
+    dark = {frame.t_us for frame in frames if isinstance(frame, Touch) and frame.flags & LED_OFF}
+    assert len(dark) >= 6
+    found = contacts(frames)
+    assert list(found) == [1, 2]
+    frozen = 0
+    for one in found.values():
+        for before, contact in zip(one, one[1:]):
+            if contact.t_us in dark:
+                assert contact.state == PROVISIONAL
+                assert contact.position_um == before.position_um
+                frozen += 1
+    assert frozen >= 6
+    keys = [(frame.usage - 29, frame.pressed) for frame in frames if isinstance(frame, Key)]
+    assert keys == [(4, True), (8, True), *((key, False) for key in ends)]
+
+
+def test_a_new_dark_frame_ends_the_doubt_about_a_second_finger(rig, calibration):
+    made = rig(calibration=calibration)
+    stream = made.board.contacts(10.0)
+    made.settle(2.5)
+    made.press(42.5, 4000)
+    made.settle()
+    steps = [(0.0, 3.0)]
+    lamp = Scenario(ScenarioFile(seconds=1e6, ambient=Ambient(steps=steps)))
+    made.held.ambient_uW_cm2 = lamp.ambient_uW_cm2
+    made.settle(4.0)
+    seen = list(unread(stream))
+    assert {contact.id for contact in seen} == {1}
+    assert states(seen) == [DOWN, CONFIRMED, PROVISIONAL, CONFIRMED]
+    # Two fingers look like ambient light, so the dark frame comes late.
+    assert sum(contact.state == PROVISIONAL for contact in seen) < 300
+    assert abs(seen[-1].position_um / 1000 - 42.5) < 0.5
 
 
 def test_a_new_setting_ends_a_finger_that_is_down(rig, calibration):

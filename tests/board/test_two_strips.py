@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 import spots
+from spots.deploy import staging
 from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
+from spots.terminal.monitor import watch
 from spots_device.decode import DROPPED
 from spots_device.layout import KEYBOARD, action
 from spots_device.settings import checksum
+from spots_sim.bus import I2CBus, MultiplexedBus
 from spots_sim.files import ScenarioFile, SensorFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press, Scenario
@@ -199,6 +202,43 @@ def test_a_port_with_the_number_of_a_strip_is_that_strip():
             spots.open(start["port"] + "#2")
     finally:
         end()
+
+
+def test_the_terminal_prints_the_readings_of_both_strips(capsys):
+    with opened() as board:
+        watch(board, 1.0, quiet=False)
+    lines = capsys.readouterr().out.splitlines()
+    shown = Counter(line[:7] for line in lines)
+    assert shown.keys() == {"strip 0", "strip 1"}
+    assert min(shown.values()) >= 3
+
+
+def test_two_strips_behind_a_multiplexer_share_one_bus(monkeypatch):
+    known = staging.device_of
+
+    def multiplexed(board, strips=1):
+        device = known(board, strips)
+        for channel, sensor in enumerate(device.device["SENSORS"] if strips > 1 else ()):
+            sensor |= {"I2C_ID": 0, "SCL_PIN": 1, "SDA_PIN": 0, "MUX_CHANNEL": channel}
+        return device
+
+    monkeypatch.setattr(staging, "device_of", multiplexed)
+    scenario = Scenario(load(ScenarioFile, "demo"))
+    link = LockstepLink(SENSOR, scenario, 1, second=(scenario, 2))
+    link.bus = MultiplexedBus((link.bus.chip, link.second.chip), link.clock)
+    link.second = I2CBus(None, link.clock)
+    with Board(link) as board:
+        board.set(gain=7, sensor=1)
+        board.stream("touch")
+        for _ in board.frames(_SETTLE_S):
+            pass
+        counts = Counter(touch.sensor for touch in board.touches(2.0))
+        assert counts == {0: pytest.approx(200, abs=2), 1: pytest.approx(200, abs=2)}
+        states = [board.command(f"get sensor={sensor}") for sensor in board.sensors]
+        assert [state["missed"] for state in states] == [0, 0]
+        assert [state["gain"] for state in states] == [9, 7]
+        chips = link.bus._chips
+        assert [chip._main[0xAA] for chip in chips] == [9, 7]
 
 
 class TestKeyboard:

@@ -64,7 +64,7 @@ def test_pre_stretching_is_advised_once_where_the_strip_softens(sensor, tmp_path
     room, _, _ = fine(strip(sensor, "spectrum", 0.0), tmp_path / "a.jsonl", Habits())
     said = room.getvalue()
     assert said.count("firm presses have softened the strip") == 1
-    assert "press it everywhere with 10 N (1 kg) some times" in said
+    assert "press it everywhere with 10 N (1 kg) several times" in said
 
 
 class Lifting(Room):
@@ -111,4 +111,20 @@ def test_an_early_session_without_these_presses_still_gives_a_calibration(sensor
             session.remove(p)
             session.add(structs.replace(p, then_mN=0.0, hold_s=0.0, trace=(), holds=()))
     _, made, _ = fine(strip(sensor, "spectrum"), path, Habits(), count=20)
+    assert silicone_lines(made) == []
+
+
+def test_a_board_that_cannot_compensate_gets_no_line_and_no_such_presses(sensor, tmp_path):
+    with Stage(strip(sensor, "spectrum"), seed=1) as stage:
+        room, reader = Room(stage, Habits(slips=0), 1), stage.reader
+        reader.info = {k: v for k, v in reader.info.items() if k != "mains_hz"}
+        set_up = reader.set_up
+
+        def older(*arguments, **options):
+            set_up(*arguments, **options)
+            del reader.info["mains_hz"]
+
+        reader.set_up = older
+        made = calibrate(room, tmp_path / "a.jsonl", "fine", 20)
+    assert "without lifting" not in room.getvalue()
     assert silicone_lines(made) == []

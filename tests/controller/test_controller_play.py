@@ -18,7 +18,10 @@ from rich.console import Console
 from spots import SpotsError, cli
 from spots.controller import controller as play
 from spots.controller import controller_setup
+from spots.controller.controller_settings import Anchored
 from spots.controller.controller_settings import load as load_settings
+from spots.controller.gamepad_engine import axis_value, span
+from spots.controller.shaping import deflection
 from spots.controller.stick import picture
 from spots.link.board import Board
 from spots.link.connect import prepare
@@ -28,8 +31,9 @@ from spots.outputs.uinput import UInputGamepad
 from spots.terminal import view
 from spots_device.decode import TOO_DARK, TOUCHING
 from spots_sim import demo, demo_applications, virtual
+from spots_sim.anchored import sliding
 from spots_sim.controller_score import ControllerScore
-from spots_sim.files import ScenarioFile, load
+from spots_sim.files import Finger, ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press, Scenario
 
@@ -517,3 +521,74 @@ def test_the_picture_tells_values_buttons_doubt_and_facts():
         assert part in text
     assert " 4 " not in text
     assert "untrusted" not in drawn(REST)
+
+
+# A resting thumb as modifier, and a second finger as axis.
+
+ANCHOR = Anchored(number=5, to_percent=25)
+
+
+def anchored_states(rig, *fingers):
+    """Play fingers on a strip whose part near the sensor is an anchor; return (time, state)."""
+    made = rig(Scenario(ScenarioFile(seconds=8.0, touch=list(fingers))))
+    settings = msgspec.structs.replace(made.settings, button=[*made.settings.button, ANCHOR])
+    made.controller = play.controller_for(made.board, settings)
+    made.play(demo_applications.NoGamepad(), 6.5)
+    return made.states
+
+
+def test_a_second_finger_moves_the_axis_while_a_thumb_rests(rig):
+    file = sliding(50, 3, places_mm=(8.0, 30.0, 75.0))
+    second = file.touch[1].points
+    states = anchored_states(rig, *file.touch)
+    pressed = [(time_s, state) for time_s, state in states if state.buttons]
+    assert {state.buttons for _, state in pressed} == {1 << 4}
+    alone = [s for t, s in pressed if t < second[0][0] or t > second[-1][0] + 0.15]
+    assert alone
+    assert {(state.x, state.z) for state in alone} == {(0, 0)}
+    late = [(t, s) for t, s in pressed if second[3][0] < t < second[-3][0]]
+    truth = Scenario(file)
+    _, rest, low, high = span(load_settings().x, LENGTH_UM)
+    wanted = [
+        axis_value(
+            deflection(1000 * truth.presses(t - 0.03)[1].position_mm, rest, low, high),
+            load_settings().x,
+        )
+        for t, _ in late
+    ]
+    off = [abs(state.x - x) / AXIS_MAX for (_, state), x in zip(late, wanted)]
+    assert len(off) > 50
+    assert max(off) < 0.15
+    assert states[-1][1] == REST
+
+
+def test_a_second_finger_that_stays_when_the_thumb_leaves_is_a_plain_touch(rig):
+    thumb = Finger(points=[(3, 8, 0), (3.03, 8, 3000), (4, 8, 3000), (4.03, 8, 0)])
+    second = Finger(points=[(3.4, 60, 0), (3.43, 60, 3000), (5, 60, 3000), (5.03, 60, 0)])
+    states = anchored_states(rig, thumb, second)
+    after = [state for time_s, state in states if 4.2 < time_s < 4.9]
+    before = [state for time_s, state in states if 3.6 < time_s < 3.95]
+    assert all(state.buttons == 0 for state in after)
+    held = [state for time_s, state in states if time_s < 4.2][-1]
+    assert held.buttons == 0
+    assert held.x == pytest.approx(round(AXIS_MAX * 0.31), rel=0.2)
+    assert all(state.buttons == 1 << 4 for state in before)
+    assert states[-1][1] == REST
+
+
+def test_a_thumb_that_began_elsewhere_is_no_anchor(rig):
+    thumb = Finger(
+        points=[(3, 40, 0), (3.03, 40, 3000), (3.5, 8, 3000), (4.5, 8, 3000), (4.53, 8, 0)]
+    )
+    states = anchored_states(rig, thumb)
+    assert not any(state.buttons for _, state in states)
+    assert min(state.x for _, state in states) < -0.5 * AXIS_MAX
+
+
+def test_an_anchor_changes_nothing_for_a_finger_elsewhere(rig):
+    finger = Finger(
+        points=[(3, 40, 0), (3.03, 40, 3000), (3.5, 70, 3000), (4.5, 30, 6000), (4.53, 30, 0)]
+    )
+    plain = rig(Scenario(ScenarioFile(seconds=8.0, touch=[finger])))
+    plain.play(demo_applications.NoGamepad(), 6.5)
+    assert anchored_states(rig, finger) == plain.states

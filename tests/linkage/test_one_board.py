@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 
 import msgspec
 import numpy as np
@@ -10,9 +11,12 @@ import pytest
 
 from spots import Encoder, Linkage, SpotsError, Twin
 from spots.calibrate import calibration_file as file
+from spots.keyboard import layout
 from spots.link.board import Board
 from spots.linkage import mounted, twin_source
 from spots.linkage.mounted import Mounted, Mounting
+from spots.web import twin_feed
+from spots.web.state import PageState
 from spots_sim.files import LinkageFile, PathFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.mechanism import Mechanism, guided
@@ -82,3 +86,28 @@ def test_a_reading_of_a_third_sensor_is_refused_in_one_sentence():
     twin = Twin(Linkage((100, 45, 45, 100), 80), (Encoder(JOINT), Encoder(JOINT)))
     with pytest.raises(SpotsError, match="a reading of joint 3, but a linkage has two joints"):
         twin.take(2, reading(0.0, 10_000))
+
+
+class Shown(PageState):
+    """Remembers that a position of the end point was shown."""
+
+    def __init__(self):
+        super().__init__()
+        self.position = threading.Event()
+
+    def put(self, name, value):
+        super().put(name, value)
+        if name == "twin" and value["x_mm"] is not None:
+            self.position.set()
+
+
+def test_the_web_ui_follows_both_joints_of_one_board(arm, monkeypatch):
+    path, _, open_board = arm
+    monkeypatch.setattr(twin_feed, "finder", lambda port: lambda board_id: open_board(port))
+    state = Shown()
+    (reader,) = twin_feed.linkage_readers(str(path), ["here"], layout.load("digits"), state)
+    reader.start()
+    try:
+        assert state.position.wait(60)
+    finally:
+        reader.stop(60)

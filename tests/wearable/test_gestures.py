@@ -5,9 +5,16 @@ import sys
 import pytest
 
 from spots import cli
+from spots.keyboard.layout import load as load_layout
 from spots.link.frames import Touch
 from spots.wearable import gestures as g
 from spots.wearable.gestures import Gestures
+from spots.wearable.wearable import Mapping, play
+from spots_sim.anchored import sliding
+from spots_sim.demo import open_fast
+from spots_sim.files import Finger, ScenarioFile, load
+from spots_sim.scenario import Scenario
+from spots_sim.typist import fast_typing
 
 STEP_S = 0.01
 
@@ -199,3 +206,80 @@ def test_a_dry_run_says_at_once_which_gestures_it_waits_for(capsys):
     assert cli.main(arguments) == 0
     first = capsys.readouterr().out.splitlines()[0]
     assert first.startswith("waiting for one of these gestures: tap, double_tap, hold")
+
+
+# Two fingers, on a virtual board.
+
+
+def played(fingers, seed=1):
+    """Return the gestures that fingers on a virtual strip make, with two-finger gestures on."""
+    seconds = max(one.points[-1][0] for one in fingers) + 1.0
+    board, _ = open_fast("default", Scenario(ScenarioFile(seconds=seconds, touch=fingers)), seed)
+    with board:
+        return play(board, lambda one: None, seconds - board.now_s(), False, Mapping())
+
+
+def squeezing(first_mm, second_mm, soft_mN=1500, first_mN=6000, second_mN=6000):
+    """Return two fingers that touch one after the other, and then both press harder."""
+
+    def path(begins_s, x_mm, hard_mN, ends_s):
+        times = (begins_s, 0), (begins_s + 0.03, soft_mN), (3.7, soft_mN), (3.9, hard_mN)
+        points = [*times, (4.3, hard_mN), (4.4, soft_mN), (ends_s, soft_mN), (ends_s + 0.03, 0)]
+        return Finger(points=[(time_s, x_mm, force_mN) for time_s, force_mN in points])
+
+    return [path(3.0, first_mm, first_mN, 5.0), path(3.3, second_mm, second_mN, 4.7)]
+
+
+PLACES = (12.0, 45.0), (30.0, 62.0), (60.0, 25.0), (70.0, 30.0), (20.0, 65.0)
+
+
+@pytest.mark.parametrize("places_mm", PLACES)
+def test_two_fingers_that_press_harder_squeeze(places_mm):
+    found = played(squeezing(*places_mm))
+    assert [one.name for one in found] == [g.TWO_FINGER_SQUEEZE]
+    assert 0.6 < found[0].confidence <= 1
+
+
+@pytest.mark.parametrize("forces_mN", [(6000, 1500), (1500, 6000)])
+def test_one_of_two_fingers_that_presses_harder_is_no_squeeze(forces_mN):
+    found = played(squeezing(30.0, 62.0, 1500, *forces_mN))
+    assert g.TWO_FINGER_SQUEEZE not in [one.name for one in found]
+
+
+@pytest.mark.parametrize("mm_per_s", [50, 100])
+@pytest.mark.parametrize("places_mm", [(8, 30, 70), (12, 70, 35), (60, 45, 12), (75, 20, 50)])
+def test_a_finger_that_slides_beside_a_resting_one(places_mm, mm_per_s):
+    found = played(sliding(mm_per_s, 5, places_mm=places_mm).touch)
+    assert [one.name for one in found] == [g.ANCHOR_AND_SLIDE]
+    assert found[0].confidence > 0.6
+    assert found[0].distance_um == pytest.approx(1000 * (places_mm[2] - places_mm[1]), abs=5000)
+    assert found[0].position_um == pytest.approx(1000 * places_mm[0], abs=500)
+
+
+def test_two_fingers_that_both_slide_are_no_anchor():
+    first, second = sliding(50, 5, places_mm=(20, 45, 75)).touch
+    moved = [(t, x + 20 * min(max((t - 3.5) / 0.6, 0), 1), force) for t, x, force in first.points]
+    assert played([Finger(points=moved), second]) == []
+
+
+def test_one_finger_and_typing_make_no_gesture_of_two():
+    two = {g.TWO_FINGER_SQUEEZE, g.ANCHOR_AND_SLIDE}
+    for name in ("worn", "demo"):
+        assert not two & {one.name for one in played(load(ScenarioFile, name).touch)}
+    for words_per_min in (40, 60, 100):
+        file = fast_typing(load_layout("digits"), words_per_min, 100, 85.0, 7)
+        assert not two & {one.name for one in played(file.touch)}
+
+
+def test_gestures_of_one_finger_do_not_change():
+    for name in ("worn", "demo"):
+        board, _ = open_fast("default", Scenario(load(ScenarioFile, name)), 1)
+        one, both = Gestures(), Gestures(85_000, board.info.get("decay"))
+        with board:
+            board.command("set baseline=1")
+            found = [
+                (one.take(touch, board.now_s()), both.take(touch, board.now_s()))
+                for touch in board.touches(25.0)
+            ]
+        assert [a for a, _ in found] == [b for _, b in found]
+        assert any(a for a, _ in found)

@@ -166,15 +166,15 @@ def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
     assert list(Recording(path))
 
 
-def recorded_at(sensor, calibration, path, place_mm):
-    """Record a finger that presses for a second."""
+def recorded_at(sensor, calibration, path, place_mm, lasting_s):
+    """Record a finger that presses."""
     held = Held()
     held.press = Press(place_mm, 4000, 4.0)
     with Board(LockstepLink(sensor, held)) as board:
         prepare(board, calibration)
         board.command("stream touch")
         with board.record(path):
-            end_s = board.now_s() + 1.0
+            end_s = board.now_s() + lasting_s
             while board.now_s() < end_s:
                 list(board.frames(0.02))
 
@@ -184,8 +184,9 @@ def folder(sensor, calibration, bench, serve, tmp_path):
     """A bench and its server, and a folder with two recordings and with what is none of them."""
     inside = tmp_path / "inside"
     inside.mkdir()
-    for name, place_mm in (("a", 20.0), ("b", 60.0), ("../outside", 30.0)):
-        recorded_at(sensor, calibration, inside / f"{name}.spots", place_mm)
+    # A slow machine has time to see them.
+    for name, place_mm, lasting_s in (("a", 20.0, 4.0), ("b", 60.0, 30.0), ("../outside", 30.0, 1)):
+        recorded_at(sensor, calibration, inside / f"{name}.spots", place_mm, lasting_s)
     (inside / "link.spots").symlink_to(tmp_path / "outside.spots")
     (inside / "damaged.spots").write_bytes(b"no recording")
     held = Held()
@@ -196,6 +197,13 @@ def folder(sensor, calibration, bench, serve, tmp_path):
 
 
 PLACE = "Number(document.querySelector('.figure b').firstChild.data)"
+
+
+STATES = """window.states = [];
+new MutationObserver(() => {
+  const { state } = document.querySelector("#board").dataset;
+  if (state !== "connected") window.states.push(state);
+}).observe(document.querySelector("#board"), { attributes: true });"""
 
 
 def test_recordings_are_listed_played_and_compared(folder, open_page):
@@ -221,6 +229,12 @@ def test_recordings_are_listed_played_and_compared(folder, open_page):
     page.get_by_role("button", name="Show the board").click()
     until(page, f"Math.abs({PLACE} - 40) < 1")
     expect(page.locator("#next")).to_be_hidden()
+    # The board is also shown after the end of a recording, and was never lost.
+    page.evaluate(STATES)
+    page.get_by_role("button", name="Play a.spots").click()
+    until(page, f"Math.abs({PLACE} - 20) < 1")
+    until(page, f"Math.abs({PLACE} - 40) < 1")
+    assert page.evaluate("window.states") == []
     # A damaged recording is a sentence, and the board is still shown.
     page.get_by_role("button", name="Play damaged.spots").click()
     expect(page.locator("#recordings .state")).to_contain_text("damaged.spots", timeout=LONG_MS)

@@ -57,7 +57,7 @@ def desk(sensor, calibration, serve, tmp_path):
 
         def connected(self):
             end_s = time.monotonic() + 60
-            while self.shown("controller")["stored"] is None:
+            while any(self.shown(name)["stored"] is None for name in KINDS):
                 assert time.monotonic() < end_s
                 time.sleep(0.02)
 

@@ -66,7 +66,8 @@ def test_a_second_strip_is_a_sentence(serve, open_page):
     board = {"state": "connected", "board": "a board", "port": "x", "message": "", "next": ""}
     state.put("board", board | {"layout": None, "sensors": 2})
     expect(page.locator("#next")).to_have_text(
-        re.compile("^this board has 2 strips, and this page shows the first; next: ")
+        "this board has 2 strips, and the first is shown; next: to see the other one, start "
+        "'spots serve --port x#1'"
     )
     state.put("untrusted", "every reading is untrusted; next: wipe")
     expect(page.locator("#next")).to_have_text(re.compile("^every reading"))

@@ -41,7 +41,7 @@ class MachineBus:
         self._read(ADDRESS, register, buffer)
 
     def write(self, buffer):
-        self._write(ADDRESS, buffer)
+        self.write_to(ADDRESS, buffer)
 
     def recover(self):
         """Free the wires of the I2C bus, and open the I2C controller again."""
@@ -53,11 +53,11 @@ class MachineBus:
         self._open()
 
     def _open(self):
-        scl, sda = [machine.Pin(pin) for pin in self._pins]
+        scl, sda = map(machine.Pin, self._pins)
         id, freq = self._options
         i2c = machine.I2C(id, scl=scl, sda=sda, freq=freq, timeout=_I2C_TIMEOUT_US)
         self._read = i2c.readfrom_mem_into
-        self._write = i2c.writeto
+        self.write_to = i2c.writeto
 
 
 def _put(pin, level):
@@ -213,11 +213,11 @@ def main():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
     if _is_safe_boot(board_config):
-        print("the button is pressed, so the application was not started: reset to start it")
+        print("stopped by the button: reset the board to start the application")
         return
 
     runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
-    uid = "".join("%02x" % byte for byte in machine.unique_id())
+    uid = machine.unique_id().hex()
     usb = MachineUsb(board_config) if board_config.USB_HID else None
     if hasattr(board_config, "SENSORS"):
         from spots_device.several import SeveralApp as BoardApp

@@ -2,9 +2,9 @@
 
 All devices share one endpoint, which the host polls every 8 ms. While the endpoint is full,
 ``send_report`` blocks for up to 2 s. While the host sleeps, ``send_report`` discards the report
-without an error (shared-module/usb_hid/Device.c). So there is a minimum time between two reports.
-No report is sent while the host is disconnected or asleep. A timeout is followed by a pause without
-reports, and the pause doubles with each further timeout.
+without an error (shared-module/usb_hid/Device.c). For these reasons, there is a
+minimum time between two reports. No report is sent while the host is disconnected or asleep. A
+timeout is followed by a pause without reports, and the pause doubles with each further timeout.
 """
 
 import supervisor

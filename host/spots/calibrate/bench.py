@@ -77,7 +77,7 @@ class Bench:
     trace : list of tuple of float
         All readings of the present press: time in s, then the six counts.
     holds : list of (float, float)
-        Begin and end of each hold of the present press, in s.
+        Start and end of each hold of the present press, in s.
     """
 
     reader: SpectrumReader
@@ -219,7 +219,7 @@ class Bench:
             try:
                 _check_steady(reading, noise, self.window, kind)
                 if before is not None and 1 / _CHANGED < reading.counts.sum() / before < _CHANGED:
-                    raise BadPressError("the force has not changed")
+                    raise BadPressError("the force has not changed: change it without lifting")
                 steady.append(reading)
             except BadPressError as bad:
                 reason, trouble, steady = bad, str(bad), []

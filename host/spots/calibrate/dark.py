@@ -26,7 +26,7 @@ def dark_command(options: argparse.Namespace) -> None:
 
 
 def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
-    """Take the dark frame after a person has unplugged the LED, and store it on the board.
+    """Take the dark frame after a person has unplugged the LED; store the frame on the board.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ class Dialog(Protocol):
         """Begin a series of `total` presses; `plan` has the names of the channels."""
 
     def skip(self, count: int = 1) -> None:
-        """Increase the displayed number of presses taken by `count`, which may be negative."""
+        """Add `count`, which may be negative, to the displayed number of presses taken."""
 
     def want(self, wanted: Wanted) -> None:
         """Show where to press next."""

@@ -77,7 +77,7 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Increase the displayed number of presses taken by `count`, which may be negative."""
+        """Add `count`, which may be negative, to the displayed number of presses taken."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:

@@ -27,7 +27,7 @@ _LOADS_FROM = 12  # presses; then it is known which forces light the strip
 _UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
 # Softening: distance of presses at one place; force below the earlier one that shows most of it;
 # least size; least ratio to its standard deviation.
-_NEAR_UM, _SOFTENED_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 0.05, 4.0
+_NEAR_UM, _SOFTENED_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 0.05, 3.0
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
 # Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
@@ -53,7 +53,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     session : Session
         Presses taken so far; the new presses are added.
     count, least : int
-        `count` presses by hand are enough; repeated presses reduce this number, but at most to
+        `count` presses by hand are enough; repeated presses reduce this number, but not below
         `least`.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
@@ -74,7 +74,9 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             removed = session.removed.pop()
             wanted = _wanted(removed.place_um, removed.force_mN, removed.then_mN, removed.hold_s)
         elif wanted is None:
-            wanted = _next(session, surface, bench.length_um, rough, dark_mN)
+            # A firmware without `mains_hz` has no compensation of the silicone, either.
+            loads = not rough and "mains_hz" in bench.reader.info
+            wanted = _next(session, surface, bench.length_um, rough, dark_mN, loads)
         try:
             reading = bench.take(wanted)
             trace, holds = bench.trace, bench.holds
@@ -112,7 +114,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
                 advised = True
                 guide.say(
                     f"firm presses have softened the strip by about {softer:.0%}: press it "
-                    "everywhere with 10 N (1 kg) some times, then begin another session"
+                    "everywhere with 10 N (1 kg) several times, then begin another session"
                 )
 
 
@@ -156,7 +158,7 @@ def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: floa
 def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
     """Return the forces and the hold of the next press with two forces, which is at `place_um`.
 
-    Returns None before the turn of these presses, and after the last of them.
+    Returns None before such presses are due, and after the last of them.
     """
     hand = session.of("hand")
     loads = sum(bool(p.then_mN) for p in hand)
@@ -171,9 +173,9 @@ def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
 
 
 def _softening(session: Session, surface: Surface) -> tuple[float, float]:
-    """Return by how much firm presses have softened the strip, and the standard deviation of it.
+    """Return how much firm presses have softened the strip, and the standard deviation of this.
 
-    A softened place gives more light under forces below the largest earlier one. So the error of
+    A softened place gives more light under forces below the largest earlier force. So the error of
     each force is fitted to a constant, the logarithm of the force, and this softening.
     """
     forces_mN, off_share = surface.taken.force_mN, surface.misfits[2]
@@ -196,7 +198,9 @@ def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     return float(found[2]), float(np.sqrt(variance * inverse[2, 2]))
 
 
-def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float):
+def _next(
+    session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float, loads: bool
+) -> Wanted:
     known = [p for kind in _KINDS for p in session.of(kind) if p.force_mN or rough]
     first = _FIRST_ROUGH if rough else _FIRST
     if len(known) < len(first) or surface is None:
@@ -208,7 +212,7 @@ def _next(session, surface: Surface | None, length_um: float, rough: bool, dark_
     else:
         place_um, force_mN = surface.next_press(dark_mN)
     place_um = np.clip(round(place_um, -3), _END_UM, length_um - _END_UM)
-    load = None if rough or surface is None else _load(session, surface, place_um)
+    load = _load(session, surface, place_um) if loads and surface else None
     return _wanted(place_um, *(load or (force_mN,)))
 
 

@@ -83,7 +83,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     trace : tuple of tuple of float
         All readings of a press by hand: time in s, then the six counts.
     holds : tuple of (float, float)
-        Begin and end of the hold of each force by the times of `trace`, in s.
+        Start and end of the hold of each force, in s on the time scale of `trace`.
     """
 
     counts: Six

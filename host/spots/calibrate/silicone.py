@@ -44,12 +44,13 @@ class Compensated(NamedTuple):
         Line ``silicone`` to add to the lines of a calibration; empty if the recording shows neither
         hysteresis nor creep.
     sigma : numpy.ndarray, shape (7,)
-        Standard deviations of the gain, 3 weights of plays and 3 shares of creep, as in `line`.
+        Standard deviations of the gain, 3 weights of play operators and 3 shares of creep.
     before_mN, after_mN : float
         Mean absolute error of the recorded forces without and with compensation.
     hysteresis_percent, creep_percent : tuple of (float, float)
-        Value and standard deviation of: the largest force by which unloading reads more than
-        loading after 10 N, in per cent of 10 N; the growth of a reading in 60 s, in per cent.
+        Value and standard deviation, in per cent. Hysteresis: how much more force is read during
+        unloading from 10 N than during loading, at most, divided by 10 N. Creep: growth of a
+        reading in 60 s.
     """
 
     line: str
@@ -61,9 +62,9 @@ class Compensated(NamedTuple):
 
     def __str__(self) -> str:
         return (
-            "hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s: loads read "
-            "{:.0f} mN off, compensated {:.0f} mN"
-        ).format(*self.hysteresis_percent, *self.creep_percent, self.before_mN, self.after_mN)
+            "silicone: hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s; the "
+            "board compensates both"
+        ).format(*self.hysteresis_percent, *self.creep_percent)
 
 
 def fit_session(points: list[Point], lines: list[str], force_share: float) -> Compensated | None:
@@ -181,7 +182,7 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
         " ".join(map(str, ("silicone", *numbers))) if sure else "",
         np.sqrt(np.diag(spread)) * ONE_Q12,
         float(np.abs(off).mean()),
-        float(np.abs(after).mean()),
+        float(np.abs(off - columns[:, :terms] @ found).mean()),
         *sizes,
     )
 

@@ -121,7 +121,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
 
 
 def missing_step(session: Session) -> str | None:
-    """Return the command that takes the presses still needed for a calibration; None if none is."""
+    """Return the command that takes the presses still needed for a calibration, or None."""
     if len(session.of("hand")) >= COUNTS["rough"][1]:
         return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):

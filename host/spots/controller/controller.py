@@ -139,7 +139,8 @@ def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     info = hello_often(board, settings.hold_ms / 1000, remedy)
     every_ms = info["exposure_us"] * info["average"] / 1000
     release_ms = max(settings.release_ms, _READINGS_BRIDGED * every_ms)
-    return Controller(msgspec.structs.replace(settings, release_ms=release_ms), info["length_um"])
+    settings = msgspec.structs.replace(settings, release_ms=release_ms)
+    return Controller(settings, info["length_um"], info.get("decay"))
 
 
 class ControllerView:

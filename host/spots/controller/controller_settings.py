@@ -126,6 +126,13 @@ class Tapped(_Button, tag="tapped"):
     pulse_ms: Annotated[float, msgspec.Meta(ge=1, le=10_000)] = 50.0
 
 
+class Anchored(_Button, tag="anchored"):
+    """A button that is down while a touch, which began in the button's zone, rests as an anchor.
+
+    This touch moves no axis and presses no other button. Position axes follow a second finger.
+    """
+
+
 class ControllerSettings(toml.Strict):
     """All settings of a controller.
 
@@ -139,7 +146,7 @@ class ControllerSettings(toml.Strict):
         Largest number of states that are sent to the gamepad per second.
     x, y, z : PositionAxis, ForceAxis or None
         Settings of the axes; None for an axis that is not used.
-    button : list of Pressed or Tapped
+    button : list of Pressed, Tapped or Anchored
         Settings of the buttons.
     """
 
@@ -149,7 +156,7 @@ class ControllerSettings(toml.Strict):
     x: Union[PositionAxis, ForceAxis, None] = None
     y: Union[PositionAxis, ForceAxis, None] = None
     z: Union[ForceAxis, None] = None
-    button: list[Union[Pressed, Tapped]] = []
+    button: list[Union[Pressed, Tapped, Anchored]] = []
 
     def __post_init__(self):
         if self.z is not None and self.z.invert:

@@ -38,7 +38,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
         A calibrated board.
     path : str or Path
         Settings file to write. An existing file keeps its other settings, but loses its comments;
-        a new file gets the default settings for the rest.
+        a new file gets default values for all other settings.
     say : callable
         Function that takes a line to print.
 

@@ -10,9 +10,17 @@ from collections import deque
 from spots_device import decode
 from spots_device.contact import TWO_FIT
 
-from ..link.frames import DOUBTFUL, Touch
+from ..link.contact_finder import ContactFinder
+from ..link.frames import DOUBTFUL, Contact, Touch
 from ..outputs.devices import AXIS_MAX, REST, State
-from .controller_settings import ControllerSettings, ForceAxis, PositionAxis, Pressed, Tapped
+from .controller_settings import (
+    Anchored,
+    ControllerSettings,
+    ForceAxis,
+    PositionAxis,
+    Pressed,
+    Tapped,
+)
 from .one_euro import OneEuro
 from .shaping import deflection, shaped
 
@@ -21,6 +29,7 @@ _BLIND = decode.SATURATED | decode.MISFIT | decode.LED_OFF | decode.NOT_CALIBRAT
 _TURN_US = 1 << 32  # the board's clock wraps
 _FORGET_S = 1.0  # after a longer pause a movement or a tap is stale
 _WAITING_MAX = 16
+_SIGMA_UM = 3_000  # a second finger with a larger uncertainty moves no axis
 
 
 class Controller:
@@ -32,6 +41,8 @@ class Controller:
         Axes, buttons and timeouts.
     length_um : float
         Length of the strip, in um.
+    decay : int, optional
+        Decay of the strip's dye, from the board's reply to ``hello``; used to find a second finger.
 
     Attributes
     ----------
@@ -43,7 +54,7 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
-    def __init__(self, settings: ControllerSettings, length_um: float):
+    def __init__(self, settings: ControllerSettings, length_um: float, decay: int | None = None):
         self.length_um = length_um
         self._hold_s = settings.hold_ms / 1000
         self._release_s = settings.release_ms / 1000
@@ -51,6 +62,11 @@ class Controller:
         axes = {"x": settings.x, "y": settings.y, "z": settings.z}
         self._axes = {name: _Axis(one, length_um) for name, one in axes.items() if one is not None}
         self._buttons = [_BUTTONS[type(one)](one, length_um / 100) for one in settings.button]
+        self._anchors = [one for one in self._buttons if isinstance(one, _AnchoredButton)]
+        self._finder = ContactFinder(round(length_um), decay) if self._anchors else None
+        self._anchored = False  # the touch began in the zone of an anchor
+        self._anchor_id: int | None = None
+        self._located_us = 0
         self.state = REST
         self.held = False
         self._touched = False
@@ -74,8 +90,11 @@ class Controller:
             State to send now; None if there is nothing to send.
         """
         self._expire(now_s)
-        if usable(touch):
-            self._feel(touch, now_s)
+        contacts = self._finder.take(touch) if self._finder else []
+        if self._anchored and not self._stays(contacts):
+            self._end(now_s)
+        if usable(touch) or (self._anchored and self._anchor_id is not None and touch.touching):
+            self._feel(touch, contacts, now_s)
         elif touch.touching or touch.flags & _BLIND:
             self.held = self._touched
         else:
@@ -109,7 +128,10 @@ class Controller:
         A finger that is still on the strip moves the axes, but presses no button until it is
         lifted.
         """
-        self._touched = self._lifted = self.held = False
+        self._touched = self._lifted = self._anchored = self.held = False
+        self._anchor_id = None
+        if self._finder:
+            self._finder.release()
         for axis in self._axes.values():
             axis.end()
         for button in self._buttons:
@@ -121,24 +143,51 @@ class Controller:
         if self._touched and now_s >= self._until_s:
             self._end(now_s)
 
-    def _feel(self, touch: Touch, now_s: float) -> None:
+    def _stays(self, contacts: list[Contact]) -> bool:
+        """Return whether the anchor still rests, after a reading with these contacts."""
+        if self._anchor_id is None:
+            self._anchor_id = next((one.id for one in contacts if not one.ended), None)
+            return True
+        return any(one.id == self._anchor_id and not one.ended for one in contacts)
+
+    def _feel(self, touch: Touch, contacts: list[Contact], now_s: float) -> None:
         if not self._touched:
             self._touched = True
-            self._began_us = self._last_us = touch.t_us
-            for button in self._buttons:
-                # Only a touch whose start was measured can press a button.
-                button.begin(self._lifted and button.has(touch.position_um))
+            self._began_us = self._last_us = self._located_us = touch.t_us
+            # Only a touch whose start was measured can press a button.
+            hits = [self._lifted and one.has(touch.position_um) for one in self._buttons]
+            self._anchored = any(
+                hit for hit, one in zip(hits, self._buttons) if one in self._anchors
+            )
+            for button, hit in zip(self._buttons, hits):
+                button.begin(hit and (not self._anchored or button in self._anchors))
         dt_s = (touch.t_us - self._last_us) % _TURN_US * 1e-6
         self._last_us = touch.t_us
         self._until_s = now_s + self._hold_s
         self._lifted = self.held = False
-        for axis in self._axes.values():
-            axis.take(touch, dt_s)
+        if self._anchored:
+            self._follow(touch, contacts, dt_s)
+        else:
+            for axis in self._axes.values():
+                axis.take(touch, dt_s)
         for button in self._buttons:
             button.take(touch.force_mN)
 
+    def _follow(self, touch: Touch, contacts: list[Contact], dt_s: float) -> None:
+        second = next((one for one in contacts if one.id != self._anchor_id), None)
+        if second and not second.ended and second.sigma_um <= _SIGMA_UM:
+            self._located_us = touch.t_us
+            for axis in self._axes.values():
+                axis.take_position(second.position_um, dt_s)
+            return
+        lost_s = (touch.t_us - self._located_us) % _TURN_US * 1e-6
+        if second is None or second.ended or lost_s > self._hold_s:
+            for axis in self._axes.values():
+                axis.end()
+
     def _end(self, now_s: float) -> None:
-        self._touched = self.held = False
+        self._touched = self._anchored = self.held = False
+        self._anchor_id = None
         for axis in self._axes.values():
             axis.end()
         # A tap needs a measured and recent lift: the process may have been stopped meanwhile.
@@ -157,9 +206,17 @@ class _Axis:
         self.value = 0
 
     def take(self, touch: Touch, dt_s: float) -> None:
+        self._move(getattr(touch, self._field), dt_s)
+
+    def take_position(self, position_um: float, dt_s: float) -> None:
+        """Follow a position, unless the axis follows the force."""
+        if self._field == "position_um":
+            self._move(position_um, dt_s)
+
+    def _move(self, value: float, dt_s: float) -> None:
         if dt_s > _FORGET_S:
             self._filter.reset()
-        u = deflection(getattr(touch, self._field), *self._range)
+        u = deflection(value, *self._range)
         self.value = axis_value(self._filter.take(u, dt_s), self._settings)
 
     def end(self) -> None:
@@ -261,7 +318,15 @@ class _TappedButton(_Button):
             self.down, self._up_s = False, math.inf
 
 
-_BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton}
+class _AnchoredButton(_Button):
+    def take(self, force_mN: float) -> None:
+        self.down = self._mine
+
+    def end(self, lasted_ms: float, now_s: float) -> None:
+        self.down = False
+
+
+_BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton, Anchored: _AnchoredButton}
 
 
 class _Sender:

@@ -84,6 +84,8 @@ class Device(toml.Strict, kw_only=True):
             raise ValueError("viper needs runtime = micropython, and the key march: add them")
         if not 1 <= len(self.strips) <= STRIPS_MAX:
             raise ValueError(f"there must be 1 to {STRIPS_MAX} [[strips]] tables, or none")
+        if self.runtime != "micropython" and any("MUX_CHANNEL" in one for one in self.strips):
+            raise ValueError("MUX_CHANNEL needs runtime = micropython")
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(

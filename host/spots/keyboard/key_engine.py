@@ -5,12 +5,11 @@ from spots_device.decode import DROPPED, LED_OFF
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout
 
+from ..link.contact_finder import TYPICAL_DECAY
 from ..link.frames import Touch
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
 from .layout import KeyLayout
-
-_TYPICAL_DECAY = 289  # for boards that do not report the decay
 
 
 class KeyEngine:
@@ -45,7 +44,7 @@ class KeyEngine:
         self._pad = Keypad(self)
         limits = Layout(layout.lines)
         self.firm_mN = limits.firm_mN
-        self._pad.set_layout(limits, length_um, decay or _TYPICAL_DECAY)
+        self._pad.set_layout(limits, length_um, decay or TYPICAL_DECAY)
         self._heard_s: float | None = None
 
     @property

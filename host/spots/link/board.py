@@ -58,7 +58,7 @@ def of_sensor(line: str, sensor: int) -> str:
     line : str
         The command.
     sensor : int
-        Number of the sensor; not 0 only for a board with several strips.
+        Number of the sensor; more than 0 only on a board with several strips.
 
     Returns
     -------

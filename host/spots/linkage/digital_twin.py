@@ -308,8 +308,8 @@ def readings(
         that it had not stored. If the function raises SpotsError, the call is repeated for up to
         10 s.
     sensors : sequence of int, optional
-        Number of each joint's strip on its board. If not given, the strips of a board that occurs
-        twice are 0 and 1, and others are 0.
+        Number of each joint's strip on its board. If not given: 0 and 1 if both joints have
+        the same board, else 0 for each.
 
     Yields
     ------

@@ -3,9 +3,13 @@
 import math
 from contextlib import suppress
 
-from ..link.board import Board
+from rich.console import Group
+
+from ..errors import CommandError
+from ..link.board import Board, of_sensor
 from ..link.calibrated import next_step
 from ..link.frames import Touch
+from ..link.replies import Hello
 from ..link.untrusted import Untrusted
 from .view import Judge, Pace, StripView, drawn, plain
 
@@ -35,30 +39,56 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
     """
     board.patience_s = math.inf
     with suppress(KeyboardInterrupt), drawn(not quiet) as display:
-        board.command("stream touch spectrum" if display else "stream touch")
-        info = board.command("hello")
-        view, untrusted = StripView(info, board.port), Untrusted()
-        advising = not quiet and not next_step(info)  # otherwise the command prints it
+        board.stream("touch", *(["spectrum"] if display else []))
+        infos = _infos(board)
+        several = len(infos) > 1
+        views = [
+            StripView(info, f"{board.port}#{number}" if several else board.port)
+            for number, info in enumerate(infos)
+        ]
+        untrusted = [Untrusted() for _ in infos]
+        advising = not quiet and not next_step(infos[0])  # otherwise the command prints it
         started_s = board.now_s()
-        pace = Pace() if display else Pace(PLAIN_LINES_PER_S)
+        pace = Pace()
+        paces = [Pace(PLAIN_LINES_PER_S) for _ in infos]
+
+        def picture() -> Group:
+            return Group(*(view.picture(board.stats, judge) for view in views))
 
         def show_state(state: str) -> None:
-            view.state = state
+            for view in views:
+                view.state = state
             if display:
-                display.update(view.picture(board.stats, judge), refresh=True)
+                display.update(picture(), refresh=True)
             elif not quiet:
                 print(f"{board.now_s() - started_s:8.3f} s  link {state}", flush=True)
 
         board.when_state_changes(show_state)
         for frame in board.frames(seconds):
-            now_s = board.now_s()
+            if frame.sensor >= len(views):
+                continue
+            now_s, view, doubt = board.now_s(), views[frame.sensor], untrusted[frame.sensor]
             view.take(frame)
             if isinstance(frame, Touch) and advising:
-                (untrusted.take if display else untrusted.warn)(frame, now_s)
-                view.advice = untrusted.sentence
+                (doubt.take if display else doubt.warn)(frame, now_s)
+                view.advice = doubt.sentence
             if isinstance(frame, Touch) and judge is not None:
                 judge.take(frame, now_s)
             if display and pace.due(now_s):
-                display.update(view.picture(board.stats, judge), refresh=True)
-            elif not display and not quiet and isinstance(frame, Touch) and pace.due(now_s):
-                print(plain(frame, started_s, view.unit), flush=True)
+                display.update(picture(), refresh=True)
+            elif display or quiet or not isinstance(frame, Touch):
+                continue
+            elif paces[frame.sensor].due(now_s):
+                strip = f"strip {frame.sensor}  " if several else ""
+                print(strip + plain(frame, started_s, view.unit), flush=True)
+
+
+def _infos(board: Board) -> list[Hello]:
+    """Return the reply to ``hello`` of each strip of a board; a remote board gives only one."""
+    infos = [board.command("hello")]
+    for sensor in board.sensors[1:]:
+        try:
+            infos.append(board.command(of_sensor("hello", sensor)))
+        except CommandError:
+            infos.append(infos[0])
+    return infos

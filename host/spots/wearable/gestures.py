@@ -14,13 +14,16 @@ from spots_device.layout import Layout, default_lines
 
 from ..link.frames import Touch
 from ..link.timeouts import RELEASE_S
+from .margins import above, below
+from .two_fingers import ANCHOR_AND_SLIDE, TWO_FINGER_SQUEEZE, TwoFingers
 
 TAP, DOUBLE_TAP, HOLD = "tap", "double_tap", "hold"
 SQUEEZE = "squeeze"
 SWIPE_MINUS, SWIPE_PLUS = "swipe_minus", "swipe_plus"  # towards the sensor, and away from it
 SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"  # same directions, but after a rest
 NAMES = (
-    TAP, DOUBLE_TAP, HOLD, SQUEEZE, SWIPE_MINUS, SWIPE_PLUS, SLIDE_MINUS, SLIDE_PLUS
+    TAP, DOUBLE_TAP, HOLD, SQUEEZE, SWIPE_MINUS, SWIPE_PLUS, SLIDE_MINUS, SLIDE_PLUS,
+    TWO_FINGER_SQUEEZE, ANCHOR_AND_SLIDE
 )  # fmt: skip
 
 _STILL_UM = 4_000  # a finger that moves less than this counts as still
@@ -34,8 +37,6 @@ _REST_S = 0.25  # least rest before a slide
 _SQUEEZE_MN = 5_000
 _SQUEEZE_S = 0.1
 _KEPT = 4096  # largest number of stored readings of a touch
-# The confidence is 50 % at a limit, and 88 % where a value is a quarter better than its limit.
-_STEEPNESS = 8.0
 _TUNING = ["jump_um 12000", "release_ms 30", "stuck_ms 20000"]
 
 
@@ -69,13 +70,21 @@ class Gesture(NamedTuple):
 class Gestures:
     """Classifies the touches of one strip.
 
+    Parameters
+    ----------
+    length_um : int, optional
+        Length of the strip in um; with 0, gestures of two fingers are not detected.
+    decay : int, optional
+        Decay of the strip's dye, from the board's reply to ``hello``; used for two fingers.
+
     Attributes
     ----------
     rests : int
         Number of times that an object instead of a finger was detected on the strip.
     """
 
-    def __init__(self):
+    def __init__(self, length_um: int = 0, decay: int | None = None):
+        self._two = TwoFingers(length_um, decay) if length_um else None
         self._contact = ContactTracker(self)
         self._contact.set_layout(Layout([*_TUNING, *default_lines()]), 0)
         self._found: list[Gesture] = []
@@ -104,6 +113,8 @@ class Gestures:
         if not touch.flags & LED_OFF:  # a reading with the LED off does not show a finger
             self._heard_s = now_s
         self._now_s = touch.time_s
+        if self._two:
+            self._take_two(self._two, touch)
         t = touch.t_us // TICK_US % TICKS
         flags = touch.flags & ~DROPPED
         self._contact.take(flags, *touch.integers, touch.brightness_q20, t)
@@ -111,6 +122,16 @@ class Gestures:
             self._report_tap()
         found, self._found = self._found, []
         return found
+
+    def _take_two(self, two: TwoFingers, touch: Touch) -> None:
+        gesture = two.take(touch)
+        if self._path and two.both:
+            self._path.decided = True  # the position is between two fingers
+        if gesture:
+            name, confidence, position_um, distance_um = gesture
+            place = position_um, distance_um, touch.integers[1]
+            self._report_tap()
+            self._found.append(Gesture(name, confidence, *place, self._now_s))
 
     def tick(self, now_s: float) -> None:
         """Drop the touch and a pending tap if no reading has arrived for `RELEASE_S` seconds."""
@@ -121,6 +142,8 @@ class Gestures:
     def release(self) -> None:
         """Ignore the present touch, and drop a tap that waits for a second tap."""
         self._contact.spend()
+        if self._two:
+            self._two.release()
         self._path = self._tap = None
 
     # Called by `ContactTracker`.
@@ -136,6 +159,7 @@ class Gestures:
             Time, in ticks of `spots_device.contact.TICK_US`.
         """
         self._path = _Path(self._now_s, x_um)
+        self._path.decided = self._two is not None and self._two.both
         self.at(x_um, t)
 
     def at(self, x_um: int, t: int) -> None:
@@ -186,7 +210,7 @@ class Gestures:
         hard = still and path.force_mN >= _SQUEEZE_MN
         path.hard_since_s = min(path.hard_since_s, self._now_s) if hard else math.inf
         if self._now_s - path.hard_since_s >= _SQUEEZE_S:
-            self._decide(SQUEEZE, _above(path.hardest_mN, _SQUEEZE_MN), path.stillness)
+            self._decide(SQUEEZE, above(path.hardest_mN, _SQUEEZE_MN), path.stillness)
         elif still and self._now_s - path.began_s >= 2 * _HOLD_S:
             self._decide(HOLD, 1.0, path.stillness)
 
@@ -196,20 +220,20 @@ class Gestures:
         lasted_s, far_um = path.end_s - path.began_s, abs(path.moved_um)
         if path.spread_um <= _STILL_UM:
             if lasted_s >= _HOLD_S:
-                self._decide(HOLD, _above(lasted_s, _HOLD_S), path.stillness)
+                self._decide(HOLD, above(lasted_s, _HOLD_S), path.stillness)
             elif lasted_s <= _TAP_S:
-                self._tapped(self._gesture(TAP, _below(lasted_s, _TAP_S), path.stillness))
+                self._tapped(self._gesture(TAP, below(lasted_s, _TAP_S), path.stillness))
         elif far_um > _STILL_UM:
             away = path.moved_um > 0
             rested_s = path.left_s - path.began_s
             went_s = max(path.arrived_s() - path.left_s, 1e-3)
             if rested_s >= _REST_S:
                 name = SLIDE_PLUS if away else SLIDE_MINUS
-                self._decide(name, _above(rested_s, _REST_S), _above(far_um, _STILL_UM))
+                self._decide(name, above(rested_s, _REST_S), above(far_um, _STILL_UM))
             elif far_um >= _SWIPE_UM and went_s <= _SWIPE_S:
                 name = SWIPE_PLUS if away else SWIPE_MINUS
-                quick = min(_below(went_s, _SWIPE_S), _below(rested_s, _REST_S))
-                self._decide(name, _above(far_um, _SWIPE_UM), quick)
+                quick = min(below(went_s, _SWIPE_S), below(rested_s, _REST_S))
+                self._decide(name, above(far_um, _SWIPE_UM), quick)
 
     def _tapped(self, second: Gesture) -> None:
         first = self._tap
@@ -288,7 +312,7 @@ class _Path:
     @property
     def stillness(self) -> float:
         """Confidence that the finger did not move, from 0 to 1."""
-        return _below(max(self.spread_um, 1), _STILL_UM)
+        return below(max(self.spread_um, 1), _STILL_UM)
 
     def arrived_s(self) -> float:
         """Return the last time in s at which the finger was not yet near its last position."""
@@ -298,12 +322,3 @@ class _Path:
             if abs(x_um - self.end_um) > _STILL_UM / 2
         )
         return next(away_s, self._lately[0][0])
-
-
-def _above(value: float, limit: float) -> float:
-    """Return the confidence (0 to 1) that a value is above its limit; 0.5 at the limit."""
-    return 1 / (1 + math.exp(-_STEEPNESS * (value / limit - 1)))
-
-
-def _below(value: float, limit: float) -> float:
-    return 1 - _above(value, limit)

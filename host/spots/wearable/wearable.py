@@ -148,8 +148,9 @@ def play(
     SpotsError
         If the board is lost, has no calibration, or sends readings too slowly.
     """
-    gestures, found = Gestures(), []
-    length_um = hello_often(board, RELEASE_S)["length_um"]
+    info, found = hello_often(board, RELEASE_S), []
+    length_um = info["length_um"]
+    gestures = Gestures(length_um, info.get("decay"))
     pace, touch = Pace(), None
     with drawn(drawing) as display:
         for touches in ticks(board, seconds, _TICK_S, gestures.release):

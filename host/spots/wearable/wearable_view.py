@@ -14,7 +14,7 @@ from .gestures import NAMES, Gesture
 
 _COLUMNS = 74
 _ROWS = 6
-_SIGNS = dict(zip(NAMES, ("·", "··", "━━", "▐█▌", "◀──", "──▶", "◁━●", "●━▷")))
+_SIGNS = dict(zip(NAMES, ("·", "··", "━━", "▐█▌", "◀──", "──▶", "◁━●", "●━▷", "▐█▌▐█▌", "● ●━▷")))
 
 
 def picture(

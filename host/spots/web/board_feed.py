@@ -140,6 +140,7 @@ class BoardReader:
         settings = _settings(board)
         self._known = {
             **{name: info.get(name) for name in _FACTS},
+            "sensors": len(board.sensors),  # 1 if the port names one strip of several
             "port": playing.name if playing else board.port,
             "full_scale": settings["full_scale"],
             "expected": expected_shown(board, info, settings["dark"]),
@@ -214,7 +215,7 @@ def _settings(board: Board) -> dict:
 
 _FACTS = (
     *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
-    *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm", "sensors"),
+    *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
 
 

@@ -144,7 +144,7 @@ class PageCalibration(Orders):
         self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK, note=None)
 
     def skip(self, count: int = 1) -> None:
-        """Increase the displayed number of presses taken by `count`, which may be negative."""
+        """Add `count`, which may be negative, to the displayed number of presses taken."""
         self._show(done=self._shown["done"] + count)
 
     def want(self, wanted: Wanted) -> None:

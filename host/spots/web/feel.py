@@ -102,7 +102,7 @@ class Feel:
         self._show()
 
     def _try(self) -> None:
-        """Begin to try the present draft, if there is another one."""
+        """Start to try the present draft if it has been replaced; stop if there is none."""
         length_um, decay = self._sizes
         draft = self._draft() if length_um else None
         if draft is not self._tried:

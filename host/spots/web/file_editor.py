@@ -1,4 +1,4 @@
-"""Checks the text of a TOML file that browsers edit, and passes it on to be stored."""
+"""Validates the text of a TOML file that browsers edit; a subclass stores the text."""
 
 from concurrent.futures import Future
 from pathlib import Path

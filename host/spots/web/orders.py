@@ -29,7 +29,7 @@ class Orders:
     playing : Path or None
         Recording that is read instead of the board.
     feel : dict
-        Arguments of `feel.Feel` by name, such as a key layout, that replace the present ones.
+        New arguments of `feel.Feel` by name, such as a key layout; they replace the present ones.
     """
 
     what = "a request"  # for error messages

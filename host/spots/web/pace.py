@@ -1,4 +1,4 @@
-"""Sets the rate of messages to a browser to the highest that the browser can draw in time."""
+"""Finds the highest rate of messages that a browser can draw in time."""
 
 import asyncio
 from collections.abc import Callable

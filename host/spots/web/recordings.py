@@ -65,7 +65,7 @@ class Recordings(Orders):
         return body.decode()
 
     def submit(self, request: str) -> Future:
-        """Read the folder in a thread of its own; queue any other request."""
+        """Answer requests that only read the folder in a separate thread; queue all others."""
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)
@@ -92,6 +92,8 @@ class Recordings(Orders):
             self._answer(answer, handle or self._live, board, *names)
         if self._recorder and self._pace.due(time.monotonic()):
             self._show(board, on=True)
+        if self.playing and board.ended:
+            self._live(board)
         return self.playing != before
 
     def leave(self) -> None:

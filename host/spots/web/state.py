@@ -1,7 +1,7 @@
 """State of the web UI: the newest value of each part, and the last events in order.
 
 One thread writes, and any number of clients read. Only two numbers (a `Cursor`) are stored for each
-client, even for a slow one. A client misses values that were overwritten before the
+client, even for a slow client. A client misses values that were overwritten before the
 client read them.
 """
 

@@ -1,6 +1,6 @@
 // Texts of TOML files: comments, and values that are changed in place. The server checks each result.
 
-// Comments of a text: those at its begin, and the number of all others.
+// Comments of a text: those at its beginning, and the number of all others.
 export function comments(text) {
   const head = /^(?:[ \t]*(?:#.*)?\r?\n)*/.exec(text)[0];
   return { head, others: count(text.slice(head.length)) };

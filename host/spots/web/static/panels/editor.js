@@ -30,7 +30,7 @@ export function editor(root) {
   let drawn = { layer: "", zones: [] };
   const engine = editing(root, document.getElementById("edit"), {
     path: "layout", store: "push", begin: (text, content) => ({ content, ...comments(text) }), same,
-    words: { push: "Put on the board", chooser: "Layout file to import", kept: ": only the comments at its begin are kept" },
+    words: { push: "Put on the board", chooser: "Layout file to import", kept: ": only the comments at its beginning are kept" },
     // What was not changed keeps its text, with all comments.
     written: (value, it) => {
       const unchanged = same(value.content, it.content);
@@ -272,7 +272,7 @@ export function editor(root) {
   // The force of the finger, and the forces and times that the draft compares it with.
   function drawForce(limits) {
     const tuned = (name) => draft.value.content.tuning?.[name] ?? limits[name][2];
-    const lines = ["press_mN", "release_mN", "firm_mN"].map((name) => [TUNING[name][0], tuned(name)]);
+    const lines = ["press_mN", "release_mN", "firm_mN"].map((name) => [TUNING[name][0], tuned(name)]).filter(([, mN]) => mN);
     const times = ["tapping_ms", "firm_ms"].map((name) => [TUNING[name][0], tuned(name)]);
     paintForce((c, width) => {
       const top = Math.max(1000, ...lines.map(([, mN]) => 1.15 * mN), ...points.map(([, mN]) => mN));

@@ -6,7 +6,7 @@ export function next(root) {
     const reading = state.calibration?.running ? "" : both(state.touch) || state.untrusted;
     const sentence = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || played(state.recording) || reading || strips(state.board?.sensors);
+      : state.board?.next || played(state.recording) || reading || strips(state);
     if (root.textContent !== sentence) root.textContent = sentence;
     root.hidden = !sentence;
   };
@@ -16,8 +16,9 @@ function played(recording) {
   return recording?.playing ? `the recording ${recording.playing} is played; next: to see the board again, press ‘Show the board’ in the list of recordings` : "";
 }
 
-function strips(count) {
-  return count > 1 ? `this board has ${count} strips, and this page shows the first; next: 'spots record' stores the readings of all strips` : "";
+function strips({ board, twin }) {
+  return board?.sensors > 1 && !twin
+    ? `this board has ${board.sensors} strips, and the first is shown; next: to see the other one, start 'spots serve --port ${board.port}#1'` : "";
 }
 
 function both(touch) {

@@ -1,0 +1,88 @@
+"""Adds the processor time of a slow board to functions of the firmware, in simulated time.
+
+Runs in MicroPython and, for a board without MicroPython, in CPython.
+"""
+
+import sys
+
+
+def _kind_of_contact(tracker, *_):
+    return "two" if tracker.two else "one" if tracker.touched else "up"
+
+
+def _kind_of_command(_, line):
+    return (line.split() or [""])[0]
+
+
+def _kind_of_sample(strip):
+    return "sample" if strip._samples else "reading"
+
+
+def _kind_of_rest(_, sums, samples, idle_us, rests):
+    return "rests" if idle_us or rests else "touched"
+
+
+# Functions whose time is not always the same: each returns the kind of a call that has ended. The
+# kind "" stands for all others.
+_KINDS = {
+    "strip.Strip.take": _kind_of_sample,
+    "dark.Baseline.follow": _kind_of_rest,
+    "contact.ContactTracker.take": _kind_of_contact,
+    "command.Commands.handle": _kind_of_command,
+}
+
+
+class _Collector:
+    """Stands for the module `gc` in a module of the firmware."""
+
+    def __init__(self, collect):
+        self.collect = collect
+
+
+def slow_down(package, times_us, spend_us):
+    """Let functions of the firmware spend time at the end of each call.
+
+    `package` is the name of the firmware's package. `times_us` has the time of each function in
+    whole us, by its name in the package, or a dict of times by kind; ``gc.collect`` stands for the
+    collections of all modules. ``spend_us(us)`` spends a time.
+    """
+    for name in times_us:
+        time_us = times_us[name]
+        if name == "gc.collect":
+            _slow_collections(package, time_us, spend_us)
+            continue
+        module, *inner, function = name.split(".")
+        holder = __import__(package + "." + module, None, None, ("*",))
+        for attribute in inner:
+            holder = getattr(holder, attribute)
+        called = getattr(holder, function)
+        if name in _KINDS:
+            called = _by_kind(called, time_us, _KINDS[name], spend_us)
+        else:
+            called = _always(called, time_us, spend_us)
+        setattr(holder, function, called)
+
+
+def _slow_collections(package, time_us, spend_us):
+    for name in list(sys.modules):
+        module = sys.modules[name]
+        if name.startswith(package + ".") and hasattr(module, "gc"):
+            module.gc = _Collector(_always(module.gc.collect, time_us, spend_us))
+
+
+def _always(function, time_us, spend_us):
+    def call(*arguments):
+        result = function(*arguments)
+        spend_us(time_us)
+        return result
+
+    return call
+
+
+def _by_kind(function, times_us, kind, spend_us):
+    def call(*arguments):
+        result = function(*arguments)
+        spend_us(times_us.get(kind(*arguments)) or times_us[""])
+        return result
+
+    return call

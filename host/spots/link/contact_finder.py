@@ -1,0 +1,57 @@
+"""Finds fingers in readings on the host, with the code of a board."""
+
+import math
+from typing import Any
+
+from spots_device import fingers
+from spots_device.contact import TICK_US, TICKS, ContactTracker
+from spots_device.decode import BRIGHTNESS, DROPPED, FORCE_MN, POSITION_UM
+from spots_device.layout import Layout, default_lines
+
+from .frames import Contact, Touch
+
+TYPICAL_DECAY = 289  # for boards that do not report the decay
+
+
+class ContactFinder:
+    """Finds one or two fingers in the readings of a strip, as a board that streams contacts.
+
+    Parameters
+    ----------
+    length_um : int
+        Length of the strip in um, from the board's reply to ``hello``.
+    decay : int, optional
+        Decay of the strip's dye, from the board's reply to ``hello``; a typical decay if not given.
+    """
+
+    def __init__(self, length_um: int, decay: int | None = None):
+        self._tracker: Any = ContactTracker(None)
+        self._tracker.set_layout(Layout(default_lines()), length_um, decay or TYPICAL_DECAY)
+        self._fingers: Any = fingers.Fingers(self)
+        self._fingers.attach(self._tracker, None)
+        self._found: list[Contact] = []
+        self._touch: Touch | None = None
+
+    def take(self, touch: Touch) -> list[Contact]:
+        """Add a reading, and return a contact for each finger; see `Board.contacts`."""
+        self._touch, self._found = touch, []
+        position_um, force_mN = touch.integers
+        brightness, t = touch.brightness_q20, touch.t_us // TICK_US % TICKS
+        self._tracker.take(touch.flags & ~DROPPED, position_um, force_mN, brightness, t)
+        reading = {POSITION_UM: position_um, FORCE_MN: force_mN, BRIGHTNESS: brightness}
+        self._fingers.send(touch.sensor, reading)
+        return self._found
+
+    def release(self) -> None:
+        """Forget the fingers; those that still touch are ignored until they are lifted."""
+        self._fingers.release()
+
+    def contact(
+        self, sensor: int, number: int, state: int, x_um: int, sigma_um: int, force_mN: int
+    ) -> None:
+        """Handle a contact that `spots_device.fingers.Fingers` sends; see docs/protocol.md."""
+        touch = self._touch
+        if touch is not None:
+            force = force_mN or math.nan
+            place = number, state, x_um, sigma_um, force
+            self._found.append(Contact(sensor, touch.sequence, touch.t_us, *place, touch.time_s))

@@ -1,0 +1,16 @@
+"""Confidence that a measured value is above or below the limit of a gesture."""
+
+import math
+
+# The confidence is 50 % at a limit, and 88 % where a value is a quarter better than its limit.
+_STEEPNESS = 8.0
+
+
+def above(value: float, limit: float) -> float:
+    """Return the confidence (0 to 1) that a value is above its limit; 0.5 at the limit."""
+    return 1 / (1 + math.exp(-_STEEPNESS * (value / limit - 1)))
+
+
+def below(value: float, limit: float) -> float:
+    """Return the confidence (0 to 1) that a value is below its limit; 0.5 at the limit."""
+    return 1 - above(value, limit)

@@ -1,0 +1,92 @@
+"""Processor time of the firmware on a real board, as measured; `data/cpus.toml` has the figures.
+
+A virtual board with a `Cpu` spends a function's time at the end of each of its calls, in simulated
+time. Everything that happens within a pass of the firmware's loop is then as late as on that board.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+
+from spots import toml
+from spots.deploy.staging import device_of
+from spots.errors import SpotsError
+
+_FILE = Path(__file__).parent / "data" / "cpus.toml"
+_Time = Annotated[float, msgspec.Meta(ge=0, le=10_000_000)]
+
+
+class Cpu(toml.Strict):
+    """Processor times of a board.
+
+    Attributes
+    ----------
+    call_us : dict of str to float or dict
+        Own time of each function in us, by its name in the firmware's package. For some functions a
+        dict of times by kind, see ``boards/_virtual/_cpu.py``.
+    bus_us : float
+        Processor time of an I2C transfer in us, in addition to its bits.
+    like : str or None
+        Name of another processor that has these times, to be multiplied by `times`.
+    times : float
+        Factor of all times.
+    """
+
+    call_us: dict[str, _Time | dict[str, _Time]] = {}
+    bus_us: _Time = 0.0
+    like: str | None = None
+    times: Annotated[float, msgspec.Meta(gt=0, le=1000)] = 1.0
+
+    def transfer_us(self) -> float:
+        """Return the processor time of an I2C transfer in us, in addition to its bits."""
+        return self.times * self.bus_us
+
+    def times_us(self) -> dict[str, int | dict[str, int]]:
+        """Return the own time of each function in whole us, by its name."""
+        return {
+            name: {kind: round(self.times * us) for kind, us in time_us.items()}
+            if isinstance(time_us, dict)
+            else round(self.times * time_us)
+            for name, time_us in self.call_us.items()
+        }
+
+
+class _CpusFile(toml.Strict):
+    cpus: dict[str, Cpu]
+
+
+def load(name: str, board: str) -> Cpu:
+    """Return a processor of `data/cpus.toml`.
+
+    Parameters
+    ----------
+    name : str
+        Name of the processor, such as ``pico``.
+    board : str
+        Name of the virtual board that will have this processor.
+
+    Returns
+    -------
+    Cpu
+        The processor's times.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such processor, or the board runs CircuitPython, whose times are unknown.
+    """
+    known = toml.checked(_FILE.read_text(encoding="utf-8"), _CpusFile, "processor file").cpus
+    if name not in known:
+        raise SpotsError(f"there is no processor '{name}': use one of {', '.join(known)}")
+    if device_of(board).runtime != "micropython":
+        raise SpotsError(
+            f"the times of '{name}' are those of MicroPython: leave out the processor, or use the "
+            "board 'virtual'"
+        )
+    cpu = known[name]
+    if cpu.like:
+        return msgspec.structs.replace(known[cpu.like], times=cpu.times)
+    return cpu

@@ -1,0 +1,193 @@
+"""A virtual board with the processor time of a Pico, compared with an emulated Pico."""
+
+import re
+
+import numpy as np
+import pytest
+
+from spots.deploy.doctor import examine_board
+from spots.errors import SpotsError
+from spots.link.connect import upload
+from spots_device.decode import DROPPED
+from spots_sim.files import Finger, ScenarioFile
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Held, Scenario
+
+# Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
+MEASURED = {
+    "pico": [
+        (10_000, 100.0, 0.168),
+        (2_780, 359.7, 0.591),
+        (2_000, 500.2, 0.819),
+        (1_500, 522.2, 1.0),
+        (1_000, 535.5, 1.0),
+    ],
+    "pico-xip50": [
+        (10_000, 100.0, 0.226),
+        (2_780, 359.7, 0.787),
+        (2_000, 380.8, 1.0),
+        (1_500, 401.5, 1.0),
+        (1_000, 384.2, 1.0),
+    ],
+}
+CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
+SECONDS = 2.0
+ONE, TWO = [(20.0, 3000)], [(20.0, 3000), (62.0, 3000)]
+# Busy time of a sample in us at 5 ms: by commands and fingers (position in mm, force in mN).
+BUSY = [
+    (["stream off"], [], 1324),
+    (["stream touch"], ONE, 1654),
+    (["stream touch spectrum"], ONE, 2299),
+    (["stream touch contact"], [], 2331),
+    (["stream touch contact"], ONE, 2802),
+    (["stream touch contact"], TWO, 4484),
+    (["stream touch", "keys on"], [], 2039),
+    (["stream touch", "keys on"], ONE, 2215),
+    (["stream touch", "keys on"], TWO, 3523),
+    (["stream spectrum", "set baseline=1"], [], 2243),
+    (["stream touch", "set average=2"], ONE, 1362),
+]
+
+
+def ready(rig, calibration, cpu, exposure_us):
+    """Return a touched board that streams touches."""
+    made = rig(calibration=calibration, cpu=cpu)
+    made.press(20.0, 3000)
+    reply = made.board.command(f"set exposure_us={exposure_us}")
+    upload(made.board, at_exposure(calibration, reply["exposure_us"]))
+    made.board.command("stream touch")
+    made.settle(0.5)
+    return made
+
+
+def at_exposure(calibration, exposure_us):
+    lines = []
+    for line in calibration:
+        words = line.split()
+        if words[0] == "made":
+            words[2] = str(exposure_us)
+        lines.append(" ".join(words))
+    return lines
+
+
+def touches(made, seconds=SECONDS):
+    return list(made.board.touches(seconds))
+
+
+@pytest.mark.parametrize(("cpu", "exposure_us", "rate_hz", "busy"), CASES)
+def test_rate_and_busy_share_are_those_of_the_emulated_board(
+    rig, calibration, cpu, exposure_us, rate_hz, busy
+):
+    made = ready(rig, calibration, cpu, exposure_us)
+    clock = made.link.clock
+    began_us, idle_us = clock.now_us(), clock.idle_us
+    read = touches(made)
+    elapsed_us = clock.now_us() - began_us
+    assert 1e6 * len(read) / elapsed_us == pytest.approx(rate_hz, rel=0.15)
+    assert 1 - (clock.idle_us - idle_us) / elapsed_us == pytest.approx(busy, rel=0.15)
+    if busy == 1.0:
+        assert any(touch.flags & DROPPED for touch in read)
+
+
+@pytest.mark.parametrize(("commands", "fingers", "busy_us"), BUSY)
+def test_the_busy_time_of_a_sample_is_that_of_the_emulated_board(
+    rig, calibration, commands, fingers, busy_us
+):
+    points = [
+        Finger(points=[(7 + 0.3 * n, at_mm, 0), (7.1 + 0.3 * n, at_mm, mN), (60, at_mm, mN)])
+        for n, (at_mm, mN) in enumerate(fingers)
+    ]
+    scenario = Scenario(ScenarioFile(seconds=60, touch=points))
+    made = rig(cpu="pico", scenario=scenario)
+    reply = made.board.command("set exposure_us=5000")
+    upload(made.board, at_exposure(calibration, reply["exposure_us"]))
+    for command in commands:
+        made.board.command(command)
+    link, clock = made.link, made.link.clock
+    assert clock.now_us() < 7e6
+    link.sleep(max(0.0, 9.0 - link.now_s()) + 0.5)
+    began_us, idle_us, samples = clock.now_us(), clock.idle_us, link.chip.samples
+    link.sleep(1.0)
+    busy = clock.now_us() - began_us - (clock.idle_us - idle_us)
+    assert busy / (link.chip.samples - samples) == pytest.approx(busy_us, rel=0.15)
+
+
+@pytest.mark.parametrize("before_us", [10_000, 1_000])
+@pytest.mark.parametrize("exposure_us", [1_000, 1_500, 2_000, 2_780])
+@pytest.mark.parametrize("cpu", MEASURED)
+def test_the_reply_to_set_has_the_rate_that_the_slow_board_delivers(
+    rig, calibration, cpu, exposure_us, before_us
+):
+    made = ready(rig, calibration, cpu, before_us)
+    reply = made.board.command(f"set exposure_us={exposure_us}")
+    made.settle(0.5)
+    assert 1000 * len(touches(made)) / SECONDS == pytest.approx(reply["rate_mHz"], rel=0.15)
+
+
+def test_hello_costs_few_samples(rig, calibration):
+    made = ready(rig, calibration, "pico", 2_780)
+    lost = []
+    # Four commands from one ``get`` to the next: one of them collects garbage.
+    for command in ("sync", "hello"):
+        before = made.board.command("get")["missed"]
+        for _ in range(3):
+            made.board.command(command)
+            made.settle(0.2)
+        lost.append(made.board.command("get")["missed"] - before)
+    assert 0 < lost[1] - lost[0] <= 3 * 2
+
+
+@pytest.mark.parametrize("exposure_us", [1_000, 2_780])
+def test_samples_that_commands_and_their_collections_cost_are_counted(
+    rig, calibration, exposure_us
+):
+    made = ready(rig, calibration, "pico", exposure_us)
+
+    def counted():
+        missed = made.board.command("get")["missed"]
+        return np.array([missed, made.board.stats.frames, made.link.chip.samples])
+
+    commands = ["sync", "hello", "stream touch", "cal begin", *(f"cal {n}" for n in range(8))]
+    before = counted()
+    for command in commands:
+        made.board.command(command)
+        made.settle(0.05)
+    missed, frames, samples = counted() - before
+    assert missed > 8 * 19_400 / exposure_us
+    assert missed + frames - len(commands) - 1 == pytest.approx(samples, rel=0.005, abs=4)
+
+
+@pytest.mark.parametrize(
+    ("exposure_us", "ok"), [(10_000, True), (2_780, True), (1_500, False), (1_000, False)]
+)
+def test_doctor_recommends_an_exposure_that_the_slow_board_can_do(
+    rig, calibration, exposure_us, ok
+):
+    made = ready(rig, calibration, "pico", exposure_us)
+    (rate,) = [found for found in examine_board(made.board) if found.check == "rate"]
+    assert rate.ok is ok
+    if not ok:
+        wanted_us = int(re.search(r"set exposure_us=(\d+)", rate.text)[1])
+        made = ready(rig, calibration, "pico", wanted_us)
+        before = made.board.command("get")["missed"]
+        assert len(touches(made)) == pytest.approx(SECONDS * 1e6 / wanted_us, rel=0.02)
+        assert made.board.command("get")["missed"] - before < 20
+
+
+def test_both_runtimes_of_the_virtual_board_are_equally_slow(rig, calibration, monkeypatch):
+    rates = []
+    for runtime in ("micropython", "cpython"):
+        monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", runtime)
+        made = ready(rig, calibration, "pico", 1_500)
+        assert made.board.info["runtime"].startswith(runtime)
+        rates.append(len(touches(made)))
+    assert rates[0] == pytest.approx(rates[1], rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("cpu", "board", "why"),
+    [("z80", "virtual", "use one of pico"), ("pico", "virtual_circuitpython", "MicroPython")],
+)
+def test_a_processor_that_is_unknown_is_refused(sensor, cpu, board, why):
+    with pytest.raises(SpotsError, match=why):
+        LockstepLink(sensor, Held(), cpu=cpu, board=board)
