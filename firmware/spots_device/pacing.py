@@ -27,7 +27,8 @@ _FRESH = const(64)  # samples after which a bound may replace a higher one
 # to follow temperature.
 _SHARE = const(11)
 _LONG_US = const(60_000_000)
-_RENEW = const(256)  # samples after which the reference moves on, to follow temperature
+# Samples after which the reference moves on, to follow temperature; at 1 s, ticks must not wrap.
+_RENEW = const(224)
 
 
 class Pacing:

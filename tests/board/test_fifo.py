@@ -128,7 +128,8 @@ def test_an_overflow_is_counted_and_the_fifo_is_used_again(stalled, stall_us, ov
     assert steps(after) == {1}
     lost_by_chip = stall_us / (1.02 * EXPOSURE_US)
     turns = round((lost_by_chip - gap) / AROUND)
-    assert lost == gap - 1 + AROUND * turns
+    # The period is measured to 0.1 %: after 2 s, the count may be wrong by one.
+    assert abs(lost - (gap - 1 + AROUND * turns)) <= stall_us // 2_000_000
     assert after[0].flags & DROPPED
     assert made.get()["fifo"]
 

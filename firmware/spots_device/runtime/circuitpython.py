@@ -20,8 +20,9 @@ from ..settings import BoardSettings, load_lines
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
 from .stay import told_to_stay
 
-_PERIOD_US = const(1 << 30)
-_HALF_PERIOD_US = const(1 << 29)
+# `ticks_diff` adds half a period; with a period of 2**30 us the sum would be no small integer.
+_PERIOD_US = const(1 << 29)
+_HALF_PERIOD_US = const(1 << 28)
 _FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
 _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
 
