@@ -186,7 +186,7 @@ def test_an_unknown_runtime_is_one_sentence(capsys, monkeypatch):
 @pytest.mark.parametrize(("sensor", "code"), [("default", 0), ("nope", 2)])
 def test_it_ends_with_whoever_started_it(sensor, code):
     run = subprocess.run(
-        [sys.executable, "-m", "spots_sim.cpython_realtime", sensor, "demo", "0"],
+        [sys.executable, "-m", "spots_sim.cpython_realtime", sensor, "demo", "0", "1"],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         timeout=TIMEOUT_S,

@@ -32,8 +32,7 @@ def _own_app():
     spec = importlib.util.find_spec("spots_device.app")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    for name in ("SETTINGS_FILE", "CALIBRATION_FILE", "LAYOUT_FILE"):
-        setattr(module, name, f"{_STORE.name}/{name}")
+    module.BoardApp._path = lambda self, name: f"{_STORE.name}/{name}"
     module.gc = SimpleNamespace(collect=lambda: None)  # real collections take most of the time
     return module
 
