@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from statistics import median
 
+from spots.calibrate.fit import fit
+from spots.calibrate.presses import Noise
 from spots.keyboard.layout import load as load_layout
 
 from .demo import open_fast
 from .demo_applications import type_on_board
 from .files import SensorFile, load
 from .scenario import Scenario
+from .stage import Stage
 from .typist import fast_typing
 
 _COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
@@ -60,7 +64,7 @@ def typed(
 
 
 def added(runs: list[dict]) -> dict:
-    """Return the sums of the counts of several runs, and the worst latencies.
+    """Return the sums of the counts of several runs, and their latencies.
 
     Parameters
     ----------
@@ -70,13 +74,41 @@ def added(runs: list[dict]) -> dict:
     Returns
     -------
     dict
-        Counts and latencies as in `typing_score.TypingScore.summary`. ``error_percent`` is the
-        number of wrong, missed and extra keys per hundred touches.
+        Counts as in `typing_score.TypingScore.summary`. ``error_percent`` is the number of wrong,
+        missed and extra keys per hundred touches. ``latency_ms`` has ``p50`` and ``p99`` of the
+        run where they are largest, ``median_latency_ms`` has their medians over the runs.
     """
     total = {name: sum(run[name] for run in runs) for name in _COUNTS}
     off = total["wrong"] + total["missed"] + total["extra"]
-    late = {p: max(run["latency_ms"][p] for run in runs) for p in ("p50", "p99")}
-    return {**total, "error_percent": round(100 * off / total["touches"], 2), "latency_ms": late}
+    late = {p: [run["latency_ms"][p] for run in runs] for p in ("p50", "p99")}
+    return {
+        **total,
+        "error_percent": round(100 * off / total["touches"], 2),
+        "latency_ms": {p: max(of_runs) for p, of_runs in late.items()},
+        "median_latency_ms": {p: median(of_runs) for p, of_runs in late.items()},
+    }
+
+
+def calibrated_at(exposure_us: int, sensor: str = "default") -> tuple[str, ...]:
+    """Calibrate a simulated sensor with another exposure than its default one.
+
+    Parameters
+    ----------
+    exposure_us : int
+        Exposure in microseconds.
+    sensor : str, optional
+        Sensor file: a path or a name.
+
+    Returns
+    -------
+    tuple of str
+        Lines of the calibration.
+    """
+    with Stage(load(SensorFile, sensor)) as stage:
+        stage.expose(exposure_us)
+        along, pressed = stage.along(), stage.pressed()
+        lines = fit({0: along}, pressed, Noise.of(along, pressed), stage.reader.conditions)
+    return tuple(lines)
 
 
 def main() -> None:
@@ -84,14 +116,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words_per_min", type=float, nargs="+")
     parser.add_argument("--touches", type=int, default=150, help="touches of each run (150)")
-    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seeds", type=int, default=10, help="number of texts (10)")
+    parser.add_argument("--first-seed", type=int, default=0, help="seed of the first text (0)")
+    parser.add_argument("--exposure-us", type=int, help="exposure, in place of the sensor's")
+    parser.add_argument("--layout", default="digits", help="a key layout: name or path (digits)")
     parser.add_argument("--sensor", default="default")
     parser.add_argument("--rezero", action="store_true", help="re-zero the strip after its change")
     parser.add_argument("--warm", action="store_true", help="start with a warm LED")
     options = parser.parse_args()
+    lines = calibrated_at(options.exposure_us, options.sensor) if options.exposure_us else None
+    strip = options.sensor, options.rezero, options.warm, lines, options.layout
     for speed in options.words_per_min:
-        seeds = range(options.seeds)
-        strip = options.sensor, options.rezero, options.warm
+        seeds = range(options.first_seed, options.first_seed + options.seeds)
         runs = [typed(speed, options.touches, seed, *strip) for seed in seeds]
         print(f"{speed:g} words a minute: {added(runs)}", flush=True)
 

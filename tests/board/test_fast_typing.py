@@ -6,15 +6,12 @@
 import numpy as np
 import pytest
 
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import Noise
 from spots.calibrate.shift import shifted
 from spots_sim.demo import open_fast
 from spots_sim.demo_applications import type_on_board
 from spots_sim.files import Finger, ScenarioFile
 from spots_sim.scenario import Scenario
-from spots_sim.stage import Stage
-from spots_sim.typing_speed import added, typed
+from spots_sim.typing_speed import added, calibrated_at, typed
 
 # By words a minute: errors in a hundred touches, keys of no finger, latency in ms of 99 of them.
 # The slowest one of so few touches is slower than 99 % of many, which are in docs/keyboard.md.
@@ -40,12 +37,8 @@ def test_fast_typing_is_understood(words_per_min):
     )
 
 
-def test_fast_typing_is_understood_at_half_the_exposure(sensor):
-    with Stage(sensor) as stage:
-        stage.expose(5000)
-        along, pressed = stage.along(), stage.pressed()
-        lines = fit({0: along}, pressed, Noise.of(along, pressed), stage.reader.conditions)
-    check([typed(100, 100, 21, lines=tuple(lines))], 3, 1, 110)
+def test_fast_typing_is_understood_at_half_the_exposure():
+    check([typed(100, 100, 21, lines=calibrated_at(5000))], 3, 1, 110)
 
 
 def test_fast_typing_is_understood_while_each_channel_is_off_by_a_hundredth(sensor, calibration):
