@@ -29,7 +29,7 @@ from spots.remote import zenoh_session as session_module
 from spots.remote.zenoh_link import ZenohLink
 from spots.web import app as app_module
 from spots.web.board_feed import BoardReader
-from spots.web.recordings import START, Recordings
+from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import PageState
 from spots_sim import person
@@ -128,6 +128,15 @@ def test_a_reader_that_cannot_show_its_state(fault):
     goes_on(reader, state)
 
 
+def test_a_list_of_recordings_that_is_asked_for(fault, tmp_path, monkeypatch):
+    fault.patch(monkeypatch, Recordings, "_list")
+    recordings = Recordings(tmp_path, PageState())
+    with pytest.raises(spots.SpotsError, match="a recording failed"):
+        recordings.submit("list").result(30)
+    wait_until(recordings._reading.done)
+    assert recordings.submit("list").result(30) == {"files": []}
+
+
 def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):
     state = PageState()
     recordings = Recordings(tmp_path, state)
@@ -136,8 +145,8 @@ def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):
     reader.start()
     wait_until(lambda: recordings._attended)
     with pytest.raises(spots.SpotsError, match="a recording failed"):
-        recordings.submit(START).result(2)
-    assert recordings.submit(START).result(30) is None
+        recordings.submit("start").result(2)
+    assert recordings.submit("start").result(30) is None
     goes_on(reader, state)
 
 
@@ -300,7 +309,8 @@ time.sleep(10)
         (r"add_signal_handler\(", {"spots/web/serve.py"}),
         # In the main thread, where an exception ends the program as any other does.
         (r"signal\.signal\(", {"spots/signals.py"}),
-        (r"atexit|Timer\(|Executor\(|run_in_executor|excepthook|weakref\.finalize", set()),
+        (r"Executor\(", {"spots/web/recordings.py"}),
+        (r"atexit|Timer\(|run_in_executor|excepthook|weakref\.finalize", set()),
         # Awaited at once, where its exception is raised.
         (r"to_thread\(", {"spots/link/board.py"}),
         (r"ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),

@@ -69,12 +69,14 @@ class Recordings(Orders):
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)
+        answer: Future = Future()
         if self._reading and not self._reading.done():
-            busy: Future = Future()
-            busy.set_exception(SpotsError("recordings are being read: wait a moment"))
-            return busy
-        self._reading = self._thread.submit(self._list if word == "list" else self._compare, *names)
-        return self._reading
+            answer.set_exception(SpotsError("recordings are being read: wait a moment"))
+            return answer
+        answer.set_running_or_notify_cancel()  # a client that no longer waits changes nothing
+        read = self._list if word == "list" else self._compare
+        self._reading = self._thread.submit(self._answer, answer, read, *names)
+        return answer
 
     def attend(self, board: Board) -> bool:
         """Handle all waiting requests, and show the progress of a recording.
