@@ -59,4 +59,4 @@ def test_bus_time_is_what_the_bytes_on_the_wire_take(at):
         clocks = 9 * cost["wire_bytes_per_reading"]
         framing = cost["bus_ms_per_reading"] * cost["bus_kHz"] - clocks
         per_transaction = framing / cost["transactions_per_reading"]
-        assert 2 <= per_transaction <= 3  # START, STOP and, in a read, a second START
+        assert 2 <= per_transaction < 3.01  # START, STOP and, in a read, a second START

@@ -41,8 +41,8 @@ def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
     portable = figures(capsys, "--seed", seed)
     staged = []
 
-    def with_viper(board, folder):
-        stage(board, folder)
+    def with_viper(board, folder, strips):
+        stage(board, folder, strips)
         staged.append(folder / "spots_device")
         for path in Path(spots_device.__file__).parent.glob("*_viper.py"):
             shutil.copy(path, staged[-1])

@@ -84,7 +84,7 @@ def built(tmp_path_factory):
     """The files of a board, built once."""
     folder = build(BOARD, tmp_path_factory.mktemp("build"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(flashing, "build", lambda board, root: folder)
+        patch.setattr(flashing, "build", lambda board, root, strips: folder)
         patch.setattr(flashing, "_greet", lambda there: None)
         patch.setattr(place, "usb_ports", list)
         patch.setattr(link, "usb_ports", list)
