@@ -16,6 +16,7 @@ from spots.web.board_feed import BoardReader, finder
 from spots.web.calibration import PageCalibration
 from spots.web.layout_editor import LayoutEditor
 from spots.web.serve import Server
+from spots.web.settings_editor import SettingsEditor
 from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
 from spots_sim.files import SensorFile
@@ -32,6 +33,7 @@ from bring_browser import launch_options  # noqa: E402
 # Wait until the plots of ten seconds are full and a finger presses with this force.
 _AFTER_S = 12.0
 _HARD_N = 5.5
+_SIGNAL_S = 6.0  # fills the signals of the controller settings
 _LONG_MS = 60_000
 _FORCE_N = "Number(document.querySelectorAll('.figure b')[1].firstChild.data) || 0"
 _PICTURES = {
@@ -133,10 +135,13 @@ async def calibration(browser: Browser) -> None:
 
 
 async def editor(browser: Browser) -> None:
-    """Take the screenshot of a layout editor with a finger on the strip."""
+    """Take screenshots of the layout editor and the controller settings while a finger plays."""
     with TemporaryDirectory() as folder:
         state, layout = PageState(), load("mini")
-        orders = {"layout": LayoutEditor(Path(folder) / "mine.toml", layout, state)}
+        orders = {
+            "layout": LayoutEditor(Path(folder) / "mine.toml", layout, state),
+            "controller": SettingsEditor("controller", Path(folder) / "controller.toml", state),
+        }
         open_board = finder("virtual", "default", "demo", seed=0)
         reader = BoardReader(open_board, layout, state, orders=orders.values())
         async with Server(state, orders=orders) as server:
@@ -152,8 +157,13 @@ async def editor(browser: Browser) -> None:
             while await page.evaluate(_FORCE_N) < _HARD_N:
                 await asyncio.sleep(0.05)
             await page.screenshot(path=_HERE / "page-editor.png")
-            await context.close()
             print(_HERE / "page-editor.png")
+            await page.locator("#edit-controller").click()
+            await asyncio.sleep(_SIGNAL_S)
+            await page.locator("#controller").evaluate("panel => panel.scrollIntoView()")
+            await page.screenshot(path=_HERE / "page-controller.png")
+            await context.close()
+            print(_HERE / "page-controller.png")
         reader.stop()
 
 

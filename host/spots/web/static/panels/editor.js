@@ -328,7 +328,7 @@ export function editor(root) {
       trial.append(make("span", "", event.name));
       while (trial.children.length > TRIED) trial.firstChild.remove();
     }
-    const tries = `With ${engine.changed ? "this draft, not on the board yet" : "the layout on the board"}, the finger types:`;
+    const tries = `With this ${engine.changed ? "draft" : "layout"}, the finger types:`;
     if (trialWords.textContent !== tries) trialWords.textContent = tries;
     for (const one of changes.touches) points.push([one.time_s, one.touching ? one.force_mN ?? 0 : 0]);
     if (points.length > FORCE_KEPT) points.splice(0, FORCE_KEPT / 4);
