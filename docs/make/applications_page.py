@@ -22,19 +22,22 @@ TOUCHES = 150
 _SECONDS = 10.0
 _TEXT = """# Typing and controller, on the ideal and on the real strip
 
-`make paper` writes this document, and measures all numbers. The ideal strip is the simulated sensor
-file `default`, as it was at its calibration. The real strip is the file `real`: it has aged and
-warmed up since its calibration, and is under a lamp ([drift.md](drift.md)). For the re-zero, each
-mark on the strip was pressed once with a warm LED. The last column shows the first seconds or
-minutes after power-on, while the LED warms up.
+`make paper` writes this document, and measures all numbers. Both strips are
+simulated. The ideal strip (sensor file `default`) has not changed since its calibration. The real
+strip (sensor file `real`) has the faults of a real one: it has aged and warmed up since its
+calibration, and is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses
+of known positions, the marks; here each mark was pressed once, after the LED had warmed up. The
+last column shows the time after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures
-of 10 ms. The sources for the statistics of the touches are in
-[typist.py](../host/spots_sim/typist.py). "Errors" are wrong, missed and extra keys, and "no
+of 10 ms. [typist.py](../host/spots_sim/typist.py) cites the publications
+of the statistics of these touches. "Errors" are wrong, missed and extra keys, and "no
 finger" are key presses without a finger on the key, both in per cent of the touches. Latency is
-from the first light of a touch to the press of the correct key; its percentiles p50 and p99 are
-those of the worst seed. The controller follows the fingers of the demo for {seconds:g} s;
-[controller.md](controller.md) explains its values. These commands measure the real strip:
+the time from the start of a touch to the report of the correct key; its percentiles p50 and p99 are
+those of the worst seed. In the rows `controller`, the simulated
+fingers of the demo move the axes of the game controller for {seconds:g} s;
+[controller.md](controller.md) explains the values. These commands measure the column of the real
+strip after a re-zero:
 
 ```sh
 python -m spots_sim.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm

@@ -98,7 +98,7 @@ class Outbox:
     def put(self, report):
         """Add a copy of a report to the queue; return False if the queue was full.
 
-        In a full queue, all reports are dropped, including the new report; see `release`.
+        If the queue is full, all reports are dropped, including the new one; see `release`.
         """
         if self._count == WAITING_MAX:
             self.dropped += 1

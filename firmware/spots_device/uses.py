@@ -231,7 +231,7 @@ class Uses:
             output.release()
 
     def finish(self, clock, until):
-        """Release all keys and the gamepad, and wait until the host has read the reports.
+        """Release all keys and gamepad buttons; wait until the host has read the reports of this.
 
         Parameters
         ----------

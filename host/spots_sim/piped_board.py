@@ -153,7 +153,9 @@ class PipedBoard:
             elif not server.is_reset(request):
                 return request
             self._machine.boot()
-        raise SpotsError("the virtual board reboots at each start: check main.py and its output")
+        raise SpotsError(
+            "the virtual board restarts again and again: check main.py and what it prints"
+        )
 
     def _is_report(self, request: bytes) -> bool:
         """Process a report of the board; return False for a request, which needs an answer."""

@@ -77,7 +77,10 @@ class Score:
         return self._rms(self._force_mN2)
 
     def latency_ms(self, percentile: float) -> float | None:
-        """Return a percentile (0 to 100) of the time in ms from mid-integration to arrival."""
+        """Return a percentile (0 to 100) of the time in ms from mid-integration to arrival.
+
+        None if no reading was scored.
+        """
         return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
 
     def _rms(self, squares: float) -> float | None:

@@ -68,7 +68,7 @@ class Silicone(toml.Strict):
 
     @property
     def ideal(self) -> bool:
-        """Whether all effects are 0."""
+        """Whether the silicone has no creep, no hysteresis and no softening."""
         return not (self.creep_percent or self.hysteresis_percent or self.softening_percent)
 
 

@@ -184,7 +184,7 @@ class MachineUsb:
         if not hasattr(machine, "USBDevice"):
             raise OSError("this MicroPython cannot be a USB device: update it")
         if sys.platform == "esp32" and sys.implementation.version[:2] == (1, 26):
-            raise OSError("MicroPython 1.26 sends empty reports on this chip: install a newer one")
+            raise OSError("MicroPython 1.26 sends empty reports on this chip: update it")
         if self._most is not None and len(names) > self._most:
             raise OSError(
                 "USB of this board has no room for %s: switch keys or gamepad off, save and reboot"

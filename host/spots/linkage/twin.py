@@ -36,7 +36,7 @@ def twin_command(options: argparse.Namespace) -> None:
         )
     if options.picture and (ports or boards):
         raise SpotsError(
-            "--picture compares the twin with a simulated path: use it without boards, recordings "
+            "--picture shows a simulated linkage: use --picture without boards, recordings "
             "and --port virtual"
         )
     if options.out and not options.calibrate:

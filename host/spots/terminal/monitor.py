@@ -84,7 +84,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
 
 
 def _infos(board: Board) -> list[Hello]:
-    """Return the reply to ``hello`` of each strip of a board; a remote board gives only one."""
+    """Return one reply to ``hello`` for each strip; of a remote board, only the first strip's."""
     infos = [board.command("hello")]
     for sensor in board.sensors[1:]:
         try:

@@ -65,7 +65,7 @@ class Recordings(Orders):
         return body.decode()
 
     def submit(self, request: str) -> Future:
-        """Answer requests that only read the folder in a separate thread; queue all others."""
+        """Answer a request that only reads recordings in a separate thread; queue any other one."""
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)
