@@ -17,6 +17,10 @@ _RETRY_US = const(100_000)  # time between two starts of a sensor that does not 
 # A strip whose last poll was too early goes first, unless another strip is late by this time: its
 # next poll bounds the time of its sample.
 _PUNCTUAL_US = const(500)
+# A poll later than this finds its sample even if it was scheduled too early. Such a poll does not
+# advance the next one, for `_RENEW` samples at most.
+_LATE_US = const(100)
+_RENEW = const(224)  # as in pacing.py
 _MUX_ADDRESS = const(0x70)  # of the I2C multiplexer TCA9548A; one bit of its register a channel
 _PREFIX = "sensor="
 _FOR_ALL = ("save", "reboot")  # commands that concern all strips
@@ -220,8 +224,13 @@ class StripApp(BoardApp):
     def poll(self):
         """Read a sample, if there is one, and process it."""
         clock = self._clock
+        pacing = self.pacing
         began = clock.ticks_us()
+        late_us = clock.ticks_diff(began, pacing.due) - _LATE_US
         if self._sensor.poll():
+            late = late_us > pacing._creep and 0 <= pacing._samples < _RENEW
+            if late and not self._sensor._held:
+                pacing.due = clock.ticks_add(pacing.due, pacing._creep)
             if self.reconnect.fault:
                 self.reconnect.sampled()
             self.strip.take()

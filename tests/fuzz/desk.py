@@ -77,7 +77,7 @@ class _Sensor:
         self._clock = clock
         self.pacing = SimpleNamespace(missed=0)
         self.counts = array("i", bytes(4 * 6))
-        self.retries = self.complete = 0
+        self.retries = self.complete = self.fifo = 0
         self.led = "ldr"
         self.gpio = lambda on: None
         self.steady, self.saturated = True, False

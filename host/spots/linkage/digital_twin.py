@@ -253,7 +253,7 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
     new = angles[i]
     if new.time_s == time_s:
         return new
-    if i == 0 or new.time_s > angles[i - 1].time_s + _GAP_S:
+    if i == 0 or _is_gap(angles[i - 1], new):
         return None
     old = angles[i - 1]
     share = (time_s - old.time_s) / (new.time_s - old.time_s)
@@ -270,6 +270,12 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
     )
 
 
+def _is_gap(old: Angle, new: Angle) -> bool:
+    """Return whether two readings are too far apart, or the board restarted between them."""
+    # The clock of a board starts from 0 again at a restart.
+    return not 0 < new.device_s - old.device_s <= _GAP_S
+
+
 def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
     """Return a correction for linear interpolation between the last two readings, in rad.
 
@@ -278,7 +284,7 @@ def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
     """
     first, old, new = last
     before_s, since_s = old.time_s - first.time_s, new.time_s - old.time_s
-    if before_s > _GAP_S:
+    if _is_gap(first, old):
         return 0.0
     slopes = [(b.angle_rad - a.angle_rad) / (b.time_s - a.time_s) for a, b in pairwise(last)]
     bend = (slopes[1] - slopes[0]) / (before_s + since_s)
