@@ -37,7 +37,9 @@ def run():
                 "crb_ratio": 1.02,
                 "one_pair": {"channels": ["F5", "F8"], "crb_ratio": 1.57},
             },
-            "force": {"resolution_mN": 5, "accuracy_N": 0.1, "threshold_mN": 200},
+            "force": {
+                "resolution_mN": 5, "bound_mN": 4.25, "accuracy_N": 0.1, "threshold_mN": 200
+            },
             "joint": {
                 "r2": 0.9999, "resolution_deg": 0.1, "accuracy_deg": 0.1, "backlash_deg": 0.02
             },
@@ -111,7 +113,15 @@ def test_departure_is_measured_along_the_strip():
 
 def test_the_document_has_what_was_measured_and_what_cannot_be(run):
     page = document([run, run], [42.0, 6.0], 85.0)
-    for number in ("7.2 µm", "1.02", "1.57", "0.9991234", "within 42 µm", "30.0 µm, then 35.0 to"):
+    for number in (
+        "7.2 µm",
+        "1.02",
+        "1.57",
+        "0.9991234",
+        "4.2 mN",
+        "within 42 µm",
+        "30.0 µm, then 35.0 to",
+    ):
         assert number in page
     assert all(len(row[3]) == 2 and row[4].endswith(".") for row in rows([run, run], [42.0, 6.0]))
     for name in NAMES:
