@@ -19,7 +19,8 @@ TWO   DOWN   the first finger lifts, and the position has almost reached the sec
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
 TWO   TWO    the first finger rests, and readings agree on the position of the second finger
              (second.py), even if the light of the first finger is unknown
-TWO   TWO    the second finger slides: the first one rests, and could not cause this by lifting
+TWO   TWO    the second finger slides, 0.1 s after this state began or later: the first one rests,
+             and could not cause this by lifting
 TWO   DOWN   one of two known fingers has left: one reading shows which
 TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is now the first
 TWO   UP     no finger touches
@@ -91,6 +92,7 @@ _LATER = const(4)
 _TWICE_T = const(8)  # least time between two estimates that confirm each other
 _NEVER = const(1 << 29)
 _FALL_T = const(34)  # longest time in which a finger lifts
+_SLIDES_T = const(100)  # fingers that type overlap for less: their light changes as they lift
 _LIFTS_T = const(9)  # least time of a lift before its end is predicted
 _REMAINS_UM = const(2000)  # largest distance to the second finger at this end
 _FAST_UM = const(20_000)
@@ -645,10 +647,14 @@ class ContactTracker:
         """Follow the second finger unless the first one may be lifting; return whether it did."""
         s = self._s
         if (
-            brightness < s[_PEAK] - (_RISEN >> 1)  # a finger that lifts loses light
-            and self._solve(s[_X_SECOND_UM], s[_B_SECOND], x_um, brightness, fits)
-            and abs(s[_FOUND_UM] - s[_X_UM]) < (s[_FOUND_SLACK_UM] >> 1) + _SAME_UM
-        ) or not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
+            elapsed(s[_BEGAN], s[_T]) < _SLIDES_T
+            or (
+                brightness < s[_PEAK] - (_RISEN >> 1)  # a finger that lifts loses light
+                and self._solve(s[_X_SECOND_UM], s[_B_SECOND], x_um, brightness, fits)
+                and abs(s[_FOUND_UM] - s[_X_UM]) < (s[_FOUND_SLACK_UM] >> 1) + _SAME_UM
+            )
+            or not self._solve(s[_X_UM], s[_B], x_um, brightness, fits)
+        ):
             return False
         if abs(s[_FOUND_UM] - s[_X_SECOND_UM]) > 2 * _APART_UM:
             return False

@@ -115,7 +115,9 @@ def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
         figures = made.score.summary()
         assert 400 < figures["states"] < 800
         assert figures["x_rms_percent"] < 1
-        assert figures["largest_unexplained_jump_percent"] < 1.6  # where a touch begins, at 0.2 N
+        # The jump is where a touch begins, at 0.2 N. It depends on the time of the first sample
+        # in the touch: 0.7 to 3.4 % for scenarios that begin 0 to 9 ms later.
+        assert figures["largest_unexplained_jump_percent"] < 3.5
     device = evdev.UInput.made[-1]
     pushed = [(code - 0x130 + 1, value) for kind, code, value in device.history if kind == 1]
     # The press that grows, then the double tap far from the sensor.
@@ -373,7 +375,7 @@ def test_a_file_that_is_there_keeps_what_is_not_measured_and_comments_are_told_o
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"middle": (75.0, 2000.0)}, "middle must be at least"),
+        ({"middle": (75.0, 2000.0)}, "must be between the ends, 5 % or more from each"),
         ({"as hard": (40.0, 750.0)}, "times the light"),
     ],
 )
