@@ -4,6 +4,8 @@ Only a board whose board.toml has ``SENSORS`` gets this module. Sensor 0 has the
 with one strip. Each strip has its own settings, calibration, dark frame, layout and commands.
 """
 
+import gc
+
 from micropython import const
 
 from .app import BoardApp
@@ -166,6 +168,7 @@ class StripApp(BoardApp):
         return len(self.main.parts)
 
     def _attach(self, open_sensor, board, usb):
+        gc.collect()  # so that what each strip keeps does not lie between garbage
         self.waits = False  # whether the strip waits, for example while its sensor starts
         self._again = None  # ticks of the next start of a lost sensor; None: at once
         config = SensorConfig(self._board.SENSORS[self.index])
