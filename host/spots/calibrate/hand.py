@@ -41,6 +41,7 @@ _END_UM = 2000.0  # a press nearer to an end is partly beside the strip
 _THIN = 1.5  # ratio of the error at a place or force to the mean error
 _GOOD_UM, _GOOD_SHARE = 50.0, 0.01  # with a smaller error, no more presses are needed
 _ALONG, _FORCES = 33, 30
+_UNSURE = 2.0  # ratio to the least force, below which the model's light need not rise
 
 
 def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool) -> None:
@@ -145,8 +146,14 @@ def material(session: Session, length_um: float) -> tuple[Surface, Presses, Pres
     surface = _surface(session, length_um)
     along = surface.presses(np.linspace(0, length_um, _ALONG), np.full(_ALONG, FIRM_MN))
     forces_mN = np.geomspace(surface.least_mN, surface.most_mN, _FORCES)
+    # The light begins steeply, so the errors of the weakest forces can make the fitted light fall.
+    light = surface.logs(np.full_like(forces_mN, length_um / 2), forces_mN).mean(axis=1)
+    falls = (np.diff(light) <= 0) & (forces_mN[1:] < _UNSURE * surface.least_mN)
+    forces_mN = forces_mN[np.flatnonzero(falls).max(initial=-1) + 1 :]
     places_um = np.array(MARKS) * length_um
-    pressed = surface.presses(np.tile(places_um, _FORCES), np.repeat(forces_mN, len(places_um)))
+    pressed = surface.presses(
+        np.tile(places_um, len(forces_mN)), np.repeat(forces_mN, len(places_um))
+    )
     return surface, along, pressed
 
 
