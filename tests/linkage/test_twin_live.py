@@ -362,8 +362,11 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
         (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
         (["--port", "recording:a", "--measure", "p.csv"], "--measure needs real boards"),
         (["--port", "virtual"], "arm.toml describes a linkage with real boards: leave out"),
-        (["--port", "0", "--port", "1", "--picture", "a.png"], "--picture compares the twin"),
-        (["--port", "0", "--measure", "p.csv", "--picture", "a.png"], "--picture compares"),
+        (
+            ["--port", "0", "--port", "1", "--picture", "a.png"],
+            "--picture shows a simulated linkage",
+        ),
+        (["--port", "0", "--measure", "p.csv", "--picture", "a.png"], "--picture shows"),
         (
             ["--calibrate", "p.csv", "--port", "0"],
             "--calibrate reads a file of points and no board",
