@@ -10,7 +10,7 @@ import micropython
 from micropython import const
 
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
-from .stay import told_to_stay
+from .stay import must_stay
 
 _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
@@ -209,7 +209,7 @@ def main():
     """
     import board_config
 
-    if told_to_stay():
+    if must_stay():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
     if _is_safe_boot(board_config):
