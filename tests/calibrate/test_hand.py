@@ -68,7 +68,7 @@ def errors_um(stage, made):
     found = []
     for place_um in np.linspace(0.05, 0.95, 13) * stage.length_um:
         stage.press(place_um, 3000.0)
-        decode.update([round(64 * c) for c in stage.reader.read(16).counts], 64, [0] * 6, 0)
+        decode.update_mean(stage.reader.read(16).counts)
         found.append(decode.position_um - place_um)
     return np.array(found)
 
@@ -81,7 +81,7 @@ def relative_forces(stage, made):
     for force_mN in (1000.0, 2000.0, 4000.0, 8000.0):
         stage.press(0.4 * stage.length_um, force_mN)
         counts = stage.reader.read(16).counts
-        decode.update([round(64 * c) for c in counts], 64, [0] * 6, 0)
+        decode.update_mean(counts)
         found.append((decode.force_mN, counts.sum()))
     return np.array(found).T
 
