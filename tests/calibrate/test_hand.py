@@ -164,7 +164,7 @@ def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
         room = Room(stage, Habits(slips=1.0))
         calibrate(room, path, "rough", steps.COUNTS["rough"][0])
     assert "press again" not in room.getvalue()
-    assert room.person.presses == 1 + len(Session(path).of("hand")) == 11
+    assert room.person.presses == 1 + len(Session(path).of("hand")) == 12
 
 
 @pytest.mark.parametrize(
