@@ -11,7 +11,7 @@ from rich.console import Console
 
 from spots import SpotsError
 from spots.calibrate import calibration_file as file
-from spots.calibrate import steps
+from spots.calibrate import hand, steps
 from spots.calibrate.bench import Bench
 from spots.calibrate.guide import Guide
 from spots.calibrate.presser import Presser
@@ -19,6 +19,7 @@ from spots.calibrate.session import Session, settings
 from spots.calibrate.typed import typed
 from spots_device.calibration import Calibration
 from spots_device.views import Decoded
+from spots_sim.files import SensorFile, load
 from spots_sim.person import Habits, Person, follow
 from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
@@ -165,6 +166,29 @@ def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
         calibrate(room, path, "rough", steps.COUNTS["rough"][0])
     assert "press again" not in room.getvalue()
     assert room.person.presses == 1 + len(Session(path).of("hand")) == 12
+
+
+class EnoughError(Exception):
+    """Ends a session early."""
+
+
+def test_a_press_that_is_too_dark_is_asked_for_again_with_more_force(tmp_path, monkeypatch):
+    following, asked = hand._next, []
+
+    def with_a_weak_one(*state):
+        asked.append(following(*state))
+        if len(asked) > 7:
+            raise EnoughError
+        return hand._wanted(198_000, 230) if len(asked) == 7 else asked[-1]
+
+    monkeypatch.setattr(hand, "_next", with_a_weak_one)
+    with Stage(load(SensorFile, "long_200mm"), seed=3) as stage:
+        room = Room(stage, Habits(slips=0))
+        with pytest.raises(EnoughError):
+            calibrate(room, tmp_path / "a.jsonl", "fine", 20)
+    said = room.getvalue()
+    assert "198.0 mm with 0.23 N: too dark" in said
+    assert "press at 198.0 mm with about 33 g (0.32 N) and hold" in said
 
 
 @pytest.mark.parametrize(

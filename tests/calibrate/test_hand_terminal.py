@@ -18,7 +18,7 @@ from spots_sim.person import Habits, Person, line_of
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 # A picture in its frame, or a question below it.
 _SHOWN = re.compile(r"╭.*?╯|what do[^(]*\(Enter: [^)]*\) ", re.DOTALL)
-_ASKED = re.compile(r"(?:press at [^│]*hold|release)")
+_ASKED = re.compile(r"press at [^│]*hold|without lifting[^│]*hold|release")
 ROWS, COLUMNS = 40, 120
 
 

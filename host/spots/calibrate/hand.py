@@ -84,8 +84,8 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             if wanted.then_mN:
                 bench.change(wanted)
         except BadPressError as bad:
-            # A press that was too dark after its first hold needs more of the second force.
-            weak = isinstance(bad, TooDarkError) and bool(bench.holds)
+            # A press that is too dark at its second hold needs more of the second force.
+            weak = isinstance(bad, TooDarkError) and len(bench.holds) > 1
             dark, tries = isinstance(bad, TooDarkError) and not weak, tries + 1
             if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
                 raise SpotsError(f"{wanted}: {bad}; {CONTINUES}") from None
