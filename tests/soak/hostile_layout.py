@@ -51,8 +51,9 @@ def _mutated(choice: random.Random) -> tuple[str, bytes]:
     path, message = choice.choice(_MESSAGES)
     parts = list(message)
     for _ in range(choice.randrange(1, 5)):
-        at = choice.randrange(len(parts))
-        parts[at : at + choice.randrange(3)] = choice.choice([*_FRAGMENTS, parts[at]])
+        at = choice.randrange(len(parts) + 1)  # a short message can become empty
+        part = choice.choice([*_FRAGMENTS, *parts[at : at + 1]])
+        parts[at : at + choice.randrange(3)] = part
     body = "".join(parts).encode()
     return path, body * choice.choice((1, 1, 1, 50))
 
