@@ -53,6 +53,7 @@ class FileEditor(Orders):
             raise SpotsError(f"'{path}' is not a {kind} file: give a name that ends in .toml")
         self._path, self._kind = path, kind
         self._part, self._state = part, state
+        self._shown_for: str | None = None  # id of the strip
         self._decoder = msgspec.json.Decoder(self.requests)
 
     def decode(self, body: bytes) -> Any:
@@ -69,8 +70,9 @@ class FileEditor(Orders):
 
     def attend(self, board: Board) -> bool:
         """Handle all waiting requests; return whether something was stored."""
-        if not self._attended:
-            self._attended = True
+        self._attended = True
+        if board.info["id"] != self._shown_for:
+            self._shown_for = board.info["id"]
             self._show(board.info)
         changed = False
         while asked := self._next():
@@ -82,6 +84,7 @@ class FileEditor(Orders):
     def leave(self) -> None:
         """Handle the loss of the board: refuse all waiting requests."""
         super().leave()
+        self._shown_for = None
         self._show(None)
 
     @property

@@ -96,3 +96,37 @@ class PageState:
             if new > kept:
                 news["missed"] = new - kept
             return Cursor(self._version, self._added), news
+
+
+class Beside:
+    """State of the strips that are not shown in detail: the part ``beside`` of the web UI."""
+
+    SHOWN = "touch", "untrusted"
+
+    def __init__(self, state: PageState):
+        self._state = state
+        self._strips: dict[int, dict[str, Any]] = {}
+        state.put("beside", self._strips)
+
+    def of(self, sensor: int) -> PageState:
+        """Return an object that takes the parts of a strip; most of them are not shown."""
+        return _OfStrip(self, sensor)
+
+    def put(self, sensor: int, name: str, value: Any) -> None:
+        """Replace the value of a part of a strip."""
+        if name in self.SHOWN:
+            strip = {**self._strips.get(sensor, {}), name: value}
+            self._strips = {**self._strips, sensor: strip}
+            self._state.put("beside", self._strips)
+
+
+class _OfStrip(PageState):
+    def __init__(self, beside: Beside, sensor: int):
+        super().__init__()
+        self._beside, self._sensor = beside, sensor
+
+    def put(self, name: str, value: Any) -> None:
+        self._beside.put(self._sensor, name, value)
+
+    def add_event(self, event: dict) -> None:
+        pass
