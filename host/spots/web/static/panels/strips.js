@@ -8,6 +8,7 @@ export function strips(root) {
   note.role = "status";
   root.append(row, note);
   const touch = document.getElementById("touch"), name = touch.querySelector(".strip-name");
+  const history = document.querySelector("#history h2");
   let count = 0;
 
   async function choose(number) {
@@ -25,5 +26,7 @@ export function strips(root) {
     name.hidden = all.length < 2;
     name.textContent = name.hidden ? "" : `Strip ${board.strip}`;
     touch.ariaLabel = name.textContent || "Strip";
+    const past = name.hidden ? "Last ten seconds" : `Last ten seconds of strip ${board.strip}`;
+    if (history.textContent !== past) history.textContent = past;
   };
 }
