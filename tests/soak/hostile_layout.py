@@ -43,6 +43,8 @@ _MESSAGES = (
         for name, text in _SETTINGS.items()
     ),
     *(("recording", word) for word in _WORDS),
+    ("strip", "0"),
+    ("strip", "1"),
 )
 
 

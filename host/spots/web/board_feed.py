@@ -153,9 +153,11 @@ class BoardReader:
             "layout": layout_shown(self._settings["layout"]) if info.get("length_um") else None,
         }
         self._say(CONNECTED, "")
-        beside = Beside(self._state)
-        layout = self._settings["layout"]
-        feels = [Feel(board, {}, beside.of(i), layout) for i in range(len(strips))]
+        layout, beside = self._settings["layout"], {}
+        self._state.put("beside", beside.copy())
+        feels = [
+            Feel(board, {}, Beside(self._state, i, beside), layout) for i in range(len(strips))
+        ]
         self._heard_s = [board.now_s()] * len(strips)
         feels[self._shown] = Feel(strip, info, self._state, **self._settings)
         health = _Health(board, self._state)

@@ -98,35 +98,27 @@ class PageState:
             return Cursor(self._version, self._added), news
 
 
-class Beside:
-    """State of the strips that are not shown in detail: the part ``beside`` of the web UI."""
+class Beside(PageState):
+    """State of a strip that is not shown in detail; discards all but its readings and its warning.
 
-    SHOWN = "touch", "untrusted"
+    Parameters
+    ----------
+    state : PageState
+        State that gets the part ``beside``.
+    sensor : int
+        Number of the strip.
+    strips : dict
+        What is shown of each strip, by its number; the same object for all strips of a board.
+    """
 
-    def __init__(self, state: PageState):
-        self._state = state
-        self._strips: dict[int, dict[str, Any]] = {}
-        state.put("beside", self._strips)
-
-    def of(self, sensor: int) -> PageState:
-        """Return an object that takes the parts of a strip; most of them are not shown."""
-        return _OfStrip(self, sensor)
-
-    def put(self, sensor: int, name: str, value: Any) -> None:
-        """Replace the value of a part of a strip."""
-        if name in self.SHOWN:
-            strip = {**self._strips.get(sensor, {}), name: value}
-            self._strips = {**self._strips, sensor: strip}
-            self._state.put("beside", self._strips)
-
-
-class _OfStrip(PageState):
-    def __init__(self, beside: Beside, sensor: int):
+    def __init__(self, state: PageState, sensor: int, strips: dict[int, dict]):
         super().__init__()
-        self._beside, self._sensor = beside, sensor
+        self._state, self._sensor, self._strips = state, sensor, strips
 
     def put(self, name: str, value: Any) -> None:
-        self._beside.put(self._sensor, name, value)
+        if name in ("touch", "untrusted"):
+            self._strips[self._sensor] = {**self._strips.get(self._sensor, {}), name: value}
+            self._state.put("beside", dict(self._strips))  # a copy: the server's thread reads it
 
     def add_event(self, event: dict) -> None:
         pass
