@@ -31,7 +31,7 @@ MEASURED = {
     ],
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
-SECONDS = 2.0
+SECONDS = 1.0
 ONE, TWO = [(20.0, 3000)], [(20.0, 3000), (62.0, 3000)]
 # Busy time of a sample in us at 5 ms: by commands and fingers (position in mm, force in mN).
 BUSY = [
