@@ -15,7 +15,7 @@ from pathlib import Path
 from ..errors import SpotsError, missing
 from ..keyboard.layout import load
 from ..link.ports import offered
-from ..linkage.twin_source import is_recording, linkage_of
+from ..linkage.twin_source import is_recording, linkage_factory
 from .board_feed import BoardReader, finder
 from .calibration import PageCalibration
 from .connections import Connections
@@ -149,7 +149,7 @@ def serve_command(options: argparse.Namespace) -> None:
         port = ports[0] if ports else None
         open_board = finder(port, options.sensor, options.scenario, options.seed)
         readers = [BoardReader(open_board, layout, state, orders=orders.values())]
-    elif simulated := linkage_of(ports):
+    elif simulated := linkage_factory(ports):
         machine = simulated(options.sensor, options.linkage, seed=options.seed)
         readers = driven_readers(machine, layout, state)
     else:
