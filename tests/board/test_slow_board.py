@@ -219,3 +219,19 @@ def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
         upload(board, calibration)
         assert board.command("get")["dropped"] > len(calibration)  # a slow write may lose bytes
         assert board.stats.lost == board.stats.bad_crc == 0
+
+
+def test_an_upload_costs_the_samples_of_one_parse_and_all_are_counted(rig, calibration):
+    board = rig(cpu="pico").board
+    decoder, heard = Decoder(), []
+    board.tap(lambda data, now_s: heard.extend(decoder.feed(data)))
+    list(board.touches(seconds=0.2))
+    upload(board, calibration)
+    missed = board.command("get")["missed"]
+    list(board.touches(seconds=0.2))
+    times_us = [frame.t_us for frame in heard if isinstance(frame, Touch)]
+    steps = np.diff(times_us) / board.info["exposure_us"]
+    assert len(steps) > 400
+    # After an overflow, the time of the first sample is known to one exposure.
+    assert abs(sum(np.rint(steps) - 1) - missed) <= 1
+    assert 0 < missed <= 40
