@@ -17,18 +17,16 @@ from spots_sim.scenario import Held, Scenario
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {
     "pico": [
-        (10_000, 100.0, 0.168),
-        (2_780, 359.7, 0.591),
-        (2_000, 500.2, 0.819),
-        (1_500, 522.2, 1.0),
-        (1_000, 535.5, 1.0),
+        (10_000, 100.0, 0.177),
+        (2_780, 359.7, 0.617),
+        (1_500, 665.7, 1.0),
+        (1_000, 700.8, 1.0),
     ],
     "pico-xip50": [
         (10_000, 100.0, 0.226),
-        (2_780, 359.7, 0.787),
-        (2_000, 380.8, 1.0),
-        (1_500, 401.5, 1.0),
-        (1_000, 384.2, 1.0),
+        (2_780, 359.7, 0.839),
+        (1_500, 538.6, 1.0),
+        (1_000, 525.0, 1.0),
     ],
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
@@ -86,7 +84,7 @@ def test_rate_and_busy_share_are_those_of_the_emulated_board(
     elapsed_us = clock.now_us() - began_us
     assert 1e6 * len(read) / elapsed_us == pytest.approx(rate_hz, rel=0.15)
     assert 1 - (clock.idle_us - idle_us) / elapsed_us == pytest.approx(busy, rel=0.15)
-    if busy == 1.0:
+    if rate_hz < 0.99e6 / exposure_us:
         assert any(touch.flags & DROPPED for touch in read)
 
 
@@ -122,14 +120,18 @@ def test_the_reply_to_set_has_the_rate_that_the_slow_board_delivers(rig, calibra
         reply = made.board.command(f"set exposure_us={exposure_us}")
         made.settle(0.5)
         rate_mHz = 1000 * len(touches(made)) / SECONDS
-        assert rate_mHz > 0.85 * reply["rate_mHz"], (exposure_us, before_us)
-        # Near the limit the FIFO gives more than the reply promises.
-        if exposure_us in (1_000, 2_780):
-            near = pytest.approx(reply["rate_mHz"], rel=0.15)
-            assert rate_mHz == near, (exposure_us, before_us)
+        near = pytest.approx(reply["rate_mHz"], rel=0.15)
+        assert rate_mHz == near, (exposure_us, before_us)
 
 
-def test_hello_costs_few_samples(rig, calibration):
+@pytest.mark.parametrize("cpu", MEASURED)
+@pytest.mark.parametrize("exposure_us", [1_000, 2_780, 10_000])
+def test_the_pauses_of_an_upload_leave_the_fifo_in_use(rig, calibration, cpu, exposure_us):
+    made = ready(rig, calibration, cpu, exposure_us)
+    assert made.board.command("get")["fifo"]
+
+
+def test_hello_costs_no_sample(rig, calibration):
     made = ready(rig, calibration, "pico", 2_780)
     lost = []
     # Four commands from one ``get`` to the next: one of them collects garbage.
@@ -139,7 +141,7 @@ def test_hello_costs_few_samples(rig, calibration):
             made.board.command(command)
             made.settle(0.2)
         lost.append(made.board.command("get")["missed"] - before)
-    assert 0 < lost[1] - lost[0] <= 3 * 2
+    assert lost == [0, 0]
 
 
 @pytest.mark.parametrize("exposure_us", [1_000, 2_780])
@@ -158,12 +160,15 @@ def test_samples_that_commands_and_their_collections_cost_are_counted(
         made.board.command(command)
         made.settle(0.05)
     missed, frames, samples = counted() - before
-    assert missed > 8 * 19_400 / exposure_us
-    assert missed + frames - len(commands) - 1 == pytest.approx(samples, rel=0.005, abs=4)
+    if exposure_us == 1_000:
+        assert missed > 8 * 19_400 / exposure_us
+    else:
+        assert missed == 0
+    assert missed + frames - len(commands) - 1 == pytest.approx(samples, rel=0.01, abs=4)
 
 
 @pytest.mark.parametrize(
-    ("exposure_us", "ok"), [(10_000, True), (2_780, True), (1_500, False), (1_000, False)]
+    ("exposure_us", "ok"), [(10_000, True), (2_780, True), (1_500, True), (1_000, False)]
 )
 def test_doctor_recommends_an_exposure_that_the_slow_board_can_do(
     rig, calibration, exposure_us, ok
