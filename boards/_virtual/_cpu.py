@@ -54,6 +54,8 @@ def slow_down(package, times_us, spend_us):
         module, *inner, function = name.split(".")
         holder = __import__(package + "." + module, None, None, ("*",))
         for attribute in inner:
+            if not hasattr(holder, attribute):  # a module of a package
+                __import__(holder.__name__ + "." + attribute)
             holder = getattr(holder, attribute)
         called = getattr(holder, function)
         if name in _KINDS:

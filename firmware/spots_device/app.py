@@ -5,7 +5,7 @@ import gc
 from micropython import const
 
 from .as7341 import SensorError
-from .calibration import Calibration, CalibrationSlot
+from .calibration import CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
 from .reconnect import Reconnect
@@ -270,12 +270,17 @@ class BoardApp:
         Parameters
         ----------
         lines : list of str
-            Validated lines of a calibration; an empty list removes the calibration.
+            Lines of a calibration; an empty list removes the calibration.
 
         Returns
         -------
         str or None
             Note for the user, see `apply_calibration`.
+
+        Raises
+        ------
+        ValueError
+            If the lines are invalid. Nothing is changed then.
         """
         self.calibration.use(lines)
         self._sum()
@@ -287,13 +292,20 @@ class BoardApp:
         Parameters
         ----------
         lines : list of str
-            Validated lines of a layout; an empty list restores the default layout.
+            Lines of a layout; an empty list restores the default layout.
 
         Returns
         -------
         str or None
             Note for the user, see `apply_calibration`.
+
+        Raises
+        ------
+        ValueError
+            If the lines are invalid. Nothing is changed then.
         """
+        if lines:
+            check_layout(lines)
         self.uses.use_layout(lines)
         self._sum()
         return self.apply_calibration()
@@ -391,7 +403,7 @@ class BoardApp:
     def _load(self):
         """Load saved settings, calibration and layout; return the lines of the layout."""
         self._load_lines("settings", self.settings.change)
-        self.calibration.use(self._load_lines("calibration", Calibration))
+        self._load_lines("calibration", self.calibration.use)
         return self._load_lines("layout", check_layout)
 
     def _load_lines(self, name, check):

@@ -116,6 +116,7 @@ class StripFramer(Framer):
         self._write = framer._write
         self._head = framer._head
         self._payload = framer._payload
+        self._delimited = framer._delimited
         self._encoded = framer._encoded
         self._missing = self.dropped = 0
 

@@ -10,12 +10,15 @@ import micropython
 from micropython import const
 
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
-from .stay import told_to_stay
+from .stay import must_stay
 
 _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
 _SLOW_US = const(200_000)  # a write blocks for half a second if the host does not read
-_PAUSE_US = const(250_000)  # pause after such a write; doubled after each further one
+# Pause after such a write, and its factor after each further one. The first pause is short, because
+# a single write may be slow for another reason.
+_PAUSE_US = const(1_000)
+_PAUSE_TIMES = const(16)
 _PAUSE_MAX_US = const(64_000_000)
 
 
@@ -121,7 +124,7 @@ class StdioSerial:
         if time.ticks_diff(now, began) < _SLOW_US:
             self._pause_us = 0
             return sent
-        self._pause_us = min(max(2 * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
+        self._pause_us = min(max(_PAUSE_TIMES * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
         self._from = time.ticks_add(now, self._pause_us)
         return False
 
@@ -206,7 +209,7 @@ def main():
     """
     import board_config
 
-    if told_to_stay():
+    if must_stay():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
     if _is_safe_boot(board_config):
