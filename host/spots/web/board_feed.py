@@ -40,7 +40,7 @@ _NEXT = {
     REFUSED: "this is another board; next: plug the previous board in, or restart 'spots serve'",
 }
 # While the other strips of the board send readings.
-_SILENT = "this strip sends no readings; next: check the wires of its sensor"
+_SILENT = "no readings arrive; next: check the wires of the sensor"
 
 
 class BoardReader:
