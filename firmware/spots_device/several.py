@@ -231,14 +231,16 @@ class StripApp(BoardApp):
         pacing = self.pacing
         began = clock.ticks_us()
         late_us = clock.ticks_diff(began, pacing.due) - _LATE_US
+        waits = self._sensor.waits
         if self._sensor.poll():
             late = late_us > pacing._creep and 0 <= pacing._samples < _RENEW
-            if late and not self._sensor._held:
+            if late and not self._sensor.waits:
                 pacing.due = clock.ticks_add(pacing.due, pacing._creep)
             if self.reconnect.fault:
                 self.reconnect.sampled()
             self.strip.take()
-            self.meter.add(clock.ticks_diff(clock.ticks_us(), began), self._sensor.exposure_us)
+            burst_us = 0 if waits else self._sensor.burst_us()
+            self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us)
 
     def measure(self):
         self.meter.restart()

@@ -238,10 +238,10 @@ BAD = (
 )
 
 
-@pytest.mark.parametrize("body", BAD)
-def test_a_message_that_is_none_is_refused(table, caplog, body):
+def test_invalid_messages_are_refused(table, caplog):
     before = table.shown()
-    assert table.send(body)[0] == 400
+    for body in BAD:
+        assert table.send(body)[0] == 400, body
     assert table.shown() == before
     assert caplog.records == []
 
