@@ -153,23 +153,26 @@ _DRIFTS = const(44)  # the finger alone did not fit one press: then the fit is n
 _LEAVING = const(45)  # whether no finger touches, and since when
 _LEFT = const(46)
 _HAS_DIPPED = const(47)  # the light was lost for a moment
-_ODD = const(48)  # a reading did not fit one press
-_STILL = const(49)  # since when a touch rests; limits of position and force in which it rests
-_LOW_UM = const(50)
-_HIGH_UM = const(51)
-_LOW_MN = const(52)
-_HIGH_MN = const(53)
-_FIRM_MN = const(54)  # force of a firm press, until the firm press is reported
-_LENGTH_UM = const(55)  # length of the strip, see `set_layout` and `_NOISE`
-_DECAY = const(56)
-_NOISE_PRODUCT = const(57)
-_RELEASE_MN = const(58)  # from here on: limits of the layout
-_PRESS_MN = const(59)
-_STUCK_T = const(60)
-_DETECT = const(61)
-_JUMP_UM = const(62)
-_RELEASE_T = const(63)
-_SIZE = const(64)
+_X_PAIR_UM = const(48)  # last reading of two known fingers that rest: position, brightness
+_B_PAIR = const(49)
+# MicroPython encodes an index from -16 to 47 in one byte.
+_ODD = const(-16)  # a reading did not fit one press
+_STILL = const(-15)  # since when a touch rests; limits of position and force in which it rests
+_LOW_UM = const(-14)
+_HIGH_UM = const(-13)
+_LOW_MN = const(-12)
+_HIGH_MN = const(-11)
+_FIRM_MN = const(-10)  # force of a firm press, until the firm press is reported
+_LENGTH_UM = const(-9)  # length of the strip, see `set_layout` and `_NOISE`
+_DECAY = const(-8)
+_NOISE_PRODUCT = const(-7)
+_RELEASE_MN = const(-6)  # from here on: limits of the layout
+_PRESS_MN = const(-5)
+_STUCK_T = const(-4)
+_DETECT = const(-3)
+_JUMP_UM = const(-2)
+_RELEASE_T = const(-1)
+_SIZE = const(66)
 
 
 def elapsed(since, now):
@@ -544,7 +547,10 @@ class ContactTracker:
             if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM and away_um > _REST_UM:
                 s[_FALLS] = _LATE
                 s[_FELL] = t
-        if s[_SECOND] and self._resolve(fits, x_um, force_mN, brightness, t):
+        if not s[_SECOND]:
+            s[_X_PAIR_UM] = x_um
+            s[_B_PAIR] = brightness
+        elif self._resolve(fits, x_um, force_mN, brightness, t):
             return
         if not (s[_SECOND] or s[_THIRD] or s[_HAS_DIPPED]):
             if s[_IS_EVEN]:
@@ -570,7 +576,7 @@ class ContactTracker:
                 self._harden(force_mN, t)
             return
         off_um = x_um - s[_X_UM]
-        back_um = _NEAR_UM if s[_LOOSE] else _BACK_UM
+        back_um = _APART_UM if s[_LOOSE] else _BACK_UM
         if abs(off_um) < max(back_um, 4 * self.noise_um(brightness)):
             firm_mN = s[_FIRM_MN]
             if not s[_SECOND]:
@@ -605,13 +611,17 @@ class ContactTracker:
             if self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
                 at_um = s[_FOUND_UM]
                 slack_um = s[_FOUND_SLACK_UM]
-                if abs(at_um - s[_X_SECOND_UM]) < _NEAR_UM:
-                    if brightness == s[_PEAK]:
-                        s[_X_SECOND_UM] = at_um
-                        s[_B_SECOND] = s[_FOUND_B]
-                elif not self._slides(fits, x_um, brightness):
+                near = abs(at_um - s[_X_SECOND_UM]) < _NEAR_UM
+                if near and brightness == s[_PEAK]:
+                    s[_X_SECOND_UM] = at_um
+                    s[_B_SECOND] = s[_FOUND_B]
+                if near or self._slides(fits, x_um, brightness):
+                    s[_X_PAIR_UM] = x_um
+                    s[_B_PAIR] = brightness
+                    s[_GUESSED] = False
+                    self.sink.moved(at_um, slack_um)
                     return False
-                self.sink.moved(at_um, slack_um)
+            self._add(x_um, brightness, t)
             return False
         if fits and abs(x_um - s[_X_SECOND_UM]) < _NEAR_UM and (brightness < s[_B_SECOND] + _MORE):
             b = s[_B_SECOND]
@@ -631,7 +641,9 @@ class ContactTracker:
         s[_X_UM] = s[_X_BEFORE_UM] = s[_X_SECOND_UM]
         s[_B] = s[_B_SECOND]
         s[_SECOND] = False
+        seen = s[_SEEN]
         self._mix(x_um, brightness, t)
+        s[_SEEN] = seen
         s[_IS_EVEN] = s[_PAIR] = True
         s[_HAS_DIPPED] = s[_IS_CALM] = False
         s[_FALLS] = 0
@@ -642,6 +654,26 @@ class ContactTracker:
             s[_X_SECOND_UM] = s[_X_GUESS_UM]
             s[_B_SECOND] = s[_B_GUESS]
         return True
+
+    def _add(self, x_um, brightness, t):
+        """Report a third finger beside two that rest, if two readings agree on its position.
+
+        The two fingers are like one finger at the position of their common reading.
+        """
+        s = self._s
+        agrees = s[_GUESSED]
+        second_um = s[_X_SECOND_UM]
+        s[_GUESSED] = (
+            self._solve(s[_X_PAIR_UM], s[_B_PAIR], x_um, brightness, -1)
+            and abs(s[_FOUND_UM] - s[_X_UM]) > _APART_UM
+            and abs(s[_FOUND_UM] - second_um) > _APART_UM
+        )
+        at_um = s[_FOUND_UM]
+        off_um = abs(at_um - s[_X_GUESS_UM])
+        s[_X_GUESS_UM] = at_um
+        if agrees and s[_GUESSED] and off_um < _SURE_UM:
+            self.sink.second(at_um, off_um + (s[_FOUND_SLACK_UM] * _SOON >> 3), t)
+            self.sink.moved(second_um, s[_SLACK_GUESS_UM])
 
     def _slides(self, fits, x_um, brightness):
         """Follow the second finger unless the first one may be lifting; return whether it did."""
