@@ -50,7 +50,7 @@ class Keypad:
         self._layout = None
         self._length_mm = 0
         self._second = self._second_row = 0  # action and key of a second finger
-        self._third_row = _NONE  # key that a third finger has tapped
+        self._third = _NONE  # key that a third finger has tapped
         self._state = _IDLE
         self._clear()
 
@@ -99,7 +99,7 @@ class Keypad:
     # Events of contact.ContactTracker.
 
     def down(self, x_um, t, typed=_NONE):
-        self._third_row = _NONE
+        self._third = _NONE
         again = self._tapped_at
         self._tapped_at = _NONE
         if again >= 0 and elapsed(self._tapped, t) >= self._layout.quick_t:
@@ -178,7 +178,7 @@ class Keypad:
             self._press(self._action(HOLD))
         elif self._state != _PRESSED or self._held >> 20 != MOMENTARY:
             self.up(t)
-            self.down(x_um, t, self._third_row)
+            self.down(x_um, t, self._third)
             return
         held = self._held
         self._state = _IDLE
@@ -208,7 +208,7 @@ class Keypad:
         if (
             row < 0
             or row == first
-            or row == self._third_row
+            or row == self._third
             or (keys[row + LOW] and x_um - slack_um < keys[row + LOW] * self._length_mm)
             or (keys[row + HIGH] < 1000 and x_um + slack_um > keys[row + HIGH] * self._length_mm)
         ):
@@ -235,7 +235,7 @@ class Keypad:
         self._second_row = row
         self._key(action >> 20, action & 0xFFF, action >> 12 & 0xFF, True)
         if third:
-            self._third_row = row
+            self._third = row
             self._release_second()
         return True
 
