@@ -23,11 +23,19 @@ def main(arguments: list[str] | None = None) -> int:
         *("--faults", "--scenario"), default="fire", metavar="FILE", help="scenario file or name"
     )
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument("--strips", type=int, choices=(1, 2), default=1, help="strips (1)")
     parser.add_argument("--seed", type=seed, default=0, help="random seed of noise and faults (0)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     try:
-        soak_command(options.hours, options.faults, options.seed, options.sensor, options.json)
+        soak_command(
+            options.hours,
+            options.faults,
+            options.seed,
+            options.sensor,
+            options.json,
+            options.strips,
+        )
     except SpotsError as error:
         print(f"soak: {error}", file=sys.stderr)
         return 2
