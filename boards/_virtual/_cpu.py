@@ -57,6 +57,8 @@ def slow_down(package, times_us, spend_us):
         except ImportError:  # a board with one strip has no module `several`
             continue
         for attribute in inner:
+            if not hasattr(holder, attribute):  # a module of a package
+                __import__(holder.__name__ + "." + attribute)
             holder = getattr(holder, attribute)
         called = getattr(holder, function)
         if name in _KINDS:

@@ -97,7 +97,9 @@ class Framer:
         self._write = serial.write
         self._head = time.head
         self._payload = bytearray(HEADER_SIZE + TEXT_MAX + CRC_SIZE)
-        self._encoded = bytearray(len(self._payload) + 6)
+        # A delimiter, and the encoded frame.
+        self._delimited = memoryview(bytearray(len(self._payload) + 7))
+        self._encoded = self._delimited[1:]
         self.dropped = 0
 
     def gap(self):
@@ -156,13 +158,18 @@ class Framer:
     def _send(self, length, gap_after):
         # `gap_after`: the gap that remains to be marked once this frame is sent.
         head = self._head
+        encoded = self._encoded
+        if head[GAP]:
+            # A part of the dropped frame may have been sent. Without a delimiter after this part,
+            # the present frame would be lost too. Both are one write: after a slow write, the port
+            # would refuse the next one.
+            encoded = self._delimited
+            length += 1
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
-            self._encoded[length] = 0
+            encoded[length] = 0
             length += 1
-        # A part of the dropped frame may have been sent. Without a delimiter after this part, the
-        # present frame would be lost too.
-        if (not head[GAP] or self._write(b"\0", 1)) and self._write(self._encoded, length):
+        if self._write(encoded, length):
             head[GAP] = gap_after
             return True
         head[GAP] = DROPPED

@@ -24,7 +24,7 @@ _RETRY_US = const(100_000)  # time between two starts of a sensor that does not 
 _PUNCTUAL_US = const(500)
 # The strip of the last poll stays first for so long. Otherwise two strips whose sample times are
 # unknown would be polled in turn, and no two polls of a strip would be close enough to each other.
-_STAYS_US = const(1_000)
+_STAYS_US = const(4_000)
 # A poll later than this finds its sample even if it was scheduled too early. Such a poll does not
 # advance the next one, for `_RENEW` samples at most.
 _LATE_US = const(100)
@@ -47,6 +47,8 @@ class StripFramer(Framer):
         self._write = framer._write
         self._head = framer._head
         self._payload = framer._payload
+        self._delimited = framer._delimited
+        self._delimited = framer._delimited
         self._encoded = framer._encoded
         self.dropped = 0
         self._marking = self._touch, self._spectrum  # bound here, so that `gap` allocates nothing

@@ -12,6 +12,7 @@ from .usb import UsbHost
 
 _FDATA = 0xFE  # register of the chip's FIFO
 _SAMPLE_BYTES = 12
+REPORTS = protocol.MEMORY, protocol.BUSY  # requests without an answer
 _ON_A_BUS = protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT
 
 

@@ -8,11 +8,11 @@ from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.calibrate.spectra import SpectrumReader
 from spots.errors import SpotsError
-from spots.link.board import Board, of_sensor
+from spots.link.board import Board
 
 from .files import SensorFile
 from .kept import kept
-from .loading import silicone_lines
+from .loading import set_light, silicone_lines
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
@@ -194,15 +194,27 @@ class Stage:
         return high_mN
 
 
-def calibrate(sensor: SensorFile) -> tuple[str, ...]:
-    """Search the exposure of a simulated sensor and calibrate it; return the calibration lines.
+def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, ...]:
+    """Calibrate a simulated sensor.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor.
+    exposure_us : int, optional
+        Exposure in microseconds; by default, the board searches the exposure.
+
+    Returns
+    -------
+    tuple of str
+        Lines of the calibration.
 
     Raises
     ------
     SpotsError
         If the sensor's readings do not allow a calibration.
     """
-    return _calibrated(sensor)[0]
+    return _calibrated(sensor, exposure_us)[0]
 
 
 def check_light(along: Presses, pressed: Presses) -> None:
@@ -242,22 +254,19 @@ def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None
     number : int, optional
         Number of the strip on the board.
     """
-    if sensor.mains_hz:
-        board.command(of_sensor(f"set mains_hz={sensor.mains_hz}", number))
-    if led := led_settings(sensor):
-        board.command(of_sensor("set " + led, number))
+    set_light(board, sensor, led_settings(sensor), number)
 
 
 def led_settings(sensor: SensorFile) -> str:
     """Return the LED settings that `calibrate` used, for ``set``; empty for an LED on LDR."""
-    return "" if sensor.led.wired == "ldr" else _calibrated(sensor)[1]
+    return "" if sensor.led.wired == "ldr" else _calibrated(sensor, None)[1]
 
 
 @kept(tuple[tuple[str, ...], str])
-def _calibrated(sensor: SensorFile) -> tuple[tuple[str, ...], str]:
+def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str, ...], str]:
     """Return the calibration lines, and the LED settings as assignments for ``set``."""
     with Stage(sensor) as stage:
-        stage.expose()
+        stage.expose(exposure_us)
         along, pressed = stage.along(), stage.pressed()
         noise = Noise.of(along, pressed)
         check_light(along, pressed)

@@ -5,15 +5,13 @@ from __future__ import annotations
 import argparse
 from statistics import median
 
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import Noise
 from spots.keyboard.layout import load as load_layout
 
 from .demo import open_fast
 from .demo_applications import type_on_board
 from .files import SensorFile, load
 from .scenario import Scenario
-from .stage import Stage
+from .stage import calibrate
 from .typist import fast_typing
 
 _COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
@@ -89,28 +87,6 @@ def added(runs: list[dict]) -> dict:
     }
 
 
-def calibrated_at(exposure_us: int, sensor: str = "default") -> tuple[str, ...]:
-    """Calibrate a simulated sensor with another exposure than its default one.
-
-    Parameters
-    ----------
-    exposure_us : int
-        Exposure in microseconds.
-    sensor : str, optional
-        Sensor file: a path or a name.
-
-    Returns
-    -------
-    tuple of str
-        Lines of the calibration.
-    """
-    with Stage(load(SensorFile, sensor)) as stage:
-        stage.expose(exposure_us)
-        along, pressed = stage.along(), stage.pressed()
-        lines = fit({0: along}, pressed, Noise.of(along, pressed), stage.reader.conditions)
-    return tuple(lines)
-
-
 def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -124,7 +100,9 @@ def main() -> None:
     parser.add_argument("--rezero", action="store_true", help="re-zero the strip after its change")
     parser.add_argument("--warm", action="store_true", help="start with a warm LED")
     options = parser.parse_args()
-    lines = calibrated_at(options.exposure_us, options.sensor) if options.exposure_us else None
+    lines = None
+    if options.exposure_us:
+        lines = calibrate(load(SensorFile, options.sensor), options.exposure_us)
     strip = options.sensor, options.rezero, options.warm, lines, options.layout
     for speed in options.words_per_min:
         seeds = range(options.first_seed, options.first_seed + options.seeds)

@@ -11,7 +11,8 @@ from spots_sim.demo import open_fast
 from spots_sim.demo_applications import type_on_board
 from spots_sim.files import Finger, ScenarioFile
 from spots_sim.scenario import Scenario
-from spots_sim.typing_speed import added, calibrated_at, typed
+from spots_sim.stage import calibrate
+from spots_sim.typing_speed import added, typed
 
 # By words a minute: errors in a hundred touches, keys of no finger, latency in ms of 99 of them.
 # The slowest one of so few touches is slower than 99 % of many, which are in docs/keyboard.md. It
@@ -39,8 +40,8 @@ def test_fast_typing_is_understood(words_per_min):
 
 
 @pytest.mark.parametrize("seed", [21, 300])
-def test_fast_typing_is_understood_at_half_the_exposure(seed):
-    check([typed(100, 100, seed, lines=calibrated_at(5000))], 3, 1, 110)
+def test_fast_typing_is_understood_at_half_the_exposure(sensor, seed):
+    check([typed(100, 100, seed, lines=calibrate(sensor, 5000))], 3, 1, 110)
 
 
 def test_fast_typing_is_understood_while_each_channel_is_off_by_a_hundredth(sensor, calibration):

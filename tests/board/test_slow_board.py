@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from sensors import replaced
 
+from spots.link.board import Board
+from spots.link.connect import upload
 from spots.link.frames import Decoder, Text, Touch
 from spots_device.decode import DROPPED
+from spots_sim.cpu import Cpu
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 from spots_sim.vm import HEAP_BYTES
@@ -205,3 +208,14 @@ def test_the_reply_to_set_has_the_rate_to_expect(slow):
         rate_mHz = made.say(f"set exposure_us={exposure_us}")["rate_mHz"]
         made.run(0.5)
         assert 1000 * len(made.touches(4.0)) / 4.0 == pytest.approx(rate_mHz, rel=0.15)
+
+
+def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
+    sensor, calibration, monkeypatch
+):
+    slow = Cpu(call_us={"runtime.micropython.StdioSerial._put": 300_000})
+    monkeypatch.setattr("spots_sim.lockstep.load_cpu", lambda name, board: slow)
+    with Board(LockstepLink(sensor, Held(), 0, cpu="slow")) as board:
+        upload(board, calibration)
+        assert board.command("get")["dropped"] > len(calibration)  # a slow write may lose bytes
+        assert board.stats.lost == board.stats.bad_crc == 0

@@ -59,6 +59,15 @@ def test_a_minute_of_fire_delivers_nothing_wrong_and_loses_only_what_was_touched
     assert ledger == again
 
 
+def test_keys_of_overlapping_touches_are_released_under_fire(capsys):
+    run_of = "--hours", "0.012", "--words-per-min", "100", "--seed", "1"
+    ledger = run(capsys, *run_of, command=soak_main)
+    assert ledger["restarts_noticed"] == 1
+    for keys in ledger["keys"].values():
+        assert keys["presses"] == keys["releases"] > 150
+        assert keys["stuck"] == keys["down_at_the_end"] == 0
+
+
 def test_damage_on_the_way_does_not_change_what_the_board_sends(capsys, quiet_fire, monkeypatch):
     sent = []
     send = Audit.send
@@ -155,10 +164,10 @@ def test_a_soak_that_breaks_a_promise_ends_with_a_sentence(monkeypatch, worse, s
     assert len(list(broken_promises({**FINE, **worse}))) == (said is not None)
     monkeypatch.setattr(soak, "soak", lambda *arguments: {**FINE, **worse})
     if said is None:
-        soak.soak_command(1.0, "fire", 0, "default", True)
+        soak.soak_command(1.0, "fire", 0, "default", None, True)
     else:
         with pytest.raises(SpotsError, match=said):
-            soak.soak_command(1.0, "fire", 0, "default", True)
+            soak.soak_command(1.0, "fire", 0, "default", None, True)
 
 
 def recovered(spells, arrivals_s):

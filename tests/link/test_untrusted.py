@@ -64,6 +64,7 @@ def test_only_untrusted_readings_are_reported_within_a_second(sensor, calibratio
         run(board, TWO_S + WITHIN_S - board.now_s())
         said = capsys.readouterr().err
         assert "untrusted" in said
+        assert "two fingers touch the strip" in said
         assert "fit one press" in said
         assert "next: " in said
         run(board, 3 * WITHIN_S)
@@ -78,7 +79,9 @@ def reading(flags):
     ("flags", "words"),
     [
         (TOUCHING | MISFIT, "fit one press"),
+        (TOUCHING | MISFIT, "two fingers"),
         (TOUCHING | TWO_FIT, "has drifted"),
+        (TOUCHING | TWO_FIT, "two fingers"),
         (MISFIT, "fit one press"),
         (SATURATED | MISFIT | TOUCHING, "saturated"),
         (NOT_CALIBRATED, "spots calibrate"),

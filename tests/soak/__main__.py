@@ -13,6 +13,7 @@ from spots.cli.arguments import number, seed
 from spots.errors import SpotsError
 
 hours = number("a time in hours", 0.001, 10_000)
+speed = number("a speed in words a minute", 1, 200)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -25,17 +26,15 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
     parser.add_argument("--strips", type=int, choices=(1, 2), default=1, help="strips (1)")
     parser.add_argument("--seed", type=seed, default=0, help="random seed of noise and faults (0)")
+    parser.add_argument(
+        "--words-per-min", type=speed, metavar="SPEED",
+        help="fast typing, with overlapping touches, in place of the scenario's touches",
+    )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)
     try:
-        soak_command(
-            options.hours,
-            options.faults,
-            options.seed,
-            options.sensor,
-            options.json,
-            options.strips,
-        )
+        what = options.hours, options.faults, options.seed, options.sensor
+        soak_command(*what, options.words_per_min, options.json, options.strips)
     except SpotsError as error:
         print(f"soak: {error}", file=sys.stderr)
         return 2

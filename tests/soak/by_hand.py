@@ -116,7 +116,7 @@ def _error_um(sensor, seed, made) -> float:
         for place_um in np.linspace(0.05, 0.95, 37) * stage.length_um:
             stage.press(place_um, 3000.0)
             for row in stage.reader.samples(8)[0]:
-                decode.update([max(round(64 * v), 0) for v in row], 64, [0] * len(row), 0)
+                decode.update_mean(row)
                 found.append(decode.position_um - place_um)
     return float(np.abs(found).mean())
 

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 from rich.console import Console
 from rich.progress import Progress
 
@@ -29,6 +30,7 @@ from spots_sim.link_wrapper import Tap
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
 from spots_sim.stage import calibrate
+from spots_sim.typist import fast_typing
 
 from .audit import Audit, Keys, Memory, Recoveries, usages_of
 
@@ -151,11 +153,34 @@ class Watch:
             self.free_bytes[i] = min(self.free_bytes[i], free_bytes)
 
 
+def with_typing(
+    file: ScenarioFile, words_per_min: float, length_mm: float, seed: int
+) -> ScenarioFile:
+    """Return a scenario with fast typing in place of its touches; many of its touches overlap.
+
+    Parameters
+    ----------
+    file : spots_sim.files.ScenarioFile
+        Scenario; its duration and its faults stay the same.
+    words_per_min : float
+        Speed in words a minute; a word has five keys.
+    length_mm : float
+        Length of the strip, in mm.
+    seed : int
+        Random seed of the text and of its touches.
+    """
+    touches = round(file.seconds * words_per_min / 12)
+    typed = fast_typing(_LAYOUTS[0], words_per_min, touches, length_mm, seed)
+    within = [touch for touch in typed.touch if touch.points[-1][0] < file.seconds]
+    return msgspec.structs.replace(file, touch=within)
+
+
 def soak(
     hours: float,
     scenario: str,
     seed: int,
     sensor: str = "default",
+    words_per_min: float | None = None,
     strips: int = 1,
     console: Console | None = None,
 ) -> dict:
@@ -169,6 +194,8 @@ def soak(
         Scenario file with faults, and sensor file: a path or a name.
     seed : int
         Random seed of noise and faults.
+    words_per_min : float, optional
+        Speed of fast typing that replaces the touches of the scenario, see `with_typing`.
     strips : int
         Number of strips on the board, 1 or 2. Both have the same fingers, but their own faults.
     console : rich.console.Console, optional
@@ -182,6 +209,8 @@ def soak(
     file, strip = load(ScenarioFile, scenario), load(SensorFile, sensor)
     if file.faults is None:
         raise SpotsError(f"the scenario {scenario} has no [faults]; try 'fire'")
+    if words_per_min is not None:
+        file = with_typing(file, words_per_min, strip.length_mm, seed)
     faults = Faults(file.faults, file.seconds, seed)
     ledgers, second = [faults.ledger], None
     if strips == 2:
@@ -288,7 +317,13 @@ def _of_strip(name: str, strip: int) -> str:
 
 
 def soak_command(
-    hours: float, scenario: str, seed: int, sensor: str, as_json: bool, strips: int = 1
+    hours: float,
+    scenario: str,
+    seed: int,
+    sensor: str,
+    words_per_min: float | None,
+    as_json: bool,
+    strips: int = 1,
 ) -> None:
     """Run a soak test and print its results; the parameters are those of `soak`.
 
@@ -297,7 +332,7 @@ def soak_command(
     SpotsError
         After the results are printed, if `broken_promises` yields a failure.
     """
-    ledger = soak(hours, scenario, seed, sensor, strips)
+    ledger = soak(hours, scenario, seed, sensor, words_per_min, strips)
     print(json.dumps(ledger) if as_json else _table(ledger))
     broken = list(broken_promises(ledger))
     if broken:

@@ -60,22 +60,6 @@ def test_the_next_step_is_in_sight(serve, open_page, screen, calibrated):
     assert page.evaluate(IN_SIGHT, "#next")
 
 
-def test_a_second_strip_is_a_sentence(serve, open_page):
-    state = PageState()
-    page = open_page(serve(state).url)
-    board = {"state": "connected", "board": "a board", "port": "x", "message": "", "next": ""}
-    state.put("board", board | {"layout": None, "sensors": 2})
-    expect(page.locator("#next")).to_have_text(
-        "this board has 2 strips, and the first is shown; next: to see the other one, start "
-        "'spots serve --port x#1'"
-    )
-    state.put("untrusted", "every reading is untrusted; next: wipe")
-    expect(page.locator("#next")).to_have_text(re.compile("^every reading"))
-    state.put("untrusted", None)
-    state.put("board", board | {"layout": None, "sensors": 1})
-    expect(page.locator("#next")).to_be_hidden()
-
-
 def test_strip_and_keys_are_in_sight(bench, serve, open_page, screen):
     page = open_page(serve(bench(Held()).state).url, **screen)
     expect(page.locator(".key")).to_have_count(10, timeout=LONG_MS)

@@ -15,7 +15,10 @@ from .stay import must_stay
 _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
 _SLOW_US = const(200_000)  # a write blocks for half a second if the host does not read
-_PAUSE_US = const(250_000)  # pause after such a write; doubled after each further one
+# Pause after such a write, and its factor after each further one. The first pause is short, because
+# a single write may be slow for another reason.
+_PAUSE_US = const(1_000)
+_PAUSE_TIMES = const(16)
 _PAUSE_MAX_US = const(64_000_000)
 
 
@@ -101,7 +104,13 @@ class StdioSerial:
         began = time.ticks_us()
         # MicroPython returns the size even if it stopped waiting and dropped the bytes.
         sent = self._put(buffer, size) == size
-        return self._took(began) and sent
+        now = time.ticks_us()
+        if time.ticks_diff(now, began) < _SLOW_US:
+            self._pause_us = 0
+            return sent
+        self._pause_us = min(max(_PAUSE_TIMES * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
+        self._from = time.ticks_add(now, self._pause_us)
+        return False
 
     def _is_writable(self):
         # Ticks wrap, so a time in the far past looks like a time in the future.
@@ -132,15 +141,6 @@ class StdioSerial:
                 self._pause_us = 0
                 return self._byte[0]
         return -1
-
-    def _took(self, began):
-        now = time.ticks_us()
-        if time.ticks_diff(now, began) < _SLOW_US:
-            self._pause_us = 0
-            return True
-        self._pause_us = min(max(2 * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
-        self._from = time.ticks_add(now, self._pause_us)
-        return False
 
 
 class MachineUsb:

@@ -1,11 +1,10 @@
 """Computes key events from readings on the host, with the code and the layout of a board."""
 
-from spots_device.contact import TICK_US, TICKS
-from spots_device.decode import DROPPED, LED_OFF
+from spots_device.decode import LED_OFF
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout
 
-from ..link.contact_finder import TYPICAL_DECAY
+from ..link.contact_finder import TYPICAL_DECAY, tracker_arguments
 from ..link.frames import Touch
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
@@ -63,11 +62,10 @@ class KeyEngine:
             Time at which the reading arrived, in seconds, by the same clock as in `tick`.
         """
         self.tick(now_s)
-        t = touch.t_us // TICK_US % TICKS
-        flags = touch.flags & ~DROPPED  # the engine of the board has seen every sample
-        self._pad.take(flags, *touch.integers, touch.brightness_q20, t)
-        self._pad.tick(t)
-        if not flags & LED_OFF:  # a reading with the LED off does not show a finger
+        arguments = tracker_arguments(touch)
+        self._pad.take(*arguments)
+        self._pad.tick(arguments[-1])
+        if not touch.flags & LED_OFF:  # a reading with the LED off does not show a finger
             self._heard_s = now_s
 
     def tick(self, now_s: float) -> None:

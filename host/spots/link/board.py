@@ -67,6 +67,25 @@ def of_sensor(line: str, sensor: int) -> str:
     return f"{line} sensor={sensor}" if sensor else line
 
 
+def addressed(line: str, sensor: int) -> str:
+    """Return a command of a program that knows one strip only, as a command for a strip.
+
+    Parameters
+    ----------
+    line : str
+        The command, without ``sensor=``.
+    sensor : int
+        Number of the sensor.
+
+    Returns
+    -------
+    str
+    """
+    if line.partition(" ")[0] in _OF_ALL or _UPLOADED.match(line):
+        return line
+    return of_sensor(line, sensor)
+
+
 class Board:
     """A connected SPOTS board. Close this object, or use it in a ``with`` block.
 
@@ -816,8 +835,8 @@ class Board:
         self._check_open()
         name = line.split()[0][:NAME_MAX]
         self._replies.clear()
-        if self._only and line.partition(" ")[0] not in _OF_ALL and not _UPLOADED.match(line):
-            line = of_sensor(line, self._only)
+        if self._only:
+            line = addressed(line, self._only)
         self._link.write(line.encode() + b"\n")
         sent_s = self.now_s()
         end_s = sent_s + timeout_s

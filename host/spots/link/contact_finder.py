@@ -13,6 +13,15 @@ from .frames import Contact, Touch
 TYPICAL_DECAY = 289  # for boards that do not report the decay
 
 
+def tracker_arguments(touch: Touch) -> tuple[int, int, int, int, int]:
+    """Return the arguments of `ContactTracker.take` and `Keypad.take` for a reading.
+
+    The flag `DROPPED` is cleared: the board has processed every sample, even if the host has not.
+    """
+    t = touch.t_us // TICK_US % TICKS
+    return touch.flags & ~DROPPED, *touch.integers, touch.brightness_q20, t
+
+
 class ContactFinder:
     """Finds one or two fingers in the readings of a strip, as a board that streams contacts.
 
@@ -35,9 +44,8 @@ class ContactFinder:
     def take(self, touch: Touch) -> list[Contact]:
         """Add a reading, and return a contact for each finger; see `Board.contacts`."""
         self._touch, self._found = touch, []
-        position_um, force_mN = touch.integers
-        brightness, t = touch.brightness_q20, touch.t_us // TICK_US % TICKS
-        self._tracker.take(touch.flags & ~DROPPED, position_um, force_mN, brightness, t)
+        flags, position_um, force_mN, brightness, t = tracker_arguments(touch)
+        self._tracker.take(flags, position_um, force_mN, brightness, t)
         reading = {POSITION_UM: position_um, FORCE_MN: force_mN, BRIGHTNESS: brightness}
         self._fingers.send(touch.sensor, reading)
         return self._found

@@ -19,12 +19,12 @@ _CAUSES = {
         "the board keeps measuring its dark frame; next: lift all fingers and keep the light steady"
     ),
     TWO_FIT: (
-        "the strip has drifted since its calibration, or two fingers touch it; next: lift all but "
+        "two fingers touch the strip, or it has drifted since its calibration; next: lift all but "
         "one finger; if that changes nothing, a re-zero is advised: spots rezero"
     ),
     decode.MISFIT: (
-        "the spectrum does not fit one press; next: lift all fingers and wipe the strip; if "
-        "that changes nothing, a re-zero is advised: spots rezero"
+        "two fingers touch the strip, or the spectrum does not fit one press; next: lift all "
+        "fingers and wipe the strip; if that changes nothing, a re-zero is advised: spots rezero"
     ),
 }
 

@@ -8,10 +8,11 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from spots_device.contact import TICK_US, TICKS, ContactTracker
-from spots_device.decode import DROPPED, LED_OFF
+from spots_device.contact import ContactTracker
+from spots_device.decode import LED_OFF
 from spots_device.layout import Layout, default_lines
 
+from ..link.contact_finder import tracker_arguments
 from ..link.frames import Touch
 from ..link.timeouts import RELEASE_S
 from .margins import above, below
@@ -115,9 +116,7 @@ class Gestures:
         self._now_s = touch.time_s
         if self._two:
             self._take_two(self._two, touch)
-        t = touch.t_us // TICK_US % TICKS
-        flags = touch.flags & ~DROPPED
-        self._contact.take(flags, *touch.integers, touch.brightness_q20, t)
+        self._contact.take(*tracker_arguments(touch))
         if self._tap and not self._path and self._now_s - self._tap.time_s > _AGAIN_S:
             self._report_tap()
         found, self._found = self._found, []

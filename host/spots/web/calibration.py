@@ -2,6 +2,7 @@
 
 import sys
 from argparse import Namespace
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,6 +18,7 @@ from ..calibrate.steps import COUNTS, LENGTH_UM, calibrate
 from ..errors import SpotsError, printable
 from ..guarded import sentence_of
 from ..link.board import Board
+from .one_strip import OneStrip
 from .orders import Orders
 from .state import PageState
 
@@ -64,7 +66,8 @@ class PageCalibration(Orders):
     Parameters
     ----------
     path : Path
-        Session file; the calibration file has the same name with the suffix ``.toml``.
+        Session file; the calibration file has the same name with the suffix ``.toml``. Strip 1 of a
+        board with several strips has files of its own: the names end in ``-1``.
     state : PageState
         State of the web UI; a session sets the parts ``calibration``, ``hold`` and ``spectrum``.
 
@@ -76,20 +79,31 @@ class PageCalibration(Orders):
 
     def __init__(self, path: Path, state: PageState):
         super().__init__("there is no board to calibrate: plug one in")
-        self._path, self._state = path, state
-        self._session = Session(path)
+        self._first, self._state = path, state
         self._step = 0
-        length_um = self._session.length_um or LENGTH_UM
-        self._shown = {"running": False, "file": path.with_suffix(".toml").name}
-        self._show(length_um=length_um)
+        self._shown = {"running": False}
+        self._use(path)
+
+    def _use(self, path: Path) -> None:
+        self._path = path
+        self._show(file=path.with_suffix(".toml").name, length_um=LENGTH_UM)
+        self._session = Session(path)
+        if self._session.length_um:
+            self._show(length_um=self._session.length_um)
 
     def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
         """Return the request in a browser's message; raise a ValueError if invalid."""
         return DECODER.decode(body)
 
-    def attend(self, board: Board) -> bool:
+    def attend(self, board: Board | OneStrip) -> bool:
         """Run a session to its end if a browser has requested one; return whether a session ran."""
         self._attended = True
+        path = self._first
+        if isinstance(board, OneStrip) and board.sensor:
+            path = path.with_stem(f"{path.stem}-{board.sensor}")
+        if path != self._path:
+            with suppress(SpotsError):  # the next session reports a damaged file
+                self._use(path)
         while asked := self._next():
             request, answer = asked
             if isinstance(request, Start):
@@ -99,7 +113,7 @@ class PageCalibration(Orders):
             answer.set_exception(SpotsError("no session runs: start one"))
         return False
 
-    def _run(self, board: Board, start: Start) -> None:
+    def _run(self, board: Board | OneStrip, start: Start) -> None:
         self._restarts, self._board, self._live = board.stats.restarts, board, board.spectra()
         self._show(
             running=True, kind=start.kind, length_um=1000 * start.length_mm, phase=WORK, title="",

@@ -24,6 +24,7 @@ from .orders import Orders
 from .recordings import Recordings
 from .settings_editor import KINDS, SettingsEditor
 from .state import PageState
+from .strip_choice import StripChoice
 from .twin_feed import driven_readers, linkage_readers
 
 try:
@@ -124,6 +125,8 @@ def serve_command(options: argparse.Namespace) -> None:
     for name in KINDS:
         if (path := getattr(options, f"edit_{name}")) is not None:
             orders[name] = SettingsEditor(name, Path(path), state)
+    if orders:
+        orders["strip"] = StripChoice()
     if orders and (options.linkage is not None or any(map(is_recording, ports))):
         named = "record_to", "session", "edit", *(f"edit_{name}" for name in KINDS)
         option = next(f"--{name.replace('_', '-')}" for name in named if getattr(options, name))

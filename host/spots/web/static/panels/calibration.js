@@ -1,6 +1,7 @@
 // A calibration session by hand: where to press, how steady, what was wrong, and the residuals.
 // Only a browser with the token has the controls; all others watch.
 import { canvas, colours, fill, make } from "../dom.js";
+import { request } from "../request.js";
 import { ruler } from "./strip.js";
 
 const KINDS = [
@@ -55,12 +56,7 @@ export function calibration(root) {
 
   async function send(message) {
     for (const one of root.querySelectorAll("button")) one.disabled = true;
-    try {
-      const answer = await fetch("calibration", { method: "POST", body: JSON.stringify(message) });
-      refused.textContent = answer.ok ? "" : await answer.text();
-    } catch {
-      refused.textContent = "the server does not answer: try again";
-    }
+    refused.textContent = (await request("calibration", message)).refused ?? "";
     if (refused.textContent) answered = null;
     for (const one of root.querySelectorAll("button")) one.disabled = false;
     refused.hidden = !refused.textContent;
