@@ -22,6 +22,7 @@ _RETRY_US = const(100_000)  # time between two starts of a sensor that does not 
 # A strip whose last poll was too early goes first, unless another strip is late by this time: its
 # next poll bounds the time of its sample.
 _PUNCTUAL_US = const(500)
+_UNKNOWN_US = const(2_500)  # the same for a strip whose sample times are unknown
 # The strip of the last poll stays first for so long. Otherwise two strips whose sample times are
 # unknown would be polled in turn, and no two polls of a strip would be close enough to each other.
 _STAYS_US = const(4_000)
@@ -300,6 +301,8 @@ class SeveralApp(StripApp):
             if pacing.lost:
                 continue
             left_us = self._ticks_diff(pacing.due, now)
+            if not pacing._locked:
+                left_us -= _UNKNOWN_US
             if pacing._was_early:
                 left_us -= _PUNCTUAL_US
                 if pacing is self.current.pacing:
