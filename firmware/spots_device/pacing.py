@@ -176,18 +176,10 @@ class Pacing:
         return due
 
     def overrun(self, now):
-        """Record that samples in the FIFO are lost; return 0 if the loop is too slow, else 1.
-
-        Parameters
-        ----------
-        now : int
-            Ticks at which the FIFO is emptied.
-        """
+        """Record that samples in the FIFO are lost, up to its emptying at `now` (ticks)."""
         self._count(now, 0)
-        slow = self._samples < 0
         self._locked = False
         self._samples = -1
-        return 0 if slow else 1
 
     def _bracket(self, now):
         self.slack_us = self._diff(now, self._early)

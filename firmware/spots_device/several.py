@@ -49,7 +49,6 @@ class StripFramer(Framer):
         self._head = framer._head
         self._payload = framer._payload
         self._delimited = framer._delimited
-        self._delimited = framer._delimited
         self._encoded = framer._encoded
         self.dropped = 0
         self._marking = self._touch, self._spectrum  # bound here, so that `gap` allocates nothing
@@ -152,7 +151,7 @@ class StripApp(BoardApp):
     def _keep_due(self, late_us):
         pacing = self.pacing
         late = late_us > pacing._creep + _LATE_US and 0 <= pacing._samples < _RENEW
-        if late and not self._sensor._held:
+        if late and not self._sensor.waits:
             pacing.due = self._clock.ticks_add(pacing.due, pacing._creep)
 
     def measure(self):
@@ -161,11 +160,12 @@ class StripApp(BoardApp):
 
     def _measured_poll(self, late_us):
         clock, sensor = self._clock, self._sensor
-        began, complete = clock.ticks_us(), sensor.complete
+        began, complete, waits = clock.ticks_us(), sensor.complete, sensor.waits
         StripApp.poll(self, late_us)
         if self.reconnect.lost or sensor.complete == complete:
             return
-        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), sensor.exposure_us):
+        burst_us = 0 if waits else sensor.burst_us()
+        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us):
             del self.poll
 
     def rate_mHz(self):

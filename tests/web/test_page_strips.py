@@ -12,8 +12,12 @@ from playwright.sync_api import expect
 from person import Person
 from serving import apart, eventually
 from spots.keyboard.layout import load
+from spots.link.board import Board
+from spots.link.frames import Spectrum, Touch
+from spots.web.one_strip import OneStrip
 from spots_device.settings import checksum
 from spots_sim.files import Finger, ScenarioFile
+from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press, Scenario
 from test_page_recording import post, token_of
 from test_page_states import SCREENS
@@ -202,3 +206,19 @@ def test_a_session_calibrates_the_chosen_strip(two, open_page, tmp_path, calibra
     assert [before[name] for name in ("gain", "exposure_us")] == [
         after[name] for name in ("gain", "exposure_us")
     ]
+
+
+def test_one_strip_of_a_board_reads_and_changes_this_strip_only(sensor):
+    with Board(LockstepLink(sensor, Held(), second=(Held(), 2))) as board:
+        strips = [OneStrip(board, i) for i in board.sensors]
+        strips[1].set(gain=7)
+        assert [strip.command("get")["gain"] for strip in strips] == [9, 7]
+        assert strips[1].command("hello")["id"] == strips[1].info["id"] == board.info["id"] + "-1"
+        board.stream("touch", "spectrum")
+        for frames, kind in ((strips[1].frames(0.2), Touch), (strips[1].spectra(0.2), Spectrum)):
+            found = list(frames)
+            assert {one.sensor for one in found} == {1}
+            assert sum(isinstance(one, kind) for one in found) > 10
+        live = strips[0].spectra()
+        while next(live).sensor == 0 and live.unread:  # ends although strip 1 sends, too
+            pass

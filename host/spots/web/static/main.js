@@ -74,7 +74,8 @@ const receipt = connect(
 
 // Clears stale parts when the board or the server is lost.
 function clear() {
-  take({ touch: null, stick: null, keys: null, untrusted: null, beside: {} });
+  const link = state.link && { ...state.link, rate_hz: null, latency_ms: null };
+  take({ touch: null, stick: null, keys: null, untrusted: null, beside: {}, link });
 }
 
 function take(parts, events = []) {
