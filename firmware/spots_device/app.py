@@ -149,6 +149,7 @@ class BoardApp:
         self.reconnect = Reconnect(
             self.strip, self._clock, self.replies, self.apply_calibration, self._sensor_lost
         )
+        self.lose = self.reconnect.lose
         self._commands = Commands(self)
         self._sum()
 
@@ -200,14 +201,14 @@ class BoardApp:
             while not self.reboot:
                 self._pass()
         except (OSError, SensorError) as error:
-            self.reconnect.lose(error)
+            self.lose(error)
 
     def step(self):
         """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
         try:
             self._pass()
         except (OSError, SensorError) as error:
-            self.reconnect.lose(error)
+            self.lose(error)
 
     def _pass(self):
         if self.feed is not None:

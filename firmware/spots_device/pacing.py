@@ -174,6 +174,9 @@ class Pacing:
         if self._samples >= 0:
             self._samples += 1
         shift_us = self._step_us if samples == 1 else self._chip_us
+        if not self._locked:
+            # `after` is late, so without this no poll would be early, and no bracket would come.
+            shift_us -= self.period_us >> 2
         self.due = self._add(due, shift_us)
         return due
 
