@@ -211,9 +211,9 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def burst_us(self):
-        """Return the part of the last burst's duration in us that is the same for any size."""
+        """Return the part of the last burst that is the same for any size, in us, at least 1."""
         # The FIFO's level is one byte, and its read takes as long as what precedes the samples.
-        return 2 * self._clock.ticks_diff(self._known, self._asked) if self.fifo > 0 else 1
+        return 2 * self._clock.ticks_diff(self._known, self._asked) + 1 if self.fifo > 0 else 1
 
     def switch_led(self, on):
         """Switch the LED on or off; `steady` is False for samples that began before this call.
@@ -274,11 +274,17 @@ class AS7341:
         self._write(_STATUS, _AINT)
         if self.fifo < 0:
             self.fifo += 1
-            end = _FIFO_DATA + _SAMPLE * self._read_fifo()
-            if self.waits:
-                self.fifo = 1
-                if burst[2:_FIFO_DATA] not in burst[_FIFO_DATA:end]:
-                    self.fifo = self.waits = 0
+            held = self._read_fifo()
+            if held:
+                self.fifo = 0
+                for at in range(_FIFO_DATA, _FIFO_DATA + _SAMPLE * held, _SAMPLE):
+                    i = 2
+                    while i < _FIFO_DATA and burst[i] == burst[at - 2 + i]:
+                        i += 1
+                    if i == _FIFO_DATA:
+                        self.fifo = 1
+                if not self.fifo:
+                    self.waits = 0
         return True
 
     def _read_fifo(self):

@@ -29,10 +29,9 @@ class Port:
 
 
 def play(app, port, frames):
-    step = app._pass
     end = port.frames + frames
     while port.frames < end:
-        step()
+        app._pass()
 
 
 def collects(function, *arguments):
