@@ -381,9 +381,9 @@ BAD = (
 )
 
 
-@pytest.mark.parametrize("body", BAD)
-def test_a_message_that_is_none_is_refused(desk, caplog, body):
-    assert desk.send(body)[0] == 400
+def test_invalid_messages_are_refused(desk, caplog):
+    for body in BAD:
+        assert desk.send(body)[0] == 400, body
     assert caplog.records == []
     assert not desk.path.exists()
 

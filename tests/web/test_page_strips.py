@@ -12,8 +12,12 @@ from playwright.sync_api import expect
 from person import Person
 from serving import apart, eventually
 from spots.keyboard.layout import load
+from spots.link.board import Board
+from spots.link.frames import Spectrum, Touch
+from spots.web.one_strip import OneStrip
 from spots_device.settings import checksum
 from spots_sim.files import Finger, ScenarioFile
+from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press, Scenario
 from test_page_recording import post, token_of
 from test_page_states import SCREENS
@@ -87,19 +91,19 @@ def test_both_strips_have_picture_numbers_and_history(two, open_page):
     expect(page.locator("#next")).to_be_hidden()
 
 
-@pytest.mark.parametrize("size", SCREENS)
-def test_both_pictures_are_in_sight(two, open_page, size):
-    width, height = SCREENS[size]
+def test_both_pictures_are_in_sight(two, open_page):
     second = Held()
     one = two(second)
     second.press = Press(60.0, 5000, 4.0)
-    page = open_page(one.server.url, viewport={"width": width, "height": height})
+    page = open_page(one.server.url)
     expect(page.locator("#beside .press.on")).to_have_count(1)
-    for strip in ("#touch", "#beside"):
-        box = page.locator(f"{strip} .guide").bounding_box()
-        assert box["y"] >= 0
-        assert box["y"] + box["height"] <= height
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for width, height in SCREENS.values():
+        page.set_viewport_size({"width": width, "height": height})
+        for strip in ("#touch", "#beside"):
+            box = page.locator(f"{strip} .guide").bounding_box()
+            assert box["y"] >= 0
+            assert box["y"] + box["height"] <= height
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
 def test_each_strip_has_the_sentence_of_its_state(two, open_page):
@@ -115,7 +119,7 @@ def test_each_strip_has_the_sentence_of_its_state(two, open_page):
     expect(page.locator("#beside .other.on")).to_have_count(2)
     # A strip that is unplugged from the board: the other one is read.
     one.wires.second = Unplugged(one.wires.second)
-    expect(words).to_have_text("this strip sends no readings; next: check the wires of its sensor")
+    expect(words).to_have_text("no readings arrive; next: check the wires of the sensor")
     expect(page.locator("#beside .other.on")).to_have_count(0)
     one._scenario.press = Press(20.0, 3000, 4.0)
     expect(numbers(page, "Strip 0").first).to_have_text(re.compile(r"^(19|20)\.\d\dmm"))
@@ -129,7 +133,7 @@ def test_the_first_strip_may_be_the_lost_one(two, open_page):
     expect(page.locator("#beside .press.on")).to_have_count(1)
     one.wires.bus = Unplugged(one.wires.bus)
     expect(page.locator("#next")).to_have_text(
-        "strip 0: this strip sends no readings; next: check the wires of its sensor"
+        "strip 0: no readings arrive; next: check the wires of the sensor"
     )
     expect(numbers(page, "Strip 1").first).to_have_text(re.compile(r"^(59|60)\.\d\dmm"))
 
@@ -202,3 +206,19 @@ def test_a_session_calibrates_the_chosen_strip(two, open_page, tmp_path, calibra
     assert [before[name] for name in ("gain", "exposure_us")] == [
         after[name] for name in ("gain", "exposure_us")
     ]
+
+
+def test_one_strip_of_a_board_reads_and_changes_this_strip_only(sensor):
+    with Board(LockstepLink(sensor, Held(), second=(Held(), 2))) as board:
+        strips = [OneStrip(board, i) for i in board.sensors]
+        strips[1].set(gain=7)
+        assert [strip.command("get")["gain"] for strip in strips] == [9, 7]
+        assert strips[1].command("hello")["id"] == strips[1].info["id"] == board.info["id"] + "-1"
+        board.stream("touch", "spectrum")
+        for frames, kind in ((strips[1].frames(0.2), Touch), (strips[1].spectra(0.2), Spectrum)):
+            found = list(frames)
+            assert {one.sensor for one in found} == {1}
+            assert sum(isinstance(one, kind) for one in found) > 10
+        live = strips[0].spectra()
+        while next(live).sensor == 0 and live.unread:  # ends although strip 1 sends, too
+            pass

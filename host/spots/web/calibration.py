@@ -9,9 +9,11 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from ..calibrate import calibration_file
 from ..calibrate.bench import Bench
 from ..calibrate.dialog import Progress, UndoError
 from ..calibrate.presser import Presser
+from ..calibrate.rezero import rezero, use
 from ..calibrate.session import Session, Wanted, settings
 from ..calibrate.spectra import Reading, SpectrumReader
 from ..calibrate.steps import COUNTS, LENGTH_UM, calibrate
@@ -29,14 +31,19 @@ _ALONG = "hand", "position", "force", "mark"
 _MORE = 6  # presses to add if a complete session is continued
 # Phases of a session, for the web UI.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
+REZERO = "rezero"  # kind of a session that corrects the drift of a calibration
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
+_UNCHANGED = "stopped: nothing was saved"  # a re-zero
 _BEHIND = "the answer is for an earlier step: answer the step that the page shows"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
-    """Request of a browser: start or continue a session with a strip of length `length_mm`."""
+    """Request of a browser: start or continue a session with a strip of length `length_mm`.
 
-    kind: Literal["rough", "fine"]
+    A re-zero uses the length in the calibration.
+    """
+
+    kind: Literal["rough", "fine", "rezero"]
     length_mm: Annotated[float, msgspec.Meta(ge=1, le=1000)]
 
 
@@ -85,8 +92,8 @@ class PageCalibration(Orders):
         self._use(path)
 
     def _use(self, path: Path) -> None:
-        self._path = path
-        self._show(file=path.with_suffix(".toml").name, length_um=LENGTH_UM)
+        self._path, self._out = path, path.with_suffix(".toml")
+        self._show(file=self._out.name, rezero=self._out.exists(), length_um=LENGTH_UM)
         self._session = Session(path)
         if self._session.length_um:
             self._show(length_um=self._session.length_um)
@@ -121,18 +128,38 @@ class PageCalibration(Orders):
         )  # fmt: skip
         end, why = "failed", None
         try:
-            self._session = Session(self._path)
-            self._calibrate(start)
+            if start.kind == REZERO:
+                self._rezero()
+            else:
+                self._session = Session(self._path)
+                self._calibrate(start)
             end = "done"
         except SpotsError as error:
-            end, why = "stopped" if str(error) == _STOPPED else end, str(error)
+            end, why = "stopped" if str(error) == self._stopped else end, str(error)
         except Exception as error:
             why = sentence_of("a session", error)
             print(f"spots: {why}", file=sys.stderr, flush=True)
         finally:
             self._live.close()
             self._state.put("hold", None)
-            self._show(running=False, phase=END, end=end, note=why, at=None, todo=None)
+            end_of = {"phase": END, "end": end, "note": why, "rezero": self._out.exists()}
+            self._show(running=False, at=None, todo=None, **end_of)
+
+    @property
+    def _stopped(self) -> str:
+        return _UNCHANGED if self._shown["kind"] == REZERO else _STOPPED
+
+    def _rezero(self) -> None:
+        made = calibration_file.load(self._out)
+        reader = SpectrumReader(self._board)
+        try:
+            bench = Bench(reader, _Person(self), self, made.length_um, self._out)
+            new = rezero(bench, made)
+            reader.restore()
+            use(bench, made, new)
+            self.say(f"the drift was: {new.rezeros[-1].drift}")
+        finally:
+            reader.restore()
 
     def _calibrate(self, start: Start) -> None:
         board, made = self._board, self._session.conditions
@@ -141,8 +168,7 @@ class PageCalibration(Orders):
             board.command("set " + settings(made))
         reader = SpectrumReader(board)
         try:
-            out = self._path.with_suffix(".toml")
-            bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, out)
+            bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, self._out)
             options = Namespace(plan=None, keep_settings=False)
             taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
             count = usual if taken < usual else taken + _MORE
@@ -220,7 +246,7 @@ class PageCalibration(Orders):
             if not self._live.unread:
                 self._state.put("spectrum", {"counts": counts})
         if self.stopping:
-            raise SpotsError(_STOPPED)
+            raise SpotsError(self._stopped)
         asked = self._next()
         if asked is None:
             return None
@@ -229,11 +255,14 @@ class PageCalibration(Orders):
         if behind or (isinstance(request, Answer) and self._shown["phase"] != ASK):
             answer.set_exception(SpotsError(_BEHIND))
             return None
+        if isinstance(request, Undo) and self._shown["kind"] == REZERO:
+            answer.set_exception(SpotsError("a re-zero keeps no presses: stop it and start again"))
+            return None
         answer.set_result(None)
         if isinstance(request, Undo):
             raise UndoError
         if isinstance(request, Cancel):
-            raise SpotsError(_STOPPED)
+            raise SpotsError(self._stopped)
         return request.text
 
     def _place_um(self, counts: np.ndarray) -> float | None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ..link.board import Board, addressed
-from ..link.frames import Reading
+from ..link.readers import FrameIterator
 
 
 class OneStrip:
@@ -46,42 +46,14 @@ class OneStrip:
         """Change settings of this strip; see `Board.set`."""
         return self._board.set(**{**settings, "sensor": self.sensor})
 
-    def frames(self, seconds: float | None = None) -> _Only:
+    def frames(self, seconds: float | None = None) -> FrameIterator:
         """Iterate over all frames of this strip."""
-        return _Only(self._board.frames(seconds), self.sensor)
+        return self._only(self._board.frames(seconds))
 
-    def spectra(self, seconds: float | None = None) -> _Only:
+    def spectra(self, seconds: float | None = None) -> FrameIterator:
         """Iterate over the spectra of this strip."""
-        return _Only(self._board.spectra(seconds), self.sensor)
+        return self._only(self._board.spectra(seconds))
 
-
-class _Only:
-    """The frames of one strip, as the methods of `Board` iterate over the frames of all strips."""
-
-    def __init__(self, frames: Any, sensor: int):
-        self._frames, self._sensor = frames, sensor
-        self._next: Reading | None = None
-        self.close = frames.close
-
-    def __iter__(self) -> _Only:
-        return self
-
-    def __next__(self) -> Reading:
-        while not self.unread:
-            if not self._frames.wait():
-                raise StopIteration
-        found, self._next = self._next, None
-        return found
-
-    @property
-    def unread(self) -> bool:
-        """Whether a frame of the strip has already arrived."""
-        while self._next is None and self._frames.unread:
-            frame = next(self._frames)
-            if frame.sensor == self._sensor:
-                self._next = frame
-        return self._next is not None
-
-    def wait(self) -> bool:
-        """Wait up to 0.1 s for a frame; return False if the iteration has ended."""
-        return self.unread or self._frames.wait()
+    def _only(self, frames: FrameIterator) -> FrameIterator:
+        frames.sensor = self.sensor
+        return frames

@@ -74,12 +74,14 @@ const receipt = connect(
 
 // Clears stale parts when the board or the server is lost.
 function clear() {
-  take({ touch: null, stick: null, keys: null, untrusted: null, beside: {} });
+  const link = state.link && { ...state.link, rate_hz: null, latency_ms: null };
+  take({ touch: null, stick: null, keys: null, untrusted: null, beside: {}, link });
 }
 
 function take(parts, events = []) {
   const touched = placed(state.touch);
   Object.assign(state, parts);
+  if (parts.application) document.body.dataset.application = parts.application;
   // When a press begins or ends, all panels are due at once.
   if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
   newest = parts.touch ?? newest;

@@ -6,7 +6,7 @@ export function next(root) {
     const reading = state.calibration?.running ? "" : sentence(state.touch, state.untrusted);
     const words = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || played(state.recording) || (reading && strip(state.board) + reading);
+      : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading));
     if (root.textContent !== words) root.textContent = words;
     root.hidden = !words;
   };
@@ -18,6 +18,13 @@ function played(recording) {
 
 function strip(board) {
   return board?.strips?.length > 1 ? `strip ${board.strip}: ` : "";
+}
+
+// The next step by a button of this window instead of a command, if this browser may calibrate.
+const HERE = { "spots rezero": "press ‘calibrate’, then ‘Re-zero’", "spots calibrate": "press ‘calibrate’" };
+function here(state, reading) {
+  if (!state.may_command || !state.calibration) return reading;
+  return reading.replace(/spots (rezero|calibrate)/, (command) => HERE[command]);
 }
 
 // What is to do about the readings of a strip; else empty.

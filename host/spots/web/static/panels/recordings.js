@@ -102,6 +102,7 @@ export function recordings(root) {
   function show() {
     opener.hidden = !it || !may;
     root.hidden = !it || !may || !open;
+    opener.textContent = open ? "close" : "recordings";
     opener.setAttribute("aria-expanded", String(!root.hidden));
     note.hidden = !note.textContent;
     live.disabled = busy || !it?.playing;
