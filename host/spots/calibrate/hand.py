@@ -26,8 +26,9 @@ _LOADS = (
 _LOADS_FROM = 12  # presses; then it is known which forces light the strip
 _UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
 # Softening: distance of presses at one place; force below the earlier one that shows most of it;
-# least size; least ratio to its standard deviation.
-_NEAR_UM, _SOFTENED_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 0.05, 3.0
+# least force, because creep of earlier presses changes weaker ones; least size; least ratio to its
+# standard deviation.
+_NEAR_UM, _SOFTENED_MN, _SOFTENED_MIN_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 300.0, 0.05, 2.5
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
 # Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
@@ -194,7 +195,8 @@ def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))
     rows, off = [], []
     for i, p in enumerate(session.points):
-        if p.kind != "hand" or not p.force_mN or (p.place_um, p.force_mN) not in errors:
+        weak = p.force_mN < _SOFTENED_MIN_MN
+        if p.kind != "hand" or weak or (p.place_um, p.force_mN) not in errors:
             continue
         before = [q for q in session.points[:i] if abs(q.place_um - p.place_um) < _NEAR_UM]
         most_mN = max((max(q.force_mN, q.then_mN) for q in before), default=0.0)
