@@ -22,6 +22,7 @@ TWO   TWO    the first finger rests, and readings agree on the position of the s
 TWO   TWO    the second finger slides, 0.1 s after this state began or later: the first one rests,
              and could not cause this by lifting
 TWO   DOWN   one of two known fingers has left: one reading shows which
+TWO   TWO    two known fingers rest, and readings agree on the position of a third finger
 TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is now the first
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
@@ -68,7 +69,6 @@ _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, 
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
 _REST_T = const(12)  # least duration of a resting position
 _MOVED_UM = const(1500)
-_SEEN_T = const(24)  # within this time the light of two fingers is visible
 # Ratios of light as differences of brightness, Q20 of log2.
 _FALLEN = const(772_000)  # 0.6
 _DIPPED = const(435_000)  # 0.75
@@ -100,6 +100,7 @@ _CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
+_HALF = const(1 << 20)  # 2
 _SINGLE = const(419_000)  # 1.32
 
 # State of a tracker: indices in one array, because MicroPython is slow at objects with many
@@ -153,33 +154,31 @@ _DRIFTS = const(44)  # the finger alone did not fit one press: then the fit is n
 _LEAVING = const(45)  # whether no finger touches, and since when
 _LEFT = const(46)
 _HAS_DIPPED = const(47)  # the light was lost for a moment
-_ODD = const(48)  # a reading did not fit one press
-_STILL = const(49)  # since when a touch rests; limits of position and force in which it rests
-_LOW_UM = const(50)
-_HIGH_UM = const(51)
-_LOW_MN = const(52)
-_HIGH_MN = const(53)
-_FIRM_MN = const(54)  # force of a firm press, until the firm press is reported
-_LENGTH_UM = const(55)  # length of the strip, see `set_layout` and `_NOISE`
-_DECAY = const(56)
-_NOISE_PRODUCT = const(57)
-_RELEASE_MN = const(58)  # from here on: limits of the layout
-_PRESS_MN = const(59)
-_STUCK_T = const(60)
-_DETECT = const(61)
-_JUMP_UM = const(62)
-_RELEASE_T = const(63)
-_SIZE = const(64)
+_X_PAIR_UM = const(48)  # last reading of two known fingers that rest: position, brightness
+_B_PAIR = const(49)
+# MicroPython encodes an index from -16 to 47 in one byte.
+_ODD = const(-16)  # a reading did not fit one press
+_STILL = const(-15)  # since when a touch rests; limits of position and force in which it rests
+_LOW_UM = const(-14)
+_HIGH_UM = const(-13)
+_LOW_MN = const(-12)
+_HIGH_MN = const(-11)
+_FIRM_MN = const(-10)  # force of a firm press, until the firm press is reported
+_LENGTH_UM = const(-9)  # length of the strip, see `set_layout` and `_NOISE`
+_DECAY = const(-8)
+_NOISE_PRODUCT = const(-7)
+_RELEASE_MN = const(-6)  # from here on: limits of the layout
+_PRESS_MN = const(-5)
+_STUCK_T = const(-4)
+_DETECT = const(-3)
+_JUMP_UM = const(-2)
+_RELEASE_T = const(-1)
+_SIZE = const(66)
 
 
 def elapsed(since, now):
     """Return the ticks from the time `since` to the later time `now`; correct across a wrap."""
     return (now - since) & (TICKS - 1)
-
-
-def _counts(brightness):
-    """Convert a brightness (log2 in Q20) to counts times 16; the result is at least 1."""
-    return max(power(brightness) >> 6, 1)
 
 
 class ContactTracker:
@@ -197,7 +196,7 @@ class ContactTracker:
         ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
         If the strip length is known, also these methods:
         ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
-        Returns whether the sink uses the second finger.
+        Returns whether the sink uses the second finger. If it uses one already, this is a third.
         ``left(second, t)``: the second finger has left if `second` is true, else the first one.
         ``moved(x_um, slack_um)``: new estimate of the second finger, while the first one rests.
     """
@@ -456,6 +455,7 @@ class ContactTracker:
             s[_B] = before
         self._mix(x_um, brightness, t)
         s[_LEAST] = last
+        s[_SEEN] = -1
         return True
 
     # State TWO.
@@ -464,7 +464,6 @@ class ContactTracker:
         s = self._s
         s[_STATE] = _TWO
         s[_BEGAN] = t
-        s[_SEEN] = -1
         s[_ODD] = s[_SECOND] = s[_THIRD] = False
         s[_RESTED] = s[_GUESSED] = s[_PAIR] = False
         s[_B_BOTH] = 0
@@ -544,7 +543,10 @@ class ContactTracker:
             if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM and away_um > _REST_UM:
                 s[_FALLS] = _LATE
                 s[_FELL] = t
-        if s[_SECOND] and self._resolve(fits, x_um, force_mN, brightness, t):
+        if not s[_SECOND]:
+            s[_X_PAIR_UM] = x_um
+            s[_B_PAIR] = brightness
+        elif self._resolve(fits, x_um, force_mN, brightness, t):
             return
         if not (s[_SECOND] or s[_THIRD] or s[_HAS_DIPPED]):
             if s[_IS_EVEN]:
@@ -570,8 +572,9 @@ class ContactTracker:
                 self._harden(force_mN, t)
             return
         off_um = x_um - s[_X_UM]
-        back_um = _NEAR_UM if s[_LOOSE] else _BACK_UM
-        if abs(off_um) < max(back_um, 4 * self.noise_um(brightness)):
+        back_um = _APART_UM if s[_LOOSE] else _BACK_UM
+        # The first reading of a soft touch is noisier than the present one.
+        if abs(off_um) < max(back_um, 4 * self.noise_um(min(brightness, s[_B]))):
             firm_mN = s[_FIRM_MN]
             if not s[_SECOND]:
                 self._recall(x_um, brightness, t)
@@ -605,13 +608,21 @@ class ContactTracker:
             if self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
                 at_um = s[_FOUND_UM]
                 slack_um = s[_FOUND_SLACK_UM]
-                if abs(at_um - s[_X_SECOND_UM]) < _NEAR_UM:
-                    if brightness == s[_PEAK]:
-                        s[_X_SECOND_UM] = at_um
-                        s[_B_SECOND] = s[_FOUND_B]
-                elif not self._slides(fits, x_um, brightness):
+                near = abs(at_um - s[_X_SECOND_UM]) < _NEAR_UM
+                if near and brightness == s[_PEAK]:
+                    s[_X_SECOND_UM] = at_um
+                    s[_B_SECOND] = s[_FOUND_B]
+                if near or self._slides(fits, x_um, brightness):
+                    s[_X_PAIR_UM] = x_um
+                    s[_B_PAIR] = brightness
+                    s[_GUESSED] = False
+                    self.sink.moved(at_um, slack_um)
                     return False
-                self.sink.moved(at_um, slack_um)
+            # Two fingers that rest are like one finger at the position of their common reading.
+            slack_um = self._find_third(s[_X_PAIR_UM], s[_B_PAIR], -1, x_um, brightness)
+            if slack_um:
+                self.sink.second(s[_X_GUESS_UM], slack_um, t)
+                self.sink.moved(s[_X_SECOND_UM], slack_um)
             return False
         if fits and abs(x_um - s[_X_SECOND_UM]) < _NEAR_UM and (brightness < s[_B_SECOND] + _MORE):
             b = s[_B_SECOND]
@@ -625,10 +636,11 @@ class ContactTracker:
         if not s[_FALLS]:
             s[_GUESSED] = False
             return False
-        slack_um = self._find_third(fits, x_um, brightness)
+        second_um = s[_X_SECOND_UM]
+        slack_um = self._find_third(second_um, s[_B_SECOND], fits, x_um, brightness)
         if not slack_um and elapsed(s[_FELL], t) < _FALL_T:
             return False
-        s[_X_UM] = s[_X_BEFORE_UM] = s[_X_SECOND_UM]
+        s[_X_UM] = s[_X_BEFORE_UM] = second_um
         s[_B] = s[_B_SECOND]
         s[_SECOND] = False
         self._mix(x_um, brightness, t)
@@ -637,7 +649,7 @@ class ContactTracker:
         s[_FALLS] = 0
         s[_LOOSE] = True
         self.sink.left(False, t)
-        if slack_um:
+        if slack_um and s[_B_GUESS] > s[_B] - _HALF:
             s[_SECOND] = self.sink.second(s[_X_GUESS_UM], slack_um, t)
             s[_X_SECOND_UM] = s[_X_GUESS_UM]
             s[_B_SECOND] = s[_B_GUESS]
@@ -664,32 +676,26 @@ class ContactTracker:
         s[_IS_EVEN] = True
         return True
 
-    def _find_third(self, fits, x_um, brightness):
-        """Estimate a third finger beside the second finger, as if the first finger had left.
+    def _find_third(self, x0_um, b0, fits, x_um, brightness):
+        """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
 
-        Returns the uncertainty of the third finger's position in um, or 0 until two readings agree
-        on this position. While the first finger lifts, readings do not agree.
+        This is the second finger, as if the first one had left, or both. Returns the uncertainty of
+        the third finger's position in um, or 0 until two readings agree on this position. While the
+        first finger lifts, readings do not agree.
         """
         s = self._s
-        second_um = s[_X_SECOND_UM]
         agrees = s[_GUESSED]
         last_um = s[_X_GUESS_UM]
         s[_GUESSED] = (
-            self._solve(second_um, s[_B_SECOND], x_um, brightness, fits)
-            and s[_FOUND_B] > s[_B_SECOND] - _BOTH
+            self._solve(x0_um, b0, x_um, brightness, fits)
             and abs(s[_FOUND_UM] - s[_X_UM]) > _APART_UM
+            and abs(s[_FOUND_UM] - s[_X_SECOND_UM]) > _APART_UM
         )
-        if not s[_GUESSED]:
-            return 0
         s[_X_GUESS_UM] = at_um = s[_FOUND_UM]
         s[_B_GUESS] = s[_FOUND_B]
-        if (
-            not agrees
-            or abs(at_um - last_um) > _AGREE_UM
-            or not self._solve(second_um, s[_B_SECOND] - _CHANGED, x_um, brightness, fits)
-        ):
+        if not (agrees and s[_GUESSED]) or abs(at_um - last_um) > _NEAR_UM:
             return 0
-        return abs(s[_FOUND_UM] - at_um)
+        return (s[_FOUND_SLACK_UM] * _SOON >> 3) + abs(last_um - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside another finger at `x1_um` from a reading, see `second.locate`.
@@ -855,18 +861,15 @@ class ContactTracker:
             return True
         if s[_HAS_DIPPED] or s[_LEAST] < min(first, brightness) - _DIPPED:
             return True
-        if s[_PEAK] < first + _MORE and elapsed(s[_BEGAN], t) >= _SEEN_T:
-            return True  # the light was never that of two fingers
-        light_first = _counts(first)
-        peak = _counts(s[_PEAK])
-        light = _counts(brightness)
-        if light >= peak - light_first // 5:
+        light_first = power(first) >> 6  # sixteenths of a count
+        peak = power(s[_PEAK]) >> 6
+        if power(brightness) >> 6 >= peak - light_first // 5:
             return False
         # Light was lost while the position moved away from the first finger.
         away_um = x_um - s[_X_PEAK_UM]
         if off_um < 0:
             away_um = -away_um
-        return away_um > (abs(off_um) >> 5) * ((light_first << 4) // peak) // 10
+        return away_um > (abs(off_um) >> 5) * ((light_first << 4) // (peak + 1)) // 10
 
     def noise_um(self, brightness):
         """Return an upper limit of a position's standard deviation due to ADC noise, in um."""

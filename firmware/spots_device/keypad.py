@@ -50,6 +50,7 @@ class Keypad:
         self._layout = None
         self._length_mm = 0
         self._second = self._second_row = 0  # action and key of a second finger
+        self._third = _NONE  # key that a third finger has tapped
         self._state = _IDLE
         self._clear()
 
@@ -97,7 +98,8 @@ class Keypad:
 
     # Events of contact.ContactTracker.
 
-    def down(self, x_um, t):
+    def down(self, x_um, t, typed=_NONE):
+        self._third = _NONE
         again = self._tapped_at
         self._tapped_at = _NONE
         if again >= 0 and elapsed(self._tapped, t) >= self._layout.quick_t:
@@ -114,6 +116,9 @@ class Keypad:
         self._state = _OPEN
         if row < 0:
             self._wait_t = 0
+            return
+        if row == typed:
+            self._state = _OVER
             return
         if due >= 0:
             self._due = _NONE
@@ -173,7 +178,7 @@ class Keypad:
             self._press(self._action(HOLD))
         elif self._state != _PRESSED or self._held >> 20 != MOMENTARY:
             self.up(t)
-            self.down(x_um, t)
+            self.down(x_um, t, self._third)
             return
         held = self._held
         self._state = _IDLE
@@ -193,7 +198,7 @@ class Keypad:
         t : int
             Time in ticks.
         """
-        if self._once >= 0 or self._second or self._state == _IDLE or self._state == _SLIDING:
+        if self._once >= 0 or self._state == _IDLE or self._state == _SLIDING:
             return False
         first = self._row
         layer = self._row_layer
@@ -203,6 +208,7 @@ class Keypad:
         if (
             row < 0
             or row == first
+            or row == self._third
             or (keys[row + LOW] and x_um - slack_um < keys[row + LOW] * self._length_mm)
             or (keys[row + HIGH] < 1000 and x_um + slack_um > keys[row + HIGH] * self._length_mm)
         ):
@@ -223,9 +229,14 @@ class Keypad:
                 return False
             if action == self._held:
                 return False
+        third = self._second
+        self._release_second()
         self._second = action
         self._second_row = row
         self._key(action >> 20, action & 0xFFF, action >> 12 & 0xFF, True)
+        if third:
+            self._third = row
+            self._release_second()
         return True
 
     def moved(self, x_um, slack_um):

@@ -15,24 +15,25 @@ def power(exponent):
     return value << whole if whole >= 0 else value >> -whole
 
 
-def solve(found, decay, off_um, first, brightness):
+def solve(found, decay, off_um, alone, brightness):
     """Solve the equations of second.py; return whether they have a solution.
 
     Parameters
     ----------
     found : array.array
-        Output, ``array("i")`` of five elements: distance d of the second finger from the first one
-        in um, loss of brightness (Q20 of log2), (1 - f) / f (Q10), light l2 in sixteenths of a
-        count, and (1 - f) l / l2 (Q8).
+        Output, ``array("i")`` of four elements: distance d of the second finger from the first one
+        in um, loss of brightness (Q20 of log2), (1 - f) / f (Q10), and light l2 in sixteenths of a
+        count.
     decay : int
         Decay of the light by the dye (k in second.py) in log2 units per um, Q24; at most 1000.
     off_um : int
         Distance of the reading's position from the first finger, in um.
-    first, brightness : int
-        Brightness of the first finger and of the reading, in Q20 of log2.
+    alone : int
+        Light l1 of the first finger, in sixteenths of a count.
+    brightness : int
+        Brightness of the reading, in Q20 of log2.
     """
     away_um = off_um
-    alone = power(first) >> 6  # sixteenths of a count
     shift = alone >> 19 and 4
     share = 0
     for _ in range(4):
@@ -60,5 +61,4 @@ def solve(found, decay, off_um, first, brightness):
     found[1] = lost
     found[2] = ratio
     found[3] = other
-    found[4] = (256 - share) * light // other
     return True

@@ -20,10 +20,9 @@ def power(exponent: int) -> int:
 
 
 @micropython.viper
-def solve(found: ptr32, decay: int, off_um: int, first: int, brightness: int) -> bool:
-    # found: 0 away_um, 1 lost, 2 ratio, 3 other, 4 lever, as named in locate.py. 18: FAR_LOG2.
+def solve(found: ptr32, decay: int, off_um: int, alone: int, brightness: int) -> bool:
+    # found: 0 away_um, 1 lost, 2 ratio, 3 other, as named in locate.py. 18: FAR_LOG2.
     away_um = off_um
-    alone = int(power(first)) >> 6
     shift = 0
     if alone >> 19:
         shift = 4
@@ -54,7 +53,6 @@ def solve(found: ptr32, decay: int, off_um: int, first: int, brightness: int) ->
         found[1] = lost
         found[2] = ratio
         found[3] = other
-        found[4] = (256 - share) * light // other
         if (step_um + 64) >> 7 == 0:
             break
     return True

@@ -30,7 +30,7 @@ _STEP_UM = const(2000)
 _FIT = const(45_000)
 _MISFIT = const(12_000)
 
-_solved = array("i", bytes(20))
+_solved = array("i", bytes(16))
 
 
 def noise(product, brightness):
@@ -66,9 +66,11 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     noise_um : int
         Standard deviation of the reading's position, in um.
     """
-    if not solve(_solved, decay, x_um - x1_um, first, brightness):
+    alone = power(first) >> 6
+    if not solve(_solved, decay, x_um - x1_um, alone, brightness):
         return False
-    away_um, lost, ratio, other, lever = _solved
+    away_um, lost, ratio, other = _solved
+    lever = (256 - 262144 // (1024 + ratio)) * (alone + other) // other  # (1 - f) l / l2, Q8
     apart_um = abs(away_um)
     room = 0
     if fits >= 0:

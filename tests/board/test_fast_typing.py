@@ -128,6 +128,31 @@ def test_of_fingers_that_came_together_both_are_typed(apart_s):
     assert sorted(figures["typed"]) == ["3", "9"]
 
 
+@pytest.mark.parametrize("phase_s", [0.0, 0.003, 0.007])
+@pytest.mark.parametrize("text", ["269", "962", "295"])
+def test_a_third_finger_taps_its_key_while_two_rest(text, phase_s):
+    first, second, third = text
+    figures = play(
+        finger(first, phase_s, phase_s + 0.5),
+        finger(second, phase_s + 0.15, phase_s + 0.5),
+        finger(third, phase_s + 0.25, phase_s + 0.35),
+    )
+    assert figures["typed"] == text
+    assert figures["latency_ms"]["p99"] <= 60
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.003, 0.007])
+def test_a_third_finger_is_typed_once_although_it_remains(phase_s):
+    ends_s = phase_s + 0.3
+    figures = play(
+        finger("2", phase_s, ends_s),
+        finger("6", phase_s + 0.1, ends_s + 0.01),
+        finger("9", phase_s + 0.2, ends_s + 0.2),
+    )
+    assert figures["typed"] == "269"
+    assert figures["stuck"] == figures["keys_down"] == 0
+
+
 def test_the_host_finds_touches_at_the_same_reading_as_the_board():
     # The second finger comes while the force of the first one rises: the first reading counts.
     first = Finger(points=[(3.0, 12.7, 0), (3.04, 12.7, 2400), (3.1, 12.7, 2400), (3.12, 12.7, 0)])

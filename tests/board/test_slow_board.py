@@ -159,7 +159,10 @@ def test_an_exposure_too_short_for_the_board_gives_what_it_can_and_counts_the_re
     lost = (made.link.now_s() - began_s) * 1e6 / actual_us - read
     assert reply["missed"] - before == pytest.approx(lost, rel=0.15, abs=20)
     if actual_us < 2_000:
-        assert np.mean([bool(touch.flags & DROPPED) for touch in touches]) > 0.2
+        # When the FIFO overflows, all its samples are lost.
+        gaps = np.diff([touch.t_us for touch in touches]) > 10 * actual_us
+        assert gaps.any()
+        assert all(touch.flags & DROPPED for touch, gap in zip(touches[1:], gaps) if gap)
 
 
 def counted(made):
@@ -194,7 +197,7 @@ def test_what_the_chip_made_was_taken_or_missed(sensor, board, exposure_us, busy
         touches = len(made.touches(4.0))
         more, missed_then, samples_then = counted(made)
     assert touches + more + missed_then - missed == pytest.approx(
-        samples_then - samples, rel=0.002, abs=4
+        samples_then - samples, rel=0.01, abs=4
     )
 
 

@@ -25,6 +25,7 @@ from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
 
 PLAN = "F3,F4,F5,F6,F7,F8"
+PATIENCE_S = 25.0  # more than a simulated person forgets a press, less than minutes to simulate
 
 
 class Room(io.StringIO):
@@ -53,8 +54,9 @@ class Room(io.StringIO):
 
 def calibrate(room, path, kind, count, plan=PLAN):
     shown = Guide(Console(file=room, width=200), stdin=room)
-    stage = room.stage
-    bench = Bench(stage.reader, Presser(shown), shown, stage.length_um, path.with_suffix(".toml"))
+    stage, presser = room.stage, Presser(shown)
+    presser.patience_s = PATIENCE_S
+    bench = Bench(stage.reader, presser, shown, stage.length_um, path.with_suffix(".toml"))
     options = argparse.Namespace(plan=plan, keep_settings=False)
     steps.calibrate(bench, Session(path), kind, count, None, options)
     room.move([])

@@ -1,8 +1,9 @@
 """Measures calibrations by a simulated person, who knows only what a terminal or the web UI shows.
 
 The person reads places to ±0.5 mm and forces to ±5 %, forgets presses, makes them twice, lifts
-early, and mixes units. Prints one line of JSON for each strip and seed. The exit code is 1 if a
-session took too many presses, or a calibration has too large an error or a wrong key in 100 taps.
+early, and mixes units. Prints one line of JSON for each strip and seed: for silicone with creep
+and hysteresis, also the error of the force with and without compensation. The exit code is 1 if
+a session took too many presses, or a calibration has too large an error or a wrong key in 100 taps.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from spots_device.calibration import Calibration
 from spots_device.views import Decoded
 from spots_sim.demo_applications import type_on_board
 from spots_sim.files import ScenarioFile, SensorFile, load
+from spots_sim.loading import record
 from spots_sim.lockstep import LockstepLink
 from spots_sim.person import Habits, Person, follow
 from spots_sim.scenario import Held, Scenario
@@ -44,6 +46,7 @@ _PRESSES_MAX, _ERROR_MAX_UM = {"rough": 12, "fine": 45}, {"rough": 1000.0, "fine
 _SPEED = 8.0
 _START_S, _SESSION_S = 300.0, 7200.0  # timeouts; that of the session is simulated time
 _TAPS = 100
+_LOADS = [(0.5, 9000.0, ramp_s, 0.0) for ramp_s in (0.5, 2.0, 8.0)]
 
 
 class _Reader(web.Person):
@@ -122,6 +125,13 @@ def _error_um(sensor, seed, made) -> float:
     return float(np.abs(found).mean())
 
 
+def _loop_error_mN(sensor, lines) -> int:
+    """Return the mean error of forces from 0.5 to 9 N, while the strip is loaded and unloaded."""
+    _, force_mN, read_mN, *_ = record(sensor, lines, _LOADS)
+    inside = (force_mN > 500) & (force_mN < 9000)
+    return round(float(np.abs(read_mN - force_mN)[inside].mean()))
+
+
 def _right(sensor, seed, made) -> int:
     """Return the number of right keys in 100 taps on ten keys."""
     layout = load_layout("digits")
@@ -146,7 +156,7 @@ def main() -> int:
     good = True
     for seed in map(int, options.seeds.split(",")):
         for strip in options.strips.split(","):
-            sensor = load(SensorFile, strip)
+            sensor = load(SensorFile, strip).unchanged()
             with tempfile.TemporaryDirectory() as folder:
                 run = _FACES[options.face]
                 presses = run(options.kind, strip, sensor, Habits(), seed, Path(folder))
@@ -154,6 +164,9 @@ def main() -> int:
             found = {"strip": strip, "seed": seed, "presses": presses}
             found["error_um"] = round(_error_um(sensor, seed, made), 1)
             found["right"] = _right(sensor, seed, made)
+            if options.kind == "fine" and not sensor.silicone.ideal:
+                plain = [line for line in made.lines if not line.startswith("silicone")]
+                found["loop_mN"] = [_loop_error_mN(sensor, one) for one in (plain, made.lines)]
             ok = presses <= _PRESSES_MAX[options.kind] and found["right"] == _TAPS
             ok = ok and found["error_um"] <= _ERROR_MAX_UM[options.kind]
             print(json.dumps(found | {"ok": ok}), flush=True)

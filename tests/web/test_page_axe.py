@@ -63,11 +63,11 @@ def test_an_editor_of_keys(bench, serve, open_page, tmp_path):
     assert serious(page) == []
 
 
-def test_two_strips(bench, serve, open_page, scheme, tmp_path):
+def test_two_strips(bench, serve, open_page, tmp_path):
     second = Held()
     second.press = Press(40.0, 3000, 4.0)
     one = bench(Held(), second=second, edit=tmp_path / "mine.toml")
-    page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+    page = open_page(serve(one.state, orders=one.orders).url)
     expect(page.locator("#beside .press.on")).to_have_count(1, timeout=LONG_MS)
     assert serious(page) == []
     page.get_by_role("button", name="strip 0", exact=True).focus()

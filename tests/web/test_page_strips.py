@@ -91,19 +91,19 @@ def test_both_strips_have_picture_numbers_and_history(two, open_page):
     expect(page.locator("#next")).to_be_hidden()
 
 
-@pytest.mark.parametrize("size", SCREENS)
-def test_both_pictures_are_in_sight(two, open_page, size):
-    width, height = SCREENS[size]
+def test_both_pictures_are_in_sight(two, open_page):
     second = Held()
     one = two(second)
     second.press = Press(60.0, 5000, 4.0)
-    page = open_page(one.server.url, viewport={"width": width, "height": height})
+    page = open_page(one.server.url)
     expect(page.locator("#beside .press.on")).to_have_count(1)
-    for strip in ("#touch", "#beside"):
-        box = page.locator(f"{strip} .guide").bounding_box()
-        assert box["y"] >= 0
-        assert box["y"] + box["height"] <= height
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for width, height in SCREENS.values():
+        page.set_viewport_size({"width": width, "height": height})
+        for strip in ("#touch", "#beside"):
+            box = page.locator(f"{strip} .guide").bounding_box()
+            assert box["y"] >= 0
+            assert box["y"] + box["height"] <= height
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
 def test_each_strip_has_the_sentence_of_its_state(two, open_page):
@@ -119,7 +119,7 @@ def test_each_strip_has_the_sentence_of_its_state(two, open_page):
     expect(page.locator("#beside .other.on")).to_have_count(2)
     # A strip that is unplugged from the board: the other one is read.
     one.wires.second = Unplugged(one.wires.second)
-    expect(words).to_have_text("this strip sends no readings; next: check the wires of its sensor")
+    expect(words).to_have_text("no readings arrive; next: check the wires of the sensor")
     expect(page.locator("#beside .other.on")).to_have_count(0)
     one._scenario.press = Press(20.0, 3000, 4.0)
     expect(numbers(page, "Strip 0").first).to_have_text(re.compile(r"^(19|20)\.\d\dmm"))
@@ -133,7 +133,7 @@ def test_the_first_strip_may_be_the_lost_one(two, open_page):
     expect(page.locator("#beside .press.on")).to_have_count(1)
     one.wires.bus = Unplugged(one.wires.bus)
     expect(page.locator("#next")).to_have_text(
-        "strip 0: this strip sends no readings; next: check the wires of its sensor"
+        "strip 0: no readings arrive; next: check the wires of the sensor"
     )
     expect(numbers(page, "Strip 1").first).to_have_text(re.compile(r"^(59|60)\.\d\dmm"))
 

@@ -83,8 +83,9 @@ class StdioSerial:
         self._out = sys.stdout.buffer.write
         self._in = sys.stdin.buffer
         self._byte = bytearray(1)
-        self._writable = select.poll()
-        self._writable.register(sys.stdout, select.POLLOUT)
+        poll = select.poll()
+        poll.register(sys.stdout, select.POLLOUT)
+        self._ipoll = poll.ipoll
         self._readable = select.poll()
         self._readable.register(sys.stdin, select.POLLIN)
         self._pause_us = self._from = 0
@@ -99,11 +100,26 @@ class StdioSerial:
         size : int
             Bytes of the frame.
         """
-        if not self._is_writable():
+        if self._pause_us and self._pauses():
             return False
+        for event in self._ipoll(0):
+            if event[1] & select.POLLOUT:
+                break
+        else:
+            return False
+        return self._put(buffer, size)
+
+    def _pauses(self):
+        # Ticks wrap, so a time in the far past looks like a time in the future.
+        return 0 < time.ticks_diff(self._from, time.ticks_us()) <= self._pause_us
+
+    def _put(self, buffer, size):
         began = time.ticks_us()
-        # MicroPython returns the size even if it stopped waiting and dropped the bytes.
-        sent = self._put(buffer, size) == size
+        try:
+            # MicroPython returns the size even if it stopped waiting and dropped the bytes.
+            sent = self._out(buffer, size) == size
+        except OSError:
+            sent = False
         now = time.ticks_us()
         if time.ticks_diff(now, began) < _SLOW_US:
             self._pause_us = 0
@@ -111,22 +127,6 @@ class StdioSerial:
         self._pause_us = min(max(_PAUSE_TIMES * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
         self._from = time.ticks_add(now, self._pause_us)
         return False
-
-    def _is_writable(self):
-        # Ticks wrap, so a time in the far past looks like a time in the future.
-        if self._pause_us:
-            left_us = time.ticks_diff(self._from, time.ticks_us())
-            if 0 < left_us <= self._pause_us:
-                return False
-        for _, event in self._writable.ipoll(0):
-            return event & select.POLLOUT > 0
-        return False
-
-    def _put(self, buffer, size):
-        try:
-            return self._out(buffer, size)
-        except OSError:
-            return 0
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits.

@@ -23,9 +23,10 @@ from .serial_link import Link
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
 from .turn import Turn
 
-# Timeouts of replies. These commands reply when their work is done, others at once.
+# Timeouts of replies. These commands reply when their work is done, others at once. The usual
+# timeout is long, because a virtual board may get no processor for some seconds on a busy computer.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
-_USUAL_REPLY_S = 2.0
+_USUAL_REPLY_S = 4.0
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
 _POLL_S = 0.1

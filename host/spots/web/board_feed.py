@@ -40,7 +40,7 @@ _NEXT = {
     REFUSED: "this is another board; next: plug the previous board in, or restart 'spots serve'",
 }
 # While the other strips of the board send readings.
-_SILENT = "this strip sends no readings; next: check the wires of its sensor"
+_SILENT = "no readings arrive; next: check the wires of the sensor"
 
 
 class BoardReader:
@@ -156,10 +156,12 @@ class BoardReader:
         layout, beside = self._settings["layout"], {}
         self._state.put("beside", beside.copy())
         feels = [
-            Feel(board, {}, Beside(self._state, i, beside), layout) for i in range(len(strips))
+            Feel(strip, info, self._state, **self._settings)
+            if i == self._shown
+            else Feel(board, {}, Beside(self._state, i, beside), layout)
+            for i in range(len(strips))
         ]
         self._heard_s = [board.now_s()] * len(strips)
-        feels[self._shown] = Feel(strip, info, self._state, **self._settings)
         health = _Health(board, self._state)
         left = self._orders
         try:
@@ -216,7 +218,7 @@ class BoardReader:
         for feel, info, heard_s in zip(feels, infos, self._heard_s):
             feel.tick(now_s)
             every_s = 1e-6 * info.get("exposure_us", 0) * info.get("average", 1)
-            if len(feels) > 1 and now_s - heard_s > silent_s(SEARCH_S, every_s):
+            if max(self._heard_s) - heard_s > silent_s(SEARCH_S, every_s):
                 feel.silence(_SILENT)
 
     def _take_state(self, state: str) -> None:

@@ -81,6 +81,7 @@ function clear() {
 function take(parts, events = []) {
   const touched = placed(state.touch);
   Object.assign(state, parts);
+  if (parts.application) document.body.dataset.application = parts.application;
   // When a press begins or ends, all panels are due at once.
   if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
   newest = parts.touch ?? newest;
