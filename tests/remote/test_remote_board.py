@@ -14,7 +14,7 @@ import spots
 from net import DEADLINE_S, Restarting, publishing, session, stand_in, wait_until
 from spots import Board, Key, Spectrum, SpotsError, Touch
 from spots.cli import main
-from spots.errors import PortLostError
+from spots.errors import CommandError, PortLostError
 from spots.link import board as board_module
 from spots.linkage.twin_source import give
 from spots.remote import mailbox
@@ -99,6 +99,15 @@ def test_no_command_that_could_change_anything_is_taken(net):
                 hostile.put(f"spots/a1/{place}", line)
         assert board.command("get")["gain"] == 9
     assert set(link.said) == READ_ONLY
+
+
+def test_a_hello_to_a_second_strip_is_refused_as_a_command(net):
+    with (
+        publishing(net.hub, stand_in()),
+        spots.open("zenoh:") as board,
+        pytest.raises(CommandError, match="first sensor"),
+    ):
+        board.command("hello sensor=1")
 
 
 def test_streaming_is_what_the_reader_says(net):

@@ -43,7 +43,7 @@ class Remote(Board):
             reply = {"error": "a remote board is read-only: send the command on its machine"}
         if reply is None:
             return None
-        if name == "hello" and "error" in reply:
+        if name == "hello" and not sensor and "error" in reply:
             raise SpotsError(
                 f"the board {self.port} does not answer 'hello': {reply['error']}; replug the board"
             )
