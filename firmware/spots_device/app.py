@@ -5,7 +5,7 @@ import gc
 from micropython import const
 
 from .as7341 import SensorError
-from .calibration import Calibration, CalibrationSlot
+from .calibration import CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
 from .reconnect import Reconnect
@@ -18,8 +18,8 @@ _LAST_US = const(100_000)  # at the end: longest wait until the host has read th
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
-_SKIPPED = const(2)  # passes to skip, because the first passes after a command are late
-_LOG2_COUNTED = const(4)  # log2 of the passes in the mean
+_SKIPPED = const(3)  # the mean starts with this burst: the first ones after a command are late
+_COUNTED = const(16)  # least number of passes in the mean
 
 
 class Meter:
@@ -30,8 +30,8 @@ class Meter:
     Attributes
     ----------
     busy_us : int
-        Duration of a pass in us if the loop is slower than the sensor: then no poll is early, and
-        each pass takes an eighth longer. 0 before the first mean is complete.
+        Duration of a pass in us if the loop is slower than the sensor: then a burst reads many
+        samples. 0 before the first mean is complete.
     """
 
     def __init__(self):
@@ -40,20 +40,30 @@ class Meter:
 
     def restart(self):
         """Start a new mean; `busy_us` is the previous mean until the new mean is complete."""
-        self._mean_us = 0
+        self._sum_us = 0
         self._passes = -_SKIPPED
 
-    def add(self, lasted_us, exposure_us):
-        """Add the duration of one pass without its sleep; return True once the mean is complete."""
+    def add(self, lasted_us, burst_us):
+        """Add a pass; return True once the mean is complete.
+
+        Parameters
+        ----------
+        lasted_us : int
+            Duration of the pass without its sleep.
+        burst_us : int
+            Part of it that each burst takes for any number of samples; 0 without a burst.
+        """
+        if burst_us:
+            if self._passes >= _COUNTED:
+                self.busy_us = self._sum_us // self._passes
+                self.restart()
+                return True
+            if self._passes < 0:
+                self._passes += 1
         if self._passes >= 0:
-            self._mean_us += lasted_us >> _LOG2_COUNTED
-        self._passes += 1
-        if self._passes < 1 << _LOG2_COUNTED:
-            return False
-        busy_us = self._mean_us
-        self.busy_us = busy_us if busy_us > exposure_us else busy_us + (busy_us >> 3)
-        self.restart()
-        return True
+            self._sum_us += lasted_us - burst_us
+            self._passes += 1
+        return False
 
 
 def _nothing(*_):
@@ -139,6 +149,7 @@ class BoardApp:
         self.reconnect = Reconnect(
             self.strip, self._clock, self.replies, self.apply_calibration, self._sensor_lost
         )
+        self.lose = self.reconnect.lose
         self._commands = Commands(self)
         self._sum()
 
@@ -190,14 +201,14 @@ class BoardApp:
             while not self.reboot:
                 self._pass()
         except (OSError, SensorError) as error:
-            self.reconnect.lose(error)
+            self.lose(error)
 
     def step(self):
         """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
         try:
             self._pass()
         except (OSError, SensorError) as error:
-            self.reconnect.lose(error)
+            self.lose(error)
 
     def _pass(self):
         if self.feed is not None:
@@ -232,11 +243,12 @@ class BoardApp:
             return BoardApp._pass(self)  # a pass without a sample is not measured
         if wait_us > 0:
             clock.sleep_us(wait_us)
-        began, complete = clock.ticks_us(), sensor.complete
+        began, complete, waits = clock.ticks_us(), sensor.complete, sensor.waits
         BoardApp._pass(self)
         if self.reconnect.lost or sensor.complete == complete:
             return
-        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), sensor.exposure_us):
+        burst_us = 0 if waits else sensor.burst_us()
+        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us):
             del self._pass
 
     def log(self, level, text):
@@ -259,12 +271,17 @@ class BoardApp:
         Parameters
         ----------
         lines : list of str
-            Validated lines of a calibration; an empty list removes the calibration.
+            Lines of a calibration; an empty list removes the calibration.
 
         Returns
         -------
         str or None
             Note for the user, see `apply_calibration`.
+
+        Raises
+        ------
+        ValueError
+            If the lines are invalid. Nothing is changed then.
         """
         self.calibration.use(lines)
         self._sum()
@@ -276,13 +293,20 @@ class BoardApp:
         Parameters
         ----------
         lines : list of str
-            Validated lines of a layout; an empty list restores the default layout.
+            Lines of a layout; an empty list restores the default layout.
 
         Returns
         -------
         str or None
             Note for the user, see `apply_calibration`.
+
+        Raises
+        ------
+        ValueError
+            If the lines are invalid. Nothing is changed then.
         """
+        if lines:
+            check_layout(lines)
         self.uses.use_layout(lines)
         self._sum()
         return self.apply_calibration()
@@ -380,7 +404,7 @@ class BoardApp:
     def _load(self):
         """Load saved settings, calibration and layout; return the lines of the layout."""
         self._load_lines("settings", self.settings.change)
-        self.calibration.use(self._load_lines("calibration", Calibration))
+        self._load_lines("calibration", self.calibration.use)
         return self._load_lines("layout", check_layout)
 
     def _load_lines(self, name, check):

@@ -2,8 +2,8 @@
 
 The chip stores samples in a FIFO: 128 entries of two bytes, which is 21 samples of six counts. So
 the loop may stall for 20 exposures without loss. No published driver reads six channels from this
-FIFO. So each start compares the first sample in the FIFO with the data registers. If they differ,
-or if the loop is slower than the sensor, `poll` reads the data registers, one sample a burst.
+FIFO. So each start searches the sample of the data registers in the FIFO. If it is not there,
+`poll` reads the data registers, one sample a burst.
 
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
 `switch_led` and `read_into` allocate nothing.
@@ -58,7 +58,7 @@ _ENTRIES = const(6)  # entries of the FIFO for a sample
 _FULL = const(126)  # entries in the FIFO; with more, samples may be lost
 _SAMPLE = const(12)  # bytes
 _FIFO_DATA = const(14)  # index in the buffer, after the data registers
-_TRIAL = const(-8)  # comparisons after a start that may find other samples in the FIFO
+_TRIAL = const(-8)  # samples after a start that may be absent from the FIFO
 _BROKEN = const(2)
 
 _POWER_UP_US = const(5_000)
@@ -105,7 +105,7 @@ class AS7341:
         for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
             self._views.append(view[_FIFO_DATA:end])
         self.fifo = 0  # 1 if `poll` reads the FIFO, negative before the comparison
-        self._held = 0  # samples in the buffer that were not returned yet
+        self.waits = 0  # samples in the buffer that were not returned yet
         self._led_code = 0
         self.led = "ldr"  # one of `light.LEDS`
         self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
@@ -187,7 +187,7 @@ class AS7341:
         self._write(_STATUS, _AINT)
         self._write(_ENABLE, _PON | _SP_EN)
         self.fifo = _TRIAL
-        self._held = self._known = self._at = 0
+        self.waits = self._known = self._at = 0
         self._odd = 0  # 1 if the level was not a multiple of 6, `_BROKEN` if a transfer failed
         now = self._clock.ticks_us()
         self._settled = self._clock.ticks_add(now, -self.exposure_us)  # the LED is on already
@@ -209,6 +209,11 @@ class AS7341:
         """Stop sampling and switch the LED off."""
         self.switch_led(False)
         self._write(_ENABLE, _PON)
+
+    def burst_us(self):
+        """Return the part of the last burst's duration in us that is the same for any size."""
+        # The FIFO's level is one byte, and its read takes as long as what precedes the samples.
+        return 2 * self._clock.ticks_diff(self._known, self._asked) if self.fifo > 0 else 1
 
     def switch_led(self, on):
         """Switch the LED on or off; `steady` is False for samples that began before this call.
@@ -249,7 +254,7 @@ class AS7341:
         OSError
             If transfers have failed for that time. Until then, each poll repeats the transfer.
         """
-        if self._held:
+        if self.waits:
             return self._take()
         self._asked = self._ticks_us()
         try:
@@ -264,21 +269,17 @@ class AS7341:
     def _read_burst(self):
         burst = self._burst
         self._bus.read_into(_STATUS, self._views[0])
-        if burst[0] & _AINT:
-            if self.fifo < 0:
-                self._bus.read_into(_FIFO_LVL, self._byte)
-                if self._byte[0] == _ENTRIES:
-                    self._bus.read_into(_FDATA, self._views[1])
-                    self.fifo = 1
-                    for i in range(2, _FIFO_DATA):
-                        if burst[i] != burst[i + _SAMPLE]:
-                            self.fifo = 0
-                else:
-                    self._write(_CONTROL, _FIFO_CLR)  # it contains another sample
-                    self.fifo += 1
-            self._write(_STATUS, _AINT)
-            return True
-        return False
+        if not burst[0] & _AINT:
+            return False
+        self._write(_STATUS, _AINT)
+        if self.fifo < 0:
+            self.fifo += 1
+            end = _FIFO_DATA + _SAMPLE * self._read_fifo()
+            if self.waits:
+                self.fifo = 1
+                if burst[2:_FIFO_DATA] not in burst[_FIFO_DATA:end]:
+                    self.fifo = self.waits = 0
+        return True
 
     def _read_fifo(self):
         self._bus.read_into(_FIFO_LVL, self._byte)
@@ -289,7 +290,10 @@ class AS7341:
         if level > _FULL or self._odd + odd > 1:
             self._write(_CONTROL, _FIFO_CLR)
             self.complete = self._asked = self._ticks_us()
-            self.fifo = self.pacing.overrun(self._asked)
+            self.pacing.overrun(self._asked)
+            if self.fifo < 0:
+                self._write(_STATUS, _AINT)  # the sample of this AINT is no longer in the FIFO
+                self.fifo = _TRIAL
             level = odd = 0
         held = level // _ENTRIES
         if held:
@@ -300,17 +304,17 @@ class AS7341:
             # ASTATUS is not in the FIFO; an early poll has time to read it.
             self._bus.read_into(_ASTATUS, self._byte)
             self._burst[1] = self._byte[0]
-        self._held = held
+        self.waits = held
         self._odd = odd
         return held
 
     def _take(self):
         at = 2
-        if self._held:
+        if self.waits:
             at = self._at
             self._at = at + _SAMPLE
-            complete = self.pacing.held(self._asked, self._known, self._held)
-            self._held -= 1
+            complete = self.pacing.held(self._asked, self._known, self.waits)
+            self.waits -= 1
         else:
             complete = self.pacing.found(self._asked, self._ticks_us())
             if complete is None:

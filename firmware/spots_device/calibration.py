@@ -262,10 +262,14 @@ class CalibrationSlot:
         self.use([])
 
     def use(self, lines):
-        """Store validated lines of a calibration (list of str); an empty list removes it."""
+        """Validate and store lines of a calibration (list of str); an empty list removes it.
+
+        If the lines are invalid, this raises CalibrationError and stores nothing.
+        """
+        parsed = Calibration(lines) if lines else None
         self.lines = lines
-        self._parsed = None
-        self._key = None
+        self._parsed = parsed
+        self._key = parsed and (0, parsed.conditions.exposure_us)
 
     def choose(self, conditions, strain_ppm):
         """Return the stored calibration, parsed for a strain, if it is valid for the readings.

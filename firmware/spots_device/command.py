@@ -8,11 +8,9 @@ import gc
 import json
 
 from . import PROTOCOL, __version__
-from .calibration import Calibration
 from .exposure import DONE, TOO_DARK
 from .frame import TEXT_MAX
 from .settings import checksum
-from .uses import check_layout
 
 LINE_MAX = 255
 _LINES_MAX = 400  # lines of an upload
@@ -125,17 +123,14 @@ class Upload:
         Name of the command, such as ``cal``.
     what : str
         Name of the text in messages, such as ``calibration``.
-    check : callable
-        ``check(lines)`` raises ValueError if the lines are invalid.
     use : callable
-        ``use(lines) -> str or None`` uses valid lines; an empty list removes the stored text. The
-        result is a note for the user, or None.
+        ``use(lines) -> str or None`` uses the lines; an empty list removes the stored text. The
+        result is a note for the user, or None. It raises ValueError if the lines are invalid.
     """
 
-    def __init__(self, command, what, check, use):
+    def __init__(self, command, what, use):
         self._command = command
         self._what = what
-        self._check = check
         self._use = use
         self.forget()
 
@@ -173,7 +168,6 @@ class Upload:
         self.forget()
         if words[1:] != [checksum(lines)]:
             raise ValueError("the checksum differs: send the %s again" % self._what)
-        self._check(lines)
         return _noted({self._what: words[1]}, self._use(lines))
 
     def _keep(self, line):
@@ -221,8 +215,8 @@ class Commands:
         self._app = app
         self._replies = app.replies
         self._uploads = {
-            "cal": Upload("cal", "calibration", Calibration, app.use_calibration),
-            "layout": Upload("layout", "layout", check_layout, app.use_layout),
+            "cal": Upload("cal", "calibration", app.use_calibration),
+            "layout": Upload("layout", "layout", app.use_layout),
         }
 
     def handle(self, line):

@@ -7,6 +7,8 @@ halves, because a small int has 31 bits. Packing and sending allocate nothing.
 from array import array
 from struct import pack_into
 
+from micropython import const
+
 from .decode import (
     CRC_SIZE,
     DROPPED,
@@ -30,9 +32,10 @@ KEY_BODY = "<BHBB"  # usage page, usage, modifiers, pressed
 CONTACT_BODY = "<BBiHH"  # id, state, position_um, sigma_um, force_mN
 TEXT_MAX = 640  # bytes; the longest reply, to `get`, has 639
 
-_SPECTRUM_SIZE = HEADER_SIZE + 14
-_KEY_SIZE = HEADER_SIZE + 5
-_CONTACT_SIZE = HEADER_SIZE + 10
+# Bytes of the bodies.
+_SPECTRUM = const(14)
+_KEY = const(5)
+_CONTACT = const(10)
 
 
 class Time32:
@@ -97,7 +100,9 @@ class Framer:
         self._write = serial.write
         self._head = time.head
         self._payload = bytearray(HEADER_SIZE + TEXT_MAX + CRC_SIZE)
-        self._encoded = bytearray(len(self._payload) + 6)
+        # A delimiter, and the encoded frame.
+        self._delimited = memoryview(bytearray(len(self._payload) + 7))
+        self._encoded = self._delimited[1:]
         self.dropped = 0
 
     def gap(self):
@@ -121,12 +126,12 @@ class Framer:
             payload[at + 1] = counts[i] >> 8
             at += 2
         self._head[KIND] = SPECTRUM | sensor << 4
-        return self._send(frame(self._head, payload, _SPECTRUM_SIZE, self._encoded), 0)
+        return self._send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self._encoded), 0)
 
     def key(self, sensor, page, usage, modifiers, pressed):
         """Send a key event as a KEY frame, see `uses.Uses.key`; return whether it was sent."""
         pack_into(KEY_BODY, self._payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
-        return self._send_body(KEY | sensor << 4, _KEY_SIZE)
+        return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)
 
     def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
         """Send a finger as a CONTACT frame; docs/protocol.md describes the arguments."""
@@ -140,7 +145,7 @@ class Framer:
             sigma_um,
             force_mN,
         )
-        return self._send_body(CONTACT | sensor << 4, _CONTACT_SIZE)
+        return self._send_body(CONTACT | sensor << 4, HEADER_SIZE + _CONTACT)
 
     def text(self, data):
         """Send at most `TEXT_MAX` bytes as a TEXT frame; return whether it was sent. Allocates."""
@@ -156,13 +161,18 @@ class Framer:
     def _send(self, length, gap_after):
         # `gap_after`: the gap that remains to be marked once this frame is sent.
         head = self._head
+        encoded = self._encoded
+        if head[GAP]:
+            # A part of the dropped frame may have been sent. Without a delimiter after this part,
+            # the present frame would be lost too. Both are one write: after a slow write, the port
+            # would refuse the next one.
+            encoded = self._delimited
+            length += 1
         if length & 63 == 0:
             # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
-            self._encoded[length] = 0
+            encoded[length] = 0
             length += 1
-        # A part of the dropped frame may have been sent. Without a delimiter after this part, the
-        # present frame would be lost too.
-        if (not head[GAP] or self._write(b"\0", 1)) and self._write(self._encoded, length):
+        if self._write(encoded, length):
             head[GAP] = gap_after
             return True
         head[GAP] = DROPPED

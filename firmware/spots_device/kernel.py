@@ -144,17 +144,19 @@ def _judge(state, touching):
     tolerance = state[TOLERANCE_Q12]
     flags = MISFIT if abs(misfit) > tolerance else 0
     force_mN = state[FORCE_MN]
-    # A lamp or two fingers: light that fits no press begins a touch at twice the force.
-    on_mN = state[TOUCH_ON_MN] << (1 if flags else 0)
-    if not force_mN or force_mN < (state[TOUCH_OFF_MN] if touching else on_mN):
-        return flags
-    # Drift shifts the misfit of every press alike. The third reading of a touch gives this shift,
-    # if the previous touch gave the same: two fingers seldom touch together twice in a row. A
-    # reading that fits one press up to the shift is untrusted, but good enough for a key, see
-    # contact.TWO_FIT.
+    least_mN = state[TOUCH_OFF_MN]
     if not touching:
+        # A lamp or two fingers: light that fits no press begins a touch at twice the force.
+        least_mN = state[TOUCH_ON_MN] << (1 if flags else 0)
         state[LEARNS] = 3
-    if state[LEARNS]:
+    if not force_mN or force_mN < least_mN:
+        return flags
+    # Drift shifts the misfit of every press alike. A touch gives this shift in its third reading
+    # with four times the force at which touches begin; in fainter readings the noise exceeds most
+    # shifts. The shift is used if the previous touch gave the same: two fingers seldom touch
+    # together twice in a row. A reading that fits one press up to the shift is untrusted, but good
+    # enough for a key, see contact.TWO_FIT.
+    if state[LEARNS] and force_mN >> 2 >= state[TOUCH_ON_MN]:
         state[LEARNS] -= 1
         if not state[LEARNS]:
             if abs(misfit - state[SEEN]) <= tolerance:

@@ -151,22 +151,18 @@ def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int)
     state[16] = tolerance
 
     misfit = (state[15] ^ sign) - sign
-    n = misfit
-    if n < 0:
-        n = 0 - n
-    if n > tolerance:
+    if misfit > tolerance or misfit + tolerance < 0:
         flags |= 16
     force_mN = state[4]
-    least_mN = state[8]
-    if flags & 16:
-        least_mN <<= 1
-    if touching:
-        least_mN = state[9]
+    least_mN = state[9]
+    if touching == 0:
+        least_mN = state[8]
+        if flags & 16:
+            least_mN <<= 1
+        state[12] = 3
     if force_mN and force_mN >= least_mN:
         flags |= 1
-        if touching == 0:
-            state[12] = 3
-        if state[12]:
+        if state[12] and force_mN >> 2 >= state[8]:
             state[12] = state[12] - 1
             if state[12] == 0:
                 n = misfit - ((state[13] ^ sign) - sign)
@@ -174,11 +170,10 @@ def estimate(state: ptr32, tables: ptr32, sums: ptr32, floor: ptr32, flags: int)
                     n = 0 - n
                 if n <= tolerance:
                     n = misfit
-                    most = state[10]
-                    if n > most:
-                        n = most
-                    if n < 0 - most:
-                        n = 0 - most
+                    if n > state[10]:
+                        n = state[10]
+                    if n + state[10] < 0:
+                        n = 0 - state[10]
                     state[11] = n
                 state[13] = misfit
         if flags & 16:

@@ -154,11 +154,16 @@ class Pacing:
         if self._was_early and samples == 1 and self._diff(after, self._early) <= _WIDE_US:
             self._bracket(before)
             due = before
+        elif self._locked and samples == 1:
+            # A poll is never before `due`. The next sample ends after `before`.
+            shift_us = self._diff(before, due) - self.period_us
+            if shift_us > 0:
+                due = self._add(due, shift_us)
         else:
             # The newest sample ended before `after`, and the next one ends after `before`.
-            shift_us = self._diff(after, due) - (samples - 1) * self.period_us
+            shift_us = self._diff(after, due) - (samples - 1) * self._chip_us
             if self._locked and shift_us > 0:
-                shift_us = self._diff(before, due) - samples * self.period_us
+                shift_us = self._diff(before, due) - samples * self._chip_us
                 if shift_us < 0:
                     shift_us = 0
             due = self._add(due, shift_us)
@@ -168,23 +173,18 @@ class Pacing:
         self._was_early = False
         if self._samples >= 0:
             self._samples += 1
-        shift_us = self._step_us if samples == 1 else self.period_us
+        shift_us = self._step_us if samples == 1 else self._chip_us
+        if not self._locked:
+            # `after` is late, so without this no poll would be early, and no bracket would come.
+            shift_us -= self.period_us >> 2
         self.due = self._add(due, shift_us)
         return due
 
     def overrun(self, now):
-        """Record that samples in the FIFO are lost; return 0 if the loop is too slow, else 1.
-
-        Parameters
-        ----------
-        now : int
-            Ticks at which the FIFO is emptied.
-        """
+        """Record that samples in the FIFO are lost, up to its emptying at `now` (ticks)."""
         self._count(now, 0)
-        slow = self._samples < 0
         self._locked = False
         self._samples = -1
-        return 0 if slow else 1
 
     def _bracket(self, now):
         self.slack_us = self._diff(now, self._early)

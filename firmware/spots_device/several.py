@@ -1,7 +1,10 @@
-"""The application of a board with several strips: one loop samples all, no strip waits.
+"""The application of a board with several strips: one loop samples all.
 
 Only a board whose board.toml has ``SENSORS`` gets this module. Sensor 0 has the files of a board
 with one strip. Each strip has its own settings, calibration, dark frame, layout and commands.
+
+While the sensor of one strip starts, which takes 25 ms, the samples of the others wait in their
+chips' FIFOs. Nothing is processed during a start: a Pico's stack has no room for it in a command.
 """
 
 import gc
@@ -19,88 +22,17 @@ _RETRY_US = const(100_000)  # time between two starts of a sensor that does not 
 # A strip whose last poll was too early goes first, unless another strip is late by this time: its
 # next poll bounds the time of its sample.
 _PUNCTUAL_US = const(500)
+_UNKNOWN_US = const(2_500)  # the same for a strip whose sample times are unknown
+# The strip of the last poll stays first for so long. Otherwise two strips whose sample times are
+# unknown would be polled in turn, and no two polls of a strip would be close enough to each other.
+_STAYS_US = const(4_000)
 # A poll later than this finds its sample even if it was scheduled too early. Such a poll does not
 # advance the next one, for `_RENEW` samples at most.
 _LATE_US = const(100)
 _RENEW = const(224)  # as in pacing.py
-_MUX_ADDRESS = const(0x70)  # of the I2C multiplexer TCA9548A; one bit of its register a channel
 _PREFIX = "sensor="
+_UPLOADS = ("cal", "layout")
 _FOR_ALL = ("save", "reboot")  # commands that concern all strips
-
-
-class SensorConfig:
-    """The part of board_config that one sensor needs: its bus, its pins and its LED.
-
-    Parameters
-    ----------
-    values : dict
-        An entry of board_config's ``SENSORS``.
-    """
-
-    def __init__(self, values):
-        for name, value in values.items():
-            setattr(self, name, value)
-
-
-class ChannelBus:
-    """A sensor's I2C bus behind a multiplexer TCA9548A; selects the channel before each transfer.
-
-    Parameters
-    ----------
-    bus : object
-        The bus of the board, see `as7341`; its ``write_to(address, buffer)`` writes to any chip.
-    channel : int
-        Channel of the sensor, 0 to 7.
-    """
-
-    def __init__(self, bus, channel):
-        self.recover = bus.recover
-        self._bus = bus
-        self._channel = bytes((1 << channel,))
-
-    def read_into(self, register, buffer):
-        self._bus.write_to(_MUX_ADDRESS, self._channel)
-        self._bus.read_into(register, buffer)
-
-    def write(self, buffer):
-        self._bus.write_to(_MUX_ADDRESS, self._channel)
-        self._bus.write(buffer)
-
-
-class StripClock:
-    """The clock of one strip: while the strip waits, the other strips are sampled.
-
-    Parameters
-    ----------
-    clock : object
-        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
-    app : StripApp
-        Application of the strip.
-    """
-
-    def __init__(self, clock, app):
-        self.ticks_us = clock.ticks_us
-        self.ticks_add = clock.ticks_add
-        self.ticks_diff = clock.ticks_diff
-        self._app = app
-
-    def sleep_us(self, us):
-        """Wait for `us` microseconds."""
-        app = self._app
-        main = app.main
-        current = main.current
-        until = self.ticks_add(self.ticks_us(), us)
-        app.waits = True
-        try:
-            while us > 0:
-                try:
-                    main.serve(us)
-                except (OSError, SensorError) as error:
-                    main.current.lose(error)
-                us = self.ticks_diff(until, self.ticks_us())
-        finally:
-            app.waits = False
-            main.current = current
 
 
 class StripFramer(Framer):
@@ -116,28 +48,27 @@ class StripFramer(Framer):
         self._write = framer._write
         self._head = framer._head
         self._payload = framer._payload
+        self._delimited = framer._delimited
         self._encoded = framer._encoded
-        self._missing = self.dropped = 0
+        self.dropped = 0
+        self._marking = self._touch, self._spectrum  # bound here, so that `gap` allocates nothing
 
     def gap(self):
-        self._missing = DROPPED
+        # In the place of the methods of `Framer` until a frame was sent.
+        self.touch, self.spectrum = self._marking
 
-    def touch(self, sensor, state):
-        self._mark()
-        return self._marked(Framer.touch(self, sensor, state))
+    def _touch(self, sensor, state):
+        self._head[GAP] = DROPPED
+        self._marked(Framer.touch(self, sensor, state))
 
-    def spectrum(self, sensor, flags, gain, counts):
-        self._mark()
-        return self._marked(Framer.spectrum(self, sensor, flags, gain, counts))
-
-    def _mark(self):
-        if self._missing:
-            self._head[GAP] = DROPPED
+    def _spectrum(self, sensor, flags, gain, counts):
+        self._head[GAP] = DROPPED
+        self._marked(Framer.spectrum(self, sensor, flags, gain, counts))
 
     def _marked(self, sent):
         if sent:
-            self._missing = 0
-        return sent
+            del self.touch
+            del self.spectrum
 
 
 class StripApp(BoardApp):
@@ -169,43 +100,27 @@ class StripApp(BoardApp):
 
     def _attach(self, open_sensor, board, usb):
         gc.collect()  # so that what each strip keeps does not lie between garbage
-        self.waits = False  # whether the strip waits, for example while its sensor starts
         self._again = None  # ticks of the next start of a lost sensor; None: at once
-        config = SensorConfig(self._board.SENSORS[self.index])
-        clock = self._clock
-        self._clock = StripClock(clock, self)
+        config = type("Config", (), self._board.SENSORS[self.index])
         self.framer = StripFramer(self.framer)
         sensor = open_sensor(config, self._clock)
         if hasattr(config, "MUX_CHANNEL"):
+            from .multiplexer import ChannelBus
+
             sensor._bus = ChannelBus(sensor._bus, config.MUX_CHANNEL)
         BoardApp._attach(self, sensor, config, None)
-        self._clock = clock
-        self.pacing = self._sensor.pacing
-        self.remaining_us = self._sensor.remaining_us
-        self._start, self._sensor.start = self._sensor.start, self._start_sensor
-        self._write, self._sensor._write = self._sensor._write, self._write_register
-        self._starts = False
+        self.pacing = sensor.pacing
+        self.pacing.app = self
+        self.pacing.lost = True
+        self._poll = sensor.poll
         self.uses._sensor = self.index
         self.uses.release = self._release
         self.replies.log = self._log
 
-    def _start_sensor(self, *settings):
-        self._starts = True
-        try:
-            self._start(*settings)
-        finally:
-            self._starts = False
-
-    def _write_register(self, register, value):
-        # A start takes longer than an exposure, so other strips are sampled between its steps.
-        self._write(register, value)
-        if self._starts:
-            self._sensor._clock.sleep_us(1)
-
     def search(self, now):
-        """Start a lost sensor if that is due at `now` (ticks). Other strips are sampled meanwhile.
+        """Start a lost sensor if that is due at `now` (ticks).
 
-        `reconnect.Reconnect.search` would stop the loop, and collect garbage, at each attempt.
+        `reconnect.Reconnect.search` would stop the loop for 0.1 s, and collect garbage.
         """
         if self._again is not None and self._clock.ticks_diff(now, self._again) < 0:
             return
@@ -213,34 +128,45 @@ class StripApp(BoardApp):
         try:
             self.strip.start()
         except (OSError, SensorError) as error:
-            self.lose(error)
+            self.reconnect.lose(error)
             return
-        self.reconnect.lost = False
+        self.reconnect.lost = self.pacing.lost = False
         self.use_stored()
 
-    def lose(self, error):
-        """Record that the sensor does not answer, because of `error`; other strips continue."""
-        self.reconnect.lose(error)
+    def _sensor_lost(self):
         clock = self._clock
         self._again = clock.ticks_add(clock.ticks_us(), _RETRY_US)
+        self.pacing.lost = self.main._lost = True
+        BoardApp._sensor_lost(self)
 
-    def poll(self):
-        """Read a sample, if there is one, and process it."""
-        clock = self._clock
-        pacing = self.pacing
-        began = clock.ticks_us()
-        late_us = clock.ticks_diff(began, pacing.due) - _LATE_US
-        if self._sensor.poll():
-            late = late_us > pacing._creep and 0 <= pacing._samples < _RENEW
-            if late and not self._sensor._held:
-                pacing.due = clock.ticks_add(pacing.due, pacing._creep)
+    def poll(self, late_us):
+        """Read a sample, if there is one, and process it; `late_us` is the delay of this poll."""
+        if self._poll():
+            if late_us > _LATE_US:
+                self._keep_due(late_us)
             if self.reconnect.fault:
                 self.reconnect.sampled()
             self.strip.take()
-            self.meter.add(clock.ticks_diff(clock.ticks_us(), began), self._sensor.exposure_us)
+
+    def _keep_due(self, late_us):
+        pacing = self.pacing
+        late = late_us > pacing._creep + _LATE_US and 0 <= pacing._samples < _RENEW
+        if late and not self._sensor.waits:
+            pacing.due = self._clock.ticks_add(pacing.due, pacing._creep)
 
     def measure(self):
         self.meter.restart()
+        self.poll = self._measured_poll
+
+    def _measured_poll(self, late_us):
+        clock, sensor = self._clock, self._sensor
+        began, complete, waits = clock.ticks_us(), sensor.complete, sensor.waits
+        StripApp.poll(self, late_us)
+        if self.reconnect.lost or sensor.complete == complete:
+            return
+        burst_us = 0 if waits else sensor.burst_us()
+        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us):
+            del self.poll
 
     def rate_mHz(self):
         # The loop processes a sample of each strip in turn.
@@ -280,16 +206,23 @@ class SeveralApp(StripApp):
     board, runtime, uid, clock, serial, usb
         As for `app.BoardApp`. ``board.SENSORS`` is a list with a dict for each sensor.
     open_sensor : callable
-        ``open_sensor(config, clock)`` returns the sensor of a `SensorConfig`, not started yet.
+        ``open_sensor(config, clock)`` returns a sensor, not started yet; the attributes of
+        ``config`` are an entry of ``SENSORS``.
     """
 
     def __init__(self, board, runtime, uid, open_sensor, clock, serial, usb=None):
         self.main = self.current = self
-        self.parts = ()
+        self.parts = self._pacings = ()
+        self._lost = True  # whether a sensor may be lost
+        self._ticks_us = clock.ticks_us
+        self._ticks_diff = clock.ticks_diff
+        self._sleep_us = clock.sleep_us
         self.open_sensor = open_sensor
         BoardApp.__init__(self, board, runtime, uid, open_sensor, clock, serial, usb)
         self._others = [StripApp(self, i) for i in range(1, len(board.SENSORS))]
         self.parts = (self,) + tuple(self._others)
+        self._pacings = tuple([part.pacing for part in self.parts])
+        self.lose = self._lose_current
         self._uploads_to = 0
         self._strips = [part._commands for part in self.parts]
         self._commands = self
@@ -330,9 +263,10 @@ class SeveralApp(StripApp):
                 return {"re": name, "error": "sensor must be one of " + ", ".join(known)}
             index = int(number)
             line = " ".join(words)
-        elif name in ("cal", "layout") and words[1:] not in (["begin"], ["clear"]):
+        elif name in _UPLOADS and words[1:] not in (["begin"], ["clear"]):
             index = self._uploads_to
-        self._uploads_to = index
+        if name in _UPLOADS:
+            self._uploads_to = index
         if name == "reboot":
             for part in self._others:
                 part.abandon("the board was rebooted")
@@ -347,41 +281,39 @@ class SeveralApp(StripApp):
 
     def serve(self, longest_us):
         """Wait for the next sample of any strip, and process it; sleep for `longest_us` at most."""
-        chosen = None
-        least_us = i = 0
-        while i < len(self.parts):  # an iterator would need a larger call frame, see strip.py
-            part = self.parts[i]
-            i += 1
-            if part.waits or part.reconnect.lost:
-                continue
-            left_us = part.remaining_us()
-            if part.pacing._was_early:
-                left_us -= _PUNCTUAL_US
-            if chosen is None or left_us < least_us:
-                chosen = part
-                least_us = left_us
-        if chosen is not None:
-            left_us = chosen.remaining_us()
+        pacing = self._next(self._ticks_us())
+        if pacing is not None:
+            left_us = self._ticks_diff(pacing.due, self._ticks_us())
             if left_us <= longest_us:
                 if left_us > 0:
-                    self._clock.sleep_us(left_us)
-                self.current = chosen
-                chosen.poll()
+                    self._sleep_us(left_us)
+                self.current = pacing.app
+                self.current.poll(-left_us)
                 return
-        self._clock.sleep_us(longest_us)
+        self._sleep_us(longest_us)
 
-    def step(self):
-        try:
-            self._pass()
-        except (OSError, SensorError) as error:
-            self.current.lose(error)
+    def _next(self, now):
+        chosen = None
+        least_us = i = 0
+        while i < len(self._pacings):  # an iterator would need a larger call frame, see strip.py
+            pacing = self._pacings[i]
+            i += 1
+            if pacing.lost:
+                continue
+            left_us = self._ticks_diff(pacing.due, now)
+            if not pacing._locked:
+                left_us -= _UNKNOWN_US
+            if pacing._was_early:
+                left_us -= _PUNCTUAL_US
+                if pacing is self.current.pacing:
+                    left_us -= _STAYS_US
+            if chosen is None or left_us < least_us:
+                chosen = pacing
+                least_us = left_us
+        return chosen
 
-    def _run(self):
-        try:
-            while not self.reboot:
-                self._pass()
-        except (OSError, SensorError) as error:
-            self.current.lose(error)
+    def _lose_current(self, error):
+        self.current.reconnect.lose(error)
 
     def _pass(self):
         if self.feed is not None:
@@ -390,10 +322,13 @@ class SeveralApp(StripApp):
         if byte >= 0:
             self._listen(byte)
         self.uses.pump()  # the outputs of all strips
-        now = self._clock.ticks_us()
-        for part in self.parts:
-            if part.reconnect.lost:
-                part.search(now)
+        if self._lost:
+            self._lost = False
+            now = self._ticks_us()
+            for part in self.parts:
+                if part.reconnect.lost:
+                    self._lost = True
+                    part.search(now)
         self.serve(_SLICE_US)
 
     def _leave(self):

@@ -8,6 +8,7 @@ from .kernel import estimate
 from .smux import CHANNELS
 
 _FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
+_MEAN_SAMPLES = 64  # mean counts are multiplied by this number before they are rounded
 
 
 class Segment:
@@ -96,3 +97,14 @@ class Decoded(Decode):
         if samples != self.state[SAMPLES]:
             self.scale(samples, self.state[FLOOR_SAMPLES])
         estimate(self.state, self.tables, sums, dark, flags)
+
+    def update_mean(self, counts):
+        """Decode mean dark-subtracted counts.
+
+        Parameters
+        ----------
+        counts : sequence of float
+            Mean count of each of the six channels; negative ones are taken as 0.
+        """
+        sums = [max(round(_MEAN_SAMPLES * count), 0) for count in counts]
+        self.update(sums, _MEAN_SAMPLES, [0] * CHANNELS, 0)

@@ -32,6 +32,7 @@ DIODES = tuple(PIXELS_OF)
 GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0, 2.0, 3.95, 7.75))
 
 _SIX = struct.Struct("<6H")
+_ENTRY = struct.Struct("<H")
 
 # DS000504: APERS, consecutive samples outside the thresholds; FIFO_TH, entries.
 _PERSISTENCE = (0, 1, 2, 3, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60)
@@ -139,13 +140,13 @@ class AS7341:
         self._bank1 = bytearray(256)
         self._bank1[0x74] = 0x04
         self._smux_ram = bytearray(20)
-        self._routing = np.zeros((6, len(DIODES)))
+        self._routing: list[dict[str, float]] = [{} for _ in range(6)]  # of each ADC
         self._pointer = 0
         self._smux_done = None
         self._zeroed = False
         self._start = None  # start of the running integration, in us
         self._part_start = 0.0  # time up to which its light is collected, in us
-        self._collected = np.zeros(len(DIODES))
+        self._collected: dict[str, float] = {}  # counts at gain 1x, by diode
         self._cycle = 0
         self._live = (0, bytes(12))  # ASTATUS and counts of the last sample
         self._latched = self._live
@@ -178,6 +179,8 @@ class AS7341:
                 counts = self._latched[1][pointer - 0x95 :][: size - len(data)]
                 data += counts
                 self._pointer = pointer + len(counts)
+            elif self._fifo and pointer == 0xFE and size - len(data) > 1 and not self._main[0xA9]:
+                data += self._fifo.pop(0)  # both registers of an entry
             else:
                 data.append(self._get(pointer))
                 # A transfer of any length reads the FIFO from its last two registers.
@@ -288,12 +291,13 @@ class AS7341:
         self._main[0x80] &= ~0x10
         command = self._main[0xAF] >> 3 & 3
         if command == 2:
-            self._routing[:] = 0
+            self._routing = [{} for _ in range(6)]
             for diode, pixels in PIXELS_OF.items():
                 for pixel in pixels:
                     adc = self._smux_ram[pixel >> 1] >> (4 * (pixel & 1)) & 0xF
                     if 1 <= adc <= 6:
-                        self._routing[adc - 1, DIODES.index(diode)] += 1 / len(pixels)
+                        routed = self._routing[adc - 1]
+                        routed[diode] = routed.get(diode, 0.0) + 1 / len(pixels)
 
     # Integration.
 
@@ -313,7 +317,7 @@ class AS7341:
 
     def _begin(self, start_us: float) -> None:
         self._start = self._part_start = start_us
-        self._collected[:] = 0
+        self._collected = {}
         self._main[0xA3] &= ~0x40
 
     def _end(self) -> float:
@@ -328,7 +332,9 @@ class AS7341:
             return
         lit_mA = self._led_mA() if led_mA is None else led_mA
         part = self._light.collect(self._part_start, until_us, lit_mA)
-        self._collected += [part.get(diode, 0.0) for diode in DIODES]
+        if before := self._collected:
+            part = before | {diode: before.get(diode, 0.0) + n for diode, n in part.items()}
+        self._collected = part
         self._part_start = until_us
 
     def _complete(self, end_us: float) -> None:
@@ -355,7 +361,7 @@ class AS7341:
         if self._main[0x80] & 0x08:
             pause += (self._main[0x83] + 1) * 2780.0
         self._start = self._part_start = end_us + pause
-        self._collected[:] = 0
+        self._collected = {}
 
     def _persists(self, counts: list[int]) -> bool:
         count = counts[min(self._main[0xB5] & 7, 5)]
@@ -366,10 +372,11 @@ class AS7341:
 
     def _push(self, counts: list[int]) -> None:
         """Append what FIFO_MAP selects, ASTATUS and counts, to the FIFO."""
+        wanted = self._main[0xFC]
         entries = [
-            struct.pack("<H", value)
+            _ENTRY.pack(value)
             for bit, value in enumerate((self._live[0], *counts))
-            if self._main[0xFC] & 1 << bit
+            if wanted & 1 << bit
         ]
         for entry in reversed(entries) if self._quirks.fifo_reversed else entries:
             if len(self._fifo) == _FIFO_ENTRIES:
@@ -402,7 +409,11 @@ class AS7341:
         noise = self._noise
         gain = GAIN[min(self._main[0xAA] & 0x1F, 10)]
         dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
-        ideal = (self._routing @ self._collected * gain + dark).tolist()
+        collected = self._collected
+        ideal = [
+            sum(share * collected.get(diode, 0.0) for diode, share in routed.items()) * gain + dark
+            for routed in self._routing
+        ]
         electrons = noise.electrons_per_count_1x / gain
         ratio = 1e-6 * noise.ratio_ppm
         full_scale = self._full_scale()

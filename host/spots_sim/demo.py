@@ -232,7 +232,7 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     use : str
-        ``fivebar`` for a simulated linkage. Any other value shows a strip with all applications.
+        ``fivebar`` for a simulated linkage; else the application to show first, below a strip.
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int
@@ -245,5 +245,6 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
         readers = driven_readers(endless(sensor, seed=seed), layout, state)
     else:
         readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
+        state.put("application", use)
     print(headline(), flush=True)
     serve(state, LOOPBACK, 0, readers, browser.show)

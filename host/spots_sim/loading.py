@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from spots.calibrate.silicone import fit_silicone
-from spots.link.board import Board
+from spots.link.board import Board, of_sensor
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots_device.decode import LED_OFF
@@ -65,10 +65,7 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     ]
     scenario = Scenario(ScenarioFile(seconds=end_s, touch=fingers))
     with Board(LockstepLink(sensor, scenario, seed=seed, warm=True)) as board:
-        if sensor.mains_hz:
-            board.command(f"set mains_hz={sensor.mains_hz}")
-        if led:
-            board.command("set " + led)
+        set_light(board, sensor, led)
         prepare(board, lines)
         board.command("stream touch")
         rows = [
@@ -102,6 +99,26 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
         return ()
     line = fit_silicone(*record(sensor.unchanged(), lines, SESSION, led=led)[:4]).line
     return (line,) if line else ()
+
+
+def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> None:
+    """Set mains frequency and wiring of the LED on a board.
+
+    Parameters
+    ----------
+    board : Board
+        Board to change.
+    sensor : SensorFile
+        Sensor file of the strip, with its lamps.
+    led : str
+        LED settings as assignments for ``set``; empty for an LED on LDR.
+    number : int, optional
+        Number of the strip on the board.
+    """
+    if sensor.mains_hz:
+        board.command(of_sensor(f"set mains_hz={sensor.mains_hz}", number))
+    if led:
+        board.command(of_sensor("set " + led, number))
 
 
 def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:

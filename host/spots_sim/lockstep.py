@@ -76,19 +76,16 @@ class LockstepLink:
         cpu: str | None = None,
         second: tuple | None = None,
     ):
-        if cpu and second:
-            raise SpotsError(
-                "the processor times are those of one strip: leave out 'second' or 'cpu'"
-            )
         slow = load_cpu(cpu, board) if cpu else None
         self.clock = SimulatedClock(1e6 * started_s)
         self.chip = chip(sensor, scenario, seed, warm)
-        bus = I2CBus(self.chip, self.clock, call_us=slow.transfer_us() if slow else 0.0)
+        call_us = slow.transfer_us() if slow else 0.0
+        bus = I2CBus(self.chip, self.clock, call_us=call_us)
         if faults:
             bus = FaultyBus(bus, faults)
         board_faults = BoardFaults(faults) if faults else None
         self.usb = UsbHost()
-        other = I2CBus(chip(sensor, *second, warm), self.clock) if second else None
+        other = I2CBus(chip(sensor, *second, warm), self.clock, call_us=call_us) if second else None
         parts = board_id(sensor), bus, self.usb, board_faults, folder
         self._is_open = True
         self._board = (

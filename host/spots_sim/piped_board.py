@@ -159,12 +159,12 @@ class PipedBoard:
 
     def _is_report(self, request: bytes) -> bool:
         """Process a report of the board; return False for a request, which needs an answer."""
+        if request[0] not in server.REPORTS:
+            return False
         if (free_bytes := server.reported_free_bytes(request)) is not None:
             self.free_bytes = free_bytes
         elif (busy_us := server.busy_us(request)) is not None:
             self.bus.clock.spend_us(busy_us / self._rate)
-        else:
-            return False
         return True
 
     def _request(self) -> bytes | None:

@@ -12,7 +12,7 @@ from spots.link.frames import LinkStats, Touch
 from .scenario import Scenario
 
 # Percentiles are computed over this number of readings, which limits the memory.
-_LATENCIES = 10_000
+_RECENT = 10_000
 
 
 class Score:
@@ -30,8 +30,9 @@ class Score:
         self._scenario = scenario
         self._started_s = started_s
         self._position_um2 = self._force_mN2 = 0.0  # sums of squared errors
-        self._compared = 0
-        self._latencies_ms: deque[float] = deque(maxlen=_LATENCIES)
+        self._compared = self._pressed = 0  # readings of one finger: trusted ones, all
+        self._errors_um: deque[float] = deque(maxlen=_RECENT)
+        self._latencies_ms: deque[float] = deque(maxlen=_RECENT)
         self._touching = False
         self._first_s = self._last_s = math.nan
         self.readings = 0
@@ -55,8 +56,13 @@ class Score:
         self.touches += touch.touching and not self._touching
         self._touching = touch.touching
         presses = self._scenario.presses(touch.time_s - self._started_s)
-        if touch.trusted and len(presses) == 1:
-            self._position_um2 += (touch.position_um - 1000 * presses[0].position_mm) ** 2
+        if not touch.touching or len(presses) != 1:
+            return
+        self._pressed += 1
+        if touch.trusted:
+            error_um = touch.position_um - 1000 * presses[0].position_mm
+            self._errors_um.append(abs(error_um))
+            self._position_um2 += error_um**2
             self._force_mN2 += (touch.force_mN - presses[0].force_mN) ** 2
             self._compared += 1
 
@@ -70,6 +76,23 @@ class Score:
     def position_rmse_um(self) -> float | None:
         """Root mean square error of the position in um; None without a compared reading."""
         return self._rms(self._position_um2)
+
+    @property
+    def position_median_um(self) -> float | None:
+        """Median absolute error of the position in um; None without a compared reading.
+
+        The rms error depends on the one or two faintest readings: at the force at which a touch
+        begins, the error of a single reading can exceed 1 mm. The median does not.
+        """
+        return _rounded(np.median(self._errors_um)) if self._compared else None
+
+    @property
+    def trusted_percent(self) -> float | None:
+        """Percentage of the readings of one finger that are trusted; None without such a reading.
+
+        Only trusted readings are compared with the scenario.
+        """
+        return _rounded(100 * self._compared / self._pressed) if self._pressed else None
 
     @property
     def force_rmse_mN(self) -> float | None:
@@ -110,7 +133,7 @@ class Score:
         Returns
         -------
         dict
-            Errors in um and mN, latencies in ms, and statistics of the link.
+            Share of trusted readings, errors in um and mN, latencies in ms, statistics of the link.
         """
         return {
             "runtime": info["runtime"],
@@ -121,6 +144,8 @@ class Score:
             "restarts": stats.restarts,
             "rate_hz": _rounded(self.rate_hz),
             "touches": self.touches,
+            "trusted_percent": self.trusted_percent,
+            "position_median_um": self.position_median_um,
             "position_rmse_um": self.position_rmse_um,
             "force_rmse_mN": self.force_rmse_mN,
             "latency_ms": {"p50": self.latency_ms(50), "p99": self.latency_ms(99)},

@@ -10,8 +10,9 @@ from .bus import I2CBus
 from .protocol import protocol
 from .usb import UsbHost
 
-_FDATA = 0xFE  # register of the chip's FIFO
+_LEVEL, _FDATA = 0xFD, 0xFE  # registers of the chip's FIFO
 _SAMPLE_BYTES = 12
+REPORTS = protocol.MEMORY, protocol.BUSY  # requests without an answer
 _ON_A_BUS = protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT
 
 
@@ -32,11 +33,12 @@ def is_reset(request: bytes) -> bool:
 def passes(request: bytes) -> int:
     """Return how many passes of the board's loop follow a request.
 
-    A pass reads registers, or takes a further sample of a burst from the chip's FIFO.
+    A pass reads registers, or takes a sample of a burst from the chip's FIFO. The read of the
+    FIFO's level precedes another read.
     """
-    if request[0] != protocol.READ:
+    if request[0] != protocol.READ or request[2] == _LEVEL:
         return 0
-    return request[3] // _SAMPLE_BYTES - 1 if request[2] == _FDATA else 1
+    return request[3] // _SAMPLE_BYTES if request[2] == _FDATA else 1
 
 
 def reported_free_bytes(request: bytes) -> int | None:

@@ -20,6 +20,7 @@ softening   only at forces below the largest force so  at every force, by an amo
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import msgspec
@@ -35,10 +36,11 @@ _CELL_MM = 2.0  # length of a cell; the effective force is interpolated between 
 # Constants of the models, all assumed. Creep of rubber is nearly linear in the logarithm of time
 # (Gent, Engineering with Rubber), so each decade has the same share.
 _TAUS_S = np.array([0.5, 5.0, 50.0, 500.0])
-_PLAYS_MN = np.array([100.0, 300.0, 900.0, 2700.0])
+_PLAYS_MN = (100.0, 300.0, 900.0, 2700.0)
 _POWER, _SOONEST_S = 0.15, 0.05
 _STEP_S = 0.02  # changes of the force within this time count as one
 _WIDTH_MN = 1500.0
+_KEPT = 256  # cached durations; the steps of a simulation have few different ones
 _SOFTENED_MN = 4000.0
 
 
@@ -72,34 +74,47 @@ class Silicone(toml.Strict):
         return not (self.creep_percent or self.hysteresis_percent or self.softening_percent)
 
 
+@lru_cache(_KEPT)
+def _crept_shares(elapsed_s: float) -> list[float]:
+    return (-np.expm1(-elapsed_s / _TAUS_S)).tolist()
+
+
 class _Spectrum:
     """Model ``spectrum`` of one cell (a short piece of the strip), see the module docstring."""
 
     def __init__(self, silicone: Silicone):
         self._creep = silicone.creep_percent / 100 / (1 - np.exp(-_HELD_S / _TAUS_S)).sum()
-        self._lag = silicone.hysteresis_percent / 100 * FULL_MN / 2 / _PLAYS_MN.sum()
+        self._lag = silicone.hysteresis_percent / 100 * FULL_MN / 2 / sum(_PLAYS_MN)
         self._soft = silicone.softening_percent / 100
-        self._crept = np.zeros(len(_TAUS_S))
-        self._plays = np.zeros(len(_PLAYS_MN))
+        # For four numbers, plain Python is faster than NumPy.
+        self._crept = [0.0] * len(_TAUS_S)
+        self._plays = [0.0] * len(_PLAYS_MN)
         self._force_mN = 0.0
         self._most_mN = silicone.preload_mN
 
     def wait(self, elapsed_s: float) -> None:
-        self._crept += (self._force_mN - self._crept) * -np.expm1(-elapsed_s / _TAUS_S)
+        force_mN = self._force_mN
+        self._crept = [
+            crept + (force_mN - crept) * share
+            for crept, share in zip(self._crept, _crept_shares(elapsed_s))
+        ]
 
     def load(self, force_mN: float) -> None:
         self._force_mN = force_mN
         self._most_mN = max(self._most_mN, force_mN)
         if force_mN > 0:
-            self._plays = self._plays.clip(force_mN - _PLAYS_MN, force_mN + _PLAYS_MN)
+            self._plays = [
+                min(max(at, force_mN - play), force_mN + play)
+                for at, play in zip(self._plays, _PLAYS_MN)
+            ]
         else:
-            self._plays[:] = 0.0  # the guides separate
+            self._plays = [0.0] * len(_PLAYS_MN)  # the guides separate
 
     def effective_mN(self) -> float:
         force_mN = self._force_mN
-        behind = self._plays - np.maximum(force_mN - _PLAYS_MN, 0)
+        behind = sum(at - max(force_mN - play, 0.0) for at, play in zip(self._plays, _PLAYS_MN))
         soft = self._soft * math.tanh((self._most_mN - force_mN) / _SOFTENED_MN)
-        return force_mN * (1 + soft) + self._lag * behind.sum() + self._creep * self._crept.sum()
+        return force_mN * (1 + soft) + self._lag * behind + self._creep * sum(self._crept)
 
 
 class _Power:

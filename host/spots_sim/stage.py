@@ -8,11 +8,11 @@ from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.calibrate.spectra import SpectrumReader
 from spots.errors import SpotsError
-from spots.link.board import Board, of_sensor
+from spots.link.board import Board
 
 from .files import SensorFile
 from .kept import kept
-from .loading import silicone_lines
+from .loading import set_light, silicone_lines
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
@@ -254,10 +254,7 @@ def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None
     number : int, optional
         Number of the strip on the board.
     """
-    if sensor.mains_hz:
-        board.command(of_sensor(f"set mains_hz={sensor.mains_hz}", number))
-    if led := led_settings(sensor):
-        board.command(of_sensor("set " + led, number))
+    set_light(board, sensor, led_settings(sensor), number)
 
 
 def led_settings(sensor: SensorFile) -> str:

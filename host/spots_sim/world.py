@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache, partial
 
 import numpy as np
 
+from .change import NONE, Change
 from .chip import AS7341, ChipNoise, Quirks
 from .files import ContactFile, SensorFile
 from .optics import Optics
@@ -17,7 +19,8 @@ from .silicone import Memory
 _STEP_US = 2_500.0
 # Optics are computed for each hundredth of a kelvin of the LED: an error below 1 um.
 _LED_K_DIGITS = 2
-_KEPT = 64
+_KEPT = 512
+_SENSORS = 4  # with cached optics
 
 
 def coupling(contact: ContactFile, force_mN: float) -> float:
@@ -45,6 +48,12 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
     return contact.early_share + (1 - contact.early_share) * over / (1 + over)
 
 
+@lru_cache(_SENSORS)
+def _optics(sensor: SensorFile) -> Callable[[Change, float], Optics]:
+    """Return a function of change and LED temperature; all boards of a process share its cache."""
+    return lru_cache(_KEPT)(partial(Optics, sensor))
+
+
 class World:
     """What a simulated chip measures: the light of a strip with LED, fingers and ambient light.
 
@@ -64,11 +73,11 @@ class World:
         self._sensor = sensor
         self._scenario = scenario
         self._rng = rng
-        self._optics = Optics(sensor)
+        self._optics_at = _optics(sensor)
+        self._optics = self._optics_at(NONE, 0.0)
         self._led_K = 0.0  # at the time `_led_us`
         self._led_us = 0.0
         self._warm_start = warm
-        self._optics_at = lru_cache(_KEPT)(partial(Optics, sensor))
         self._pin_on = False
         self._memory = None if sensor.silicone.ideal else Memory(sensor.silicone)
 

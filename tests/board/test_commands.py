@@ -22,18 +22,14 @@ def test_hello_tells_who_it_is(rig):
 
 
 class Hesitant(LinkWrapper):
-    """From its fourth question for the time on, what the board says is held back for a while."""
+    """After `hold`, what the board sends is held back, or lost, for a while."""
 
-    def __init__(self, link, for_s, loses):
+    def __init__(self, link, loses=False):
         super().__init__(link)
-        self._for_s, self._loses = for_s, loses
-        self._asked, self._until_s, self._held = 0, 0.0, b""
+        self._loses, self._until_s, self._held = loses, 0.0, b""
 
-    def write(self, data):
-        super().write(data)
-        self._asked += data == b"sync\n"
-        if self._asked == 4 and not self._until_s:
-            self._until_s = self.now_s() + self._for_s
+    def hold(self, for_s):
+        self._until_s = self.now_s() + for_s
 
     def read(self, timeout_s):
         data = super().read(timeout_s)
@@ -44,6 +40,20 @@ class Hesitant(LinkWrapper):
         return held + data
 
 
+class HesitantAtSync(Hesitant):
+    """Holds back from the fourth question for the time on."""
+
+    def __init__(self, link, for_s, loses):
+        super().__init__(link, loses)
+        self._for_s, self._asked = for_s, 0
+
+    def write(self, data):
+        super().write(data)
+        self._asked += data == b"sync\n"
+        if self._asked == 4 and not self._until_s:
+            self.hold(self._for_s)
+
+
 @pytest.mark.parametrize("loses", [False, True])
 @pytest.mark.parametrize("for_s", [0.51, 0.7, 1.2])
 def test_a_reply_that_is_late_or_lost_neither_stops_the_opening_nor_bends_time(
@@ -51,10 +61,28 @@ def test_a_reply_that_is_late_or_lost_neither_stops_the_opening_nor_bends_time(
 ):
     with Board(LockstepLink(sensor, Held())) as board:
         in_time = board._clocks.clock
-    with Board(Hesitant(LockstepLink(sensor, Held()), for_s, loses)) as board:
+    with Board(HesitantAtSync(LockstepLink(sensor, Held()), for_s, loses)) as board:
         late = board._clocks.clock
     assert late.uncertainty_s < 0.001
     assert late.host_s(5_000_000, 5.0) == pytest.approx(in_time.host_s(5_000_000, 5.0), abs=0.002)
+
+
+@pytest.mark.parametrize("loses", [False, True])
+def test_a_late_reply_is_not_that_to_the_next_command(sensor, loses):
+    link = Hesitant(LockstepLink(sensor, Held()), loses)
+    with Board(link) as board:
+        link.hold(4.1)
+        with pytest.raises(SpotsError, match="no reply to 'stream touch' within 4 s"):
+            board.command("stream touch")
+        assert board.command("stream spectrum")["stream"] == ["spectrum"]
+        assert board.command("stream off")["stream"] == ["off"]
+
+
+def test_a_reply_may_take_some_seconds(sensor):
+    link = Hesitant(LockstepLink(sensor, Held()))
+    with Board(link) as board:
+        link.hold(3.5)
+        assert board.command("stream touch")["stream"] == ["touch"]
 
 
 @pytest.mark.parametrize(

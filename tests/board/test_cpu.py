@@ -1,6 +1,7 @@
 """A virtual board with the processor time of a Pico, compared with an emulated Pico."""
 
 import re
+from itertools import product
 
 import numpy as np
 import pytest
@@ -16,22 +17,20 @@ from spots_sim.scenario import Held, Scenario
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {
     "pico": [
-        (10_000, 100.0, 0.168),
-        (2_780, 359.7, 0.591),
-        (2_000, 500.2, 0.819),
-        (1_500, 522.2, 1.0),
-        (1_000, 535.5, 1.0),
+        (10_000, 100.0, 0.177),
+        (2_780, 359.7, 0.617),
+        (1_500, 665.7, 1.0),
+        (1_000, 700.8, 1.0),
     ],
     "pico-xip50": [
         (10_000, 100.0, 0.226),
-        (2_780, 359.7, 0.787),
-        (2_000, 380.8, 1.0),
-        (1_500, 401.5, 1.0),
-        (1_000, 384.2, 1.0),
+        (2_780, 359.7, 0.839),
+        (1_500, 538.6, 1.0),
+        (1_000, 525.0, 1.0),
     ],
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
-SECONDS = 2.0
+SECONDS = 1.0
 ONE, TWO = [(20.0, 3000)], [(20.0, 3000), (62.0, 3000)]
 # Busy time of a sample in us at 5 ms: by commands and fingers (position in mm, force in mN).
 BUSY = [
@@ -85,7 +84,7 @@ def test_rate_and_busy_share_are_those_of_the_emulated_board(
     elapsed_us = clock.now_us() - began_us
     assert 1e6 * len(read) / elapsed_us == pytest.approx(rate_hz, rel=0.15)
     assert 1 - (clock.idle_us - idle_us) / elapsed_us == pytest.approx(busy, rel=0.15)
-    if busy == 1.0:
+    if rate_hz < 0.99e6 / exposure_us:
         assert any(touch.flags & DROPPED for touch in read)
 
 
@@ -112,23 +111,27 @@ def test_the_busy_time_of_a_sample_is_that_of_the_emulated_board(
     assert busy / (link.chip.samples - samples) == pytest.approx(busy_us, rel=0.15)
 
 
-@pytest.mark.parametrize("before_us", [10_000, 1_000])
-@pytest.mark.parametrize("exposure_us", [1_000, 1_500, 2_000, 2_780])
 @pytest.mark.parametrize("cpu", MEASURED)
-def test_the_reply_to_set_has_the_rate_that_the_slow_board_delivers(
-    rig, calibration, cpu, exposure_us, before_us
-):
-    made = ready(rig, calibration, cpu, before_us)
-    reply = made.board.command(f"set exposure_us={exposure_us}")
-    made.settle(0.5)
-    rate_mHz = 1000 * len(touches(made)) / SECONDS
-    assert rate_mHz > 0.85 * reply["rate_mHz"]
-    # Near the limit the FIFO gives more than the reply promises.
-    if exposure_us in (1_000, 2_780):
-        assert rate_mHz == pytest.approx(reply["rate_mHz"], rel=0.15)
+def test_the_reply_to_set_has_the_rate_that_the_slow_board_delivers(rig, calibration, cpu):
+    made = ready(rig, calibration, cpu, 10_000)
+    for exposure_us, before_us in product((1_000, 1_500, 2_000, 2_780), (10_000, 1_000)):
+        made.board.command(f"set exposure_us={before_us}")
+        made.settle(0.5)
+        reply = made.board.command(f"set exposure_us={exposure_us}")
+        made.settle(0.5)
+        rate_mHz = 1000 * len(touches(made)) / SECONDS
+        near = pytest.approx(reply["rate_mHz"], rel=0.15)
+        assert rate_mHz == near, (exposure_us, before_us)
 
 
-def test_hello_costs_few_samples(rig, calibration):
+@pytest.mark.parametrize("cpu", MEASURED)
+@pytest.mark.parametrize("exposure_us", [1_000, 2_780, 10_000])
+def test_the_pauses_of_an_upload_leave_the_fifo_in_use(rig, calibration, cpu, exposure_us):
+    made = ready(rig, calibration, cpu, exposure_us)
+    assert made.board.command("get")["fifo"]
+
+
+def test_hello_costs_no_sample(rig, calibration):
     made = ready(rig, calibration, "pico", 2_780)
     lost = []
     # Four commands from one ``get`` to the next: one of them collects garbage.
@@ -138,7 +141,7 @@ def test_hello_costs_few_samples(rig, calibration):
             made.board.command(command)
             made.settle(0.2)
         lost.append(made.board.command("get")["missed"] - before)
-    assert 0 < lost[1] - lost[0] <= 3 * 2
+    assert lost == [0, 0]
 
 
 @pytest.mark.parametrize("exposure_us", [1_000, 2_780])
@@ -157,12 +160,15 @@ def test_samples_that_commands_and_their_collections_cost_are_counted(
         made.board.command(command)
         made.settle(0.05)
     missed, frames, samples = counted() - before
-    assert missed > 8 * 19_400 / exposure_us
-    assert missed + frames - len(commands) - 1 == pytest.approx(samples, rel=0.005, abs=4)
+    if exposure_us == 1_000:
+        assert missed > 8 * 19_400 / exposure_us
+    else:
+        assert missed == 0
+    assert missed + frames - len(commands) - 1 == pytest.approx(samples, rel=0.01, abs=4)
 
 
 @pytest.mark.parametrize(
-    ("exposure_us", "ok"), [(10_000, True), (2_780, True), (1_500, False), (1_000, False)]
+    ("exposure_us", "ok"), [(10_000, True), (2_780, True), (1_500, True), (1_000, False)]
 )
 def test_doctor_recommends_an_exposure_that_the_slow_board_can_do(
     rig, calibration, exposure_us, ok

@@ -175,3 +175,35 @@ def test_a_transfer_that_fails_in_the_middle_costs_samples_that_are_counted(stal
     assert max(gaps) <= 3
     assert state["missed"] == sum(gaps) - len(gaps)
     assert state["retries"] == 10
+
+
+class LateBus:
+    """A bus that stalls in the self-test, and for one sample before the FIFO is emptied."""
+
+    def __init__(self, bus, clock, *stalls_us):
+        self._bus, self._clock, self.stalls_us = bus, clock, list(stalls_us)
+        self._last = None
+
+    def __getattr__(self, name):
+        return getattr(self._bus, name)
+
+    def write(self, address, data):
+        if data == b"\xfa\x02":
+            self._clock.spend_us(EXPOSURE_US)
+        self._bus.write(address, data)
+
+    def write_read(self, address, data, size):
+        # Only the self-test reads the level after the status.
+        if data == b"\xfd" and self._last == b"\x93" and self.stalls_us:
+            self._clock.spend_us(self.stalls_us.pop(0))
+        self._last = data
+        return self._bus.write_read(address, data, size)
+
+
+def test_a_stall_during_the_self_test_leaves_the_fifo_in_use(stalled):
+    made = stalled()
+    made.link.bus = bus = LateBus(made.link.bus, made.link.clock, 70_000, EXPOSURE_US)
+    made.board.command("set gain=6")
+    made.run(0.3)
+    assert not bus.stalls_us
+    assert made.get()["fifo"]

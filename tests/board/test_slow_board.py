@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from sensors import replaced
 
+from spots.deploy.staging import stage
+from spots.link.board import Board
+from spots.link.connect import upload
 from spots.link.frames import Decoder, Text, Touch
 from spots_device.decode import DROPPED
 from spots_sim.lockstep import LockstepLink
@@ -156,7 +159,10 @@ def test_an_exposure_too_short_for_the_board_gives_what_it_can_and_counts_the_re
     lost = (made.link.now_s() - began_s) * 1e6 / actual_us - read
     assert reply["missed"] - before == pytest.approx(lost, rel=0.15, abs=20)
     if actual_us < 2_000:
-        assert np.mean([bool(touch.flags & DROPPED) for touch in touches]) > 0.2
+        # When the FIFO overflows, all its samples are lost.
+        gaps = np.diff([touch.t_us for touch in touches]) > 10 * actual_us
+        assert gaps.any()
+        assert all(touch.flags & DROPPED for touch, gap in zip(touches[1:], gaps) if gap)
 
 
 def counted(made):
@@ -191,7 +197,7 @@ def test_what_the_chip_made_was_taken_or_missed(sensor, board, exposure_us, busy
         touches = len(made.touches(4.0))
         more, missed_then, samples_then = counted(made)
     assert touches + more + missed_then - missed == pytest.approx(
-        samples_then - samples, rel=0.002, abs=4
+        samples_then - samples, rel=0.01, abs=4
     )
 
 
@@ -205,3 +211,37 @@ def test_the_reply_to_set_has_the_rate_to_expect(slow):
         rate_mHz = made.say(f"set exposure_us={exposure_us}")["rate_mHz"]
         made.run(0.5)
         assert 1000 * len(made.touches(4.0)) / 4.0 == pytest.approx(rate_mHz, rel=0.15)
+
+
+def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
+    sensor, calibration, monkeypatch
+):
+    def staged(board, folder, strips):
+        stage(board, folder, strips)
+        path = folder / "spots_device/runtime/micropython.py"
+        write = "self._out(buffer, size)"
+        assert write in path.read_text()
+        slow = f"(time.sleep_ms(300), {write})[1]"
+        path.write_text(path.read_text().replace(write, slow))
+
+    monkeypatch.setattr("spots_sim.vm.stage", staged)
+    with Board(LockstepLink(sensor, Held())) as board:
+        upload(board, calibration)
+        assert board.command("get")["dropped"] > len(calibration)  # a slow write may lose bytes
+        assert board.stats.lost == board.stats.bad_crc == 0
+
+
+def test_an_upload_costs_the_samples_of_one_parse_and_all_are_counted(rig, calibration):
+    board = rig(cpu="pico").board
+    decoder, heard = Decoder(), []
+    board.tap(lambda data, now_s: heard.extend(decoder.feed(data)))
+    list(board.touches(seconds=0.2))
+    upload(board, calibration)
+    missed = board.command("get")["missed"]
+    list(board.touches(seconds=0.2))
+    times_us = [frame.t_us for frame in heard if isinstance(frame, Touch)]
+    steps = np.diff(times_us) / board.info["exposure_us"]
+    assert len(steps) > 400
+    # After an overflow, the time of the first sample is known to one exposure.
+    assert abs(sum(np.rint(steps) - 1) - missed) <= 1
+    assert 0 < missed <= 40

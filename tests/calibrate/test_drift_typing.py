@@ -130,6 +130,25 @@ def test_a_controller_follows_a_strip_that_drifted(sensor, calibration):
     assert np.mean([usable(touch) for touch in firm]) > 0.95
 
 
+def test_a_controller_follows_slow_presses_on_a_strip_that_drifted(sensor, calibration):
+    # The first readings of a slow press are faint: their noise must not change the learned drift.
+    rise = [(0, 0), (0.2, 800), (0.4, 4000), (0.6, 4000), (0.65, 0)]
+    fingers = [
+        Finger(points=[(1 + i + time_s, 10.0 * (i + 1), force) for time_s, force in rise])
+        for i in range(6)
+    ]
+    drift = ChangeInTime(die_nm=[(0.0, 0.7)])
+    scenario = Scenario(ScenarioFile(seconds=8, touch=fingers, change=drift))
+    with Board(LockstepLink(sensor, scenario, seed=1)) as board:
+        prepare(board, calibration)
+        board.command("stream touch")
+        readings = [frame for frame in board.frames(7.0 - board.now_s()) if frame.time_s > 3.0]
+    firm = [touch for touch in readings if touch.force_mN > 1500]
+    assert len(firm) > 100
+    assert np.mean([touch.trusted for touch in firm]) < 0.5
+    assert np.mean([usable(touch) for touch in firm]) > 0.95
+
+
 def test_a_drift_that_hits_another_key_is_not_hidden(sensor, calibration):
     typed, _ = play(sensor, calibration, {"blue_share_percent": 10.0})
     assert counted(typed) == {"silent": len(TEXT)}

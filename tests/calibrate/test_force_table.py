@@ -9,8 +9,6 @@ from spots_sim.bound import Bound
 from spots_sim.files import SensorFile, load
 from spots_sim.stage import calibrate
 
-SAMPLES = 64  # the counts of so many samples have hardly any rounding
-
 
 def errors_mN(name):
     """Return the errors of the force that a board reads from light without noise."""
@@ -23,7 +21,7 @@ def errors_mN(name):
     errors = []
     for force_mN in forces_mN:
         counts = light.counts(500 * sensor.length_mm, force_mN)
-        decode.update([round(SAMPLES * n) for n in counts.tolist()], SAMPLES, [0] * 6, 0)
+        decode.update_mean(counts)
         errors.append(decode.force_mN - force_mN)
     return np.array(errors)
 

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from spots import SpotsError
 from spots.calibrate import calibration_file as file
-from spots.calibrate import steps
+from spots.calibrate import hand, steps
 from spots.calibrate.bench import Bench
 from spots.calibrate.guide import Guide
 from spots.calibrate.presser import Presser
@@ -19,11 +19,13 @@ from spots.calibrate.session import Session, settings
 from spots.calibrate.typed import typed
 from spots_device.calibration import Calibration
 from spots_device.views import Decoded
+from spots_sim.files import SensorFile, load
 from spots_sim.person import Habits, Person, follow
 from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
 
 PLAN = "F3,F4,F5,F6,F7,F8"
+PATIENCE_S = 25.0  # more than a simulated person forgets a press, less than minutes to simulate
 
 
 class Room(io.StringIO):
@@ -52,8 +54,9 @@ class Room(io.StringIO):
 
 def calibrate(room, path, kind, count, plan=PLAN):
     shown = Guide(Console(file=room, width=200), stdin=room)
-    stage = room.stage
-    bench = Bench(stage.reader, Presser(shown), shown, stage.length_um, path.with_suffix(".toml"))
+    stage, presser = room.stage, Presser(shown)
+    presser.patience_s = PATIENCE_S
+    bench = Bench(stage.reader, presser, shown, stage.length_um, path.with_suffix(".toml"))
     options = argparse.Namespace(plan=plan, keep_settings=False)
     steps.calibrate(bench, Session(path), kind, count, None, options)
     room.move([])
@@ -68,7 +71,7 @@ def errors_um(stage, made):
     found = []
     for place_um in np.linspace(0.05, 0.95, 13) * stage.length_um:
         stage.press(place_um, 3000.0)
-        decode.update([round(64 * c) for c in stage.reader.read(16).counts], 64, [0] * 6, 0)
+        decode.update_mean(stage.reader.read(16).counts)
         found.append(decode.position_um - place_um)
     return np.array(found)
 
@@ -81,7 +84,7 @@ def relative_forces(stage, made):
     for force_mN in (1000.0, 2000.0, 4000.0, 8000.0):
         stage.press(0.4 * stage.length_um, force_mN)
         counts = stage.reader.read(16).counts
-        decode.update([round(64 * c) for c in counts], 64, [0] * 6, 0)
+        decode.update_mean(counts)
         found.append((decode.force_mN, counts.sum()))
     return np.array(found).T
 
@@ -164,7 +167,30 @@ def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
         room = Room(stage, Habits(slips=1.0))
         calibrate(room, path, "rough", steps.COUNTS["rough"][0])
     assert "press again" not in room.getvalue()
-    assert room.person.presses == 1 + len(Session(path).of("hand")) == 11
+    assert room.person.presses == 1 + len(Session(path).of("hand")) == 12
+
+
+class EnoughError(Exception):
+    """Ends a session early."""
+
+
+def test_a_press_that_is_too_dark_is_asked_for_again_with_more_force(tmp_path, monkeypatch):
+    following, asked = hand._next, []
+
+    def with_a_weak_one(*state):
+        asked.append(following(*state))
+        if len(asked) > 7:
+            raise EnoughError
+        return hand._wanted(198_000, 230) if len(asked) == 7 else asked[-1]
+
+    monkeypatch.setattr(hand, "_next", with_a_weak_one)
+    with Stage(load(SensorFile, "long_200mm"), seed=3) as stage:
+        room = Room(stage, Habits(slips=0))
+        with pytest.raises(EnoughError):
+            calibrate(room, tmp_path / "a.jsonl", "fine", 20)
+    said = room.getvalue()
+    assert "198.0 mm with 0.23 N: too dark" in said
+    assert "press at 198.0 mm with about 33 g (0.32 N) and hold" in said
 
 
 @pytest.mark.parametrize(

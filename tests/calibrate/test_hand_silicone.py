@@ -1,5 +1,7 @@
 """Sessions by hand find hysteresis, creep and softening of the silicone, within 45 presses."""
 
+from functools import lru_cache
+
 import numpy as np
 import pytest
 from msgspec import structs
@@ -42,10 +44,22 @@ def width_mN(force_mN, read_mN):
     return np.abs(down - up).mean()
 
 
+@pytest.fixture(scope="module")
+def session(sensor, tmp_path_factory):
+    """Return a function of the model: a session's file, and what `fine` returns of it."""
+
+    @lru_cache
+    def session(model):
+        path = tmp_path_factory.mktemp(model) / "a.jsonl"
+        return path, fine(strip(sensor, model), path, Habits())
+
+    return session
+
+
 @pytest.mark.parametrize("model", ["spectrum", "power"])
-def test_a_session_with_a_kitchen_scale_compensates_the_silicone(sensor, tmp_path, model):
+def test_a_session_with_a_kitchen_scale_compensates_the_silicone(sensor, session, model):
     sensor = strip(sensor, model)
-    room, made, error_um = fine(sensor, tmp_path / "a.jsonl", Habits())
+    _, (room, made, error_um) = session(model)
     assert room.person.presses <= 45
     assert error_um < 145
     (line,) = silicone_lines(made)
@@ -130,9 +144,11 @@ def test_a_second_force_that_is_too_weak_is_asked_for_again_with_more(
     assert len([p for p in Session(tmp_path / "a.jsonl").of("hand") if p.then_mN]) == 6
 
 
-def test_an_early_session_without_these_presses_still_gives_a_calibration(sensor, tmp_path):
+def test_an_early_session_without_these_presses_still_gives_a_calibration(
+    sensor, session, tmp_path
+):
     path = tmp_path / "a.jsonl"
-    fine(strip(sensor, "spectrum"), path, Habits(), count=20)
+    path.write_bytes(session("spectrum")[0].read_bytes())
     session = Session(path)
     for p in session.points:
         if p.kind == "hand":

@@ -150,6 +150,38 @@ def test_a_misfit_that_every_press_has_is_untrusted_but_good_for_a_key(decoder, 
     assert seen == [KEY] * 8
 
 
+FAINT = [count * 8 // 100 for count in LIT]  # a touch, but too noisy to show a drift
+
+
+def test_a_faint_reading_does_not_change_the_drift(decoder):
+    shifted(decoder, 70)
+    for _ in range(2):
+        for _ in range(8):
+            decoder.update(LIT, 1, NO_DARK, 0)
+        decoder.update(NO_DARK, 1, NO_DARK, 0)
+    shifted(decoder, 60)  # the noise of a faint reading
+    for _ in range(8):
+        decoder.update(FAINT, 1, NO_DARK, 0)
+        assert decoder.flags == decode.TOUCHING
+    shifted(decoder, -60)
+    for _ in range(8):
+        decoder.update(LIT, 1, NO_DARK, 0)
+        assert decoder.flags == KEY
+
+
+def test_a_touch_that_begins_faintly_shows_its_drift_later(decoder):
+    for _ in range(2):
+        for _ in range(8):
+            decoder.update(FAINT, 1, NO_DARK, 0)
+        shifted(decoder, 70)
+        for _ in range(3):
+            decoder.update(LIT, 1, NO_DARK, 0)
+        seen = decoder.flags
+        shifted(decoder, -70)
+        decoder.update(NO_DARK, 1, NO_DARK, 0)
+    assert seen == KEY
+
+
 def test_a_misfit_that_begins_within_a_touch_is_good_for_nothing(decoder):
     for _ in range(8):
         decoder.update(LIT, 1, NO_DARK, 0)

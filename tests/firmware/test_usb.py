@@ -10,6 +10,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
+from spots.link.frames import Decoder
 from spots_device.frame import Framer, Time32
 from spots_device.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, Outbox, with_report_id
 
@@ -313,6 +314,7 @@ class Port:
         self.us = (1 << 30) - 1000  # about to wrap
         self.read_from, self.heard, self.got, self.waits = True, b"", 0, 0
         self.claims_all = False
+        self.lasts_us, self.sent = 0, b""
         self.stdin = self.stdout = SimpleNamespace(buffer=self)
         self.poll = lambda: self
         self.register = lambda stream, event: None
@@ -328,6 +330,8 @@ class Port:
             self.waits += 1
             return size if self.claims_all else 0
         self.got += 1
+        self.us += self.lasts_us
+        self.sent += bytes(memoryview(buffer)[:size])
         return size
 
 
@@ -389,6 +393,30 @@ def test_micropython_answers_a_host_that_says_something_at_once(serial):
     port.read_from, port.heard = True, b"?"
     assert ours.read() == ord("?")
     assert ours.write(b"x", 1)
+
+
+def test_micropython_sends_every_reply_however_slow_its_writes_are(serial):
+    ours, port = serial
+    port.lasts_us = 300_000  # another process runs meanwhile; the host reads all the time
+    framer = Framer(ours, Time32(SimpleNamespace(ticks_us=lambda: 0, ticks_diff=lambda *_: 0)))
+    decoder = Decoder()
+    for i in range(20):
+        port.heard = b"?"
+        ours.read()
+        framer.text(b'{"lines":%d}' % i)
+    texts = [frame.content for frame in decoder.feed(port.sent)]
+    assert texts == [{"lines": i} for i in range(20)]
+    assert decoder.stats.bad_crc == decoder.stats.lost == 0
+
+
+def test_micropython_drops_no_frame_after_a_single_slow_write(serial):
+    ours, port = serial
+    port.lasts_us = 300_000
+    ours.write(b"x", 1)
+    port.lasts_us = 0
+    for _ in range(10):
+        port.us += 2_780
+        assert ours.write(b"x", 1)
 
 
 @pytest.mark.parametrize("minutes", [5, 9, 12, 17, 40])

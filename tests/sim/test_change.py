@@ -223,8 +223,9 @@ def test_noise_of_the_ratios_is_each_channels_own(sensor):
     noisy = chip(sensor, Held(), seed=1)
     noisy._main[0xAA], noisy._main[0x81] = 9, 255
     noisy._main[0xCA:0xCC] = b"\xff\x0f"
-    noisy._routing[np.arange(6), np.arange(6)] = 1
-    noisy._collected[:6] = 100.0
+    diodes = "F1", "F2", "F3", "F4", "F5", "F6"
+    noisy._routing = [{diode: 1.0} for diode in diodes]
+    noisy._collected = dict.fromkeys(diodes, 100.0)
     counts = np.array([noisy._convert(100_000.0)[0] for _ in range(1000)], dtype=float)
     relative = counts / counts.mean(axis=0)
     assert relative.std(axis=0) == pytest.approx(np.full(6, 1e-3), rel=0.1)

@@ -24,6 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
         *("--faults", "--scenario"), default="fire", metavar="FILE", help="scenario file or name"
     )
     parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument("--strips", type=int, choices=(1, 2), default=1, help="strips (1)")
     parser.add_argument("--seed", type=seed, default=0, help="random seed of noise and faults (0)")
     parser.add_argument(
         "--words-per-min", type=speed, metavar="SPEED",
@@ -33,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         what = options.hours, options.faults, options.seed, options.sensor
-        soak_command(*what, options.words_per_min, options.json)
+        soak_command(*what, options.words_per_min, options.json, options.strips)
     except SpotsError as error:
         print(f"soak: {error}", file=sys.stderr)
         return 2

@@ -24,6 +24,10 @@ _OUTAGES_KEPT = 64
 _LATE_S = 1.0
 
 
+def _ignore(reading: Touch, now_s: float) -> None:
+    pass
+
+
 class Audit:
     """Compares the frames that were sent with the frames that arrived.
 
@@ -32,7 +36,8 @@ class Audit:
     touched : collections.deque of int
         Ascending indices of the damaged bytes in the stream. `Audit` removes processed indices.
     arrived : callable
-        ``arrived(now_s)`` is called for each reading that arrives, except those with the LED off.
+        ``arrived(reading, now_s)`` is called for each reading that arrives, except those with the
+        LED off.
 
     Attributes
     ----------
@@ -48,7 +53,7 @@ class Audit:
         Number of readings for which `arrived` was called.
     """
 
-    def __init__(self, touched: deque[int], arrived: Callable[[float], None] = lambda now_s: None):
+    def __init__(self, touched: deque[int], arrived: Callable[[Touch, float], None] = _ignore):
         self._touched = touched
         self._arrived = arrived
         self._clean, self._heard = Decoder(), Decoder()
@@ -101,7 +106,7 @@ class Audit:
         self.delivered[type(frame).__name__] += 1
         if isinstance(frame, Touch) and not frame.flags & LED_OFF:
             self.readings += 1
-            self._arrived(now_s)
+            self._arrived(frame, now_s)
 
     def _lose(self, count: int) -> None:
         for _ in range(count):

@@ -43,6 +43,8 @@ _MESSAGES = (
         for name, text in _SETTINGS.items()
     ),
     *(("recording", word) for word in _WORDS),
+    ("strip", "0"),
+    ("strip", "1"),
 )
 
 
@@ -51,8 +53,9 @@ def _mutated(choice: random.Random) -> tuple[str, bytes]:
     path, message = choice.choice(_MESSAGES)
     parts = list(message)
     for _ in range(choice.randrange(1, 5)):
-        at = choice.randrange(len(parts))
-        parts[at : at + choice.randrange(3)] = choice.choice([*_FRAGMENTS, parts[at]])
+        at = choice.randrange(len(parts) + 1)  # a short message can become empty
+        part = choice.choice([*_FRAGMENTS, *parts[at : at + 1]])
+        parts[at : at + choice.randrange(3)] = part
     body = "".join(parts).encode()
     return path, body * choice.choice((1, 1, 1, 50))
 

@@ -8,7 +8,9 @@ keyboard. The memory that a run needs does not depend on its duration.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 
 import msgspec
 from rich.console import Console
@@ -16,12 +18,13 @@ from rich.progress import Progress
 
 from spots.errors import SpotsError
 from spots.keyboard.key_engine import KeyEngine
-from spots.keyboard.layout import load as load_layout
-from spots.link.board import Board
+from spots.keyboard.layout import compiled
+from spots.link.board import Board, of_sensor
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
 from spots.outputs.usages import KEYBOARD
-from spots_sim.faults import WAYS, Faults, FaultyLink
+from spots_device.settings import checksum
+from spots_sim.faults import WAYS, Faults, FaultyBus, FaultyLink
 from spots_sim.files import ScenarioFile, SensorFile, load
 from spots_sim.link_wrapper import Tap
 from spots_sim.lockstep import LockstepLink
@@ -32,7 +35,15 @@ from spots_sim.typist import fast_typing
 from .audit import Audit, Keys, Memory, Recoveries, usages_of
 
 _TICK_S = 0.05
-_LAYOUT = "digits"  # the ten zones that a board has without a layout
+# Ten keys of each strip. The first layout is that of a board without a layout. No key is in both.
+_LAYOUTS = [
+    compiled(
+        Path(name),
+        f'name = "{name}"\n[[layer]]\nname = "{name}"\nkeys = {json.dumps(list(keys))}\n',
+    )
+    for name, keys in {"digits": "1234567890", "letters": "ABCDEFGHIJ"}.items()
+]
+_COMMON = ("power.brown_outs", "clock.stalls")  # faults that concern all strips of a board
 _RECOVERED_S = 1.0  # longest time without readings after the end of a fault
 _HOUR_S = 3600.0
 _INTERFACE = 0  # of the USB keyboard
@@ -53,17 +64,28 @@ class Watch:
         Scenario of the run.
     mark_s : float
         Time after the start at which memory is measured for comparison with the end, in seconds.
+
+    Attributes
+    ----------
+    strips : list of dict
+        The keyboards of each strip: the items ``host``, ``frames`` and ``usb``.
     """
 
     def __init__(self, board, bare, faults, file, mark_s):
         self._board, self._bare, self._faults = board, bare, faults
         self._began_s, self._mark_s = board.now_s(), mark_s
-        self.keys = {name: Keys(file, bare.now_s) for name in ("host", "frames", "usb")}
+        self.strips = [
+            {name: Keys(file, bare.now_s) for name in ("host", "frames", "usb")}
+            for _ in board.sensors
+        ]
         self.memory = Memory()
         self.free_bytes: list[int] = []  # free heap of the board: minima before and after `mark_s`
-        info = board.command("hello")
-        layout = load_layout(_LAYOUT)
-        self._engine = KeyEngine(layout, info["length_um"], self.keys["host"], info["decay"])
+        self._engines, self._usages = [], []
+        for sensor, layout in zip(board.sensors, _LAYOUTS):
+            info = board.command(of_sensor("hello", sensor))
+            host = self.strips[sensor]["host"]
+            self._engines.append(KeyEngine(layout, info["length_um"], host, info["decay"]))
+            self._usages.append({action & 0xFF for action in layout.typed})
         self._gaps = self._told_gaps()
         self._brown_outs = 0
 
@@ -79,33 +101,44 @@ class Watch:
     def settle(self, most_s: float) -> None:
         """Continue until no key is down, at most for `most_s` seconds."""
         end_s = self._board.now_s() + most_s
-        while any(keys.down for keys in self.keys.values()) and self._board.now_s() < end_s:
+        while any(keys.down for keys in self.keyboards()) and self._board.now_s() < end_s:
             self.run(_TICK_S)
+
+    def keyboards(self) -> Iterator[Keys]:
+        """Yield the keyboards of all strips."""
+        for strip in self.strips:
+            yield from strip.values()
 
     def _take(self, frame) -> None:
         gaps = self._told_gaps()
         if gaps != self._gaps:  # see docs/protocol.md: a dropped KEY frame is not sent again
             self._gaps = gaps
-            self.keys["frames"].release()
+            for strip in self.strips:
+                strip["frames"].release()
         if isinstance(frame, Touch):
-            self._engine.take(frame, self._board.now_s())
+            self._engines[frame.sensor].take(frame, self._board.now_s())
         elif isinstance(frame, Key):
-            self.keys["frames"].key(frame.page, frame.usage, frame.modifiers, frame.pressed)
+            keys = self.strips[frame.sensor]["frames"]
+            keys.key(frame.page, frame.usage, frame.modifiers, frame.pressed)
 
     def _told_gaps(self) -> tuple[int, int]:
         return self._board.stats.lost, self._board.stats.restarts
 
     def _look(self) -> None:
-        self._engine.tick(self._board.now_s())
+        for engine in self._engines:
+            engine.tick(self._board.now_s())
         brown_outs = self._faults.ledger.counts["power.brown_outs"]
         if brown_outs != self._brown_outs:  # a computer releases the keys of a removed keyboard
             self._brown_outs = brown_outs
-            self.keys["usb"].release()
+            for strip in self.strips:
+                strip["usb"].release()
         for interface, report in self._bare.usb.reports:
             if interface == _INTERFACE:
-                self.keys["usb"].report(KEYBOARD, usages_of(report))
+                down = set(usages_of(report))
+                for strip, own in zip(self.strips, self._usages):
+                    strip["usb"].report(KEYBOARD, down & own)
         self._bare.usb.reports.clear()
-        for keys in self.keys.values():
+        for keys in self.keyboards():
             keys.look()
         self._note_free()
         now_s = self._board.now_s()
@@ -137,7 +170,7 @@ def with_typing(
         Random seed of the text and of its touches.
     """
     touches = round(file.seconds * words_per_min / 12)
-    typed = fast_typing(load_layout(_LAYOUT), words_per_min, touches, length_mm, seed)
+    typed = fast_typing(_LAYOUTS[0], words_per_min, touches, length_mm, seed)
     within = [touch for touch in typed.touch if touch.points[-1][0] < file.seconds]
     return msgspec.structs.replace(file, touch=within)
 
@@ -148,6 +181,7 @@ def soak(
     seed: int,
     sensor: str = "default",
     words_per_min: float | None = None,
+    strips: int = 1,
     console: Console | None = None,
 ) -> dict:
     """Run a virtual board in simulated time and return the results.
@@ -162,6 +196,8 @@ def soak(
         Random seed of noise and faults.
     words_per_min : float, optional
         Speed of fast typing that replaces the touches of the scenario, see `with_typing`.
+    strips : int
+        Number of strips on the board, 1 or 2. Both have the same fingers, but their own faults.
     console : rich.console.Console, optional
         Console that shows the progress, if it is a terminal; stderr by default.
 
@@ -176,18 +212,36 @@ def soak(
     if words_per_min is not None:
         file = with_typing(file, words_per_min, strip.length_mm, seed)
     faults = Faults(file.faults, file.seconds, seed)
-    bare = LockstepLink(strip, Scenario(file), seed, faults=faults)
-    recoveries = Recoveries(faults.ledger.spells)
-    audit = Audit(faults.to_host.touched, recoveries.arrived)
+    ledgers, second = [faults.ledger], None
+    if strips == 2:
+        other = Faults(file.faults, file.seconds, seed + 1)
+        ledgers.append(other.ledger)
+        faults.ledger.spells = _Spells(other.ledger.spells)
+        second = Scenario(file), seed + 1
+    bare = LockstepLink(strip, Scenario(file), seed, faults=faults, second=second)
+    if second:
+        bare.second = FaultyBus(bare.second, other)
+    recoveries = [Recoveries(ledger.spells) for ledger in ledgers]
+
+    def arrived(reading: Touch, now_s: float) -> None:
+        recoveries[reading.sensor].arrived(now_s)
+
+    audit = Audit(faults.to_host.touched, arrived)
     link = Tap(FaultyLink(Tap(bare, audit.send), faults), audit.receive)
     seconds = _HOUR_S * hours
     with Board(link) as board:
-        prepare(board, calibrate(strip))
-        board.command("set keys=1")
+        own = board.info["id"]
+        for i in range(strips):
+            lines = calibrate(strip)
+            if i:
+                lines = [line.replace(f"board {own}", f"board {own}-{i}") for line in lines]
+                _upload(board, _LAYOUTS[i].lines, i)
+            prepare(board, lines, i)
+            board.command(of_sensor("set keys=1", i))
         board.command("save")  # otherwise a restart would lose the calibration
         watch = Watch(board, bare, faults, file, min(_HOUR_S, seconds / 2))
         began_s = link.now_s()
-        board.command("stream touch")
+        board.stream("touch")
         with Progress(console=console or Console(stderr=True), transient=True) as progress:
             task = progress.add_task("simulated time", total=seconds)
             while (left_s := began_s + seconds - link.now_s()) > 0:
@@ -195,11 +249,15 @@ def soak(
                 progress.update(task, completed=link.now_s() - began_s)
         watch.settle(file.seconds)
         audit.finish()
-        recoveries.finish(link.now_s())
+        for recovery in recoveries:
+            recovery.finish(link.now_s())
         lasted_s = link.now_s() - began_s
         rate_hz = 1e6 / board.info["exposure_us"] / board.info["average"]
         stats = board.stats
     watch.memory.mark()
+    counts = Counter(faults.ledger.counts)
+    for i, ledger in enumerate(ledgers[1:], 1):
+        counts.update({_of_strip(kind, i): count for kind, count in ledger.counts.items()})
     damaged = sum(faults.ledger.counts[f"to_host.{way}"] for way in WAYS)
     return {
         "scenario": scenario,
@@ -218,15 +276,44 @@ def soak(
         "wrong_frames": [str(frame) for frame in audit.wrong_frames],
         "refused_pieces": stats.bad_crc,
         "restarts_noticed": stats.restarts,
-        "readings_percent": round(100 * audit.readings / (lasted_s * rate_hz), 2),
-        "faults": dict(sorted(faults.ledger.counts.items())),
-        "recoveries": recoveries.summary(),
+        "readings_percent": round(100 * audit.readings / (lasted_s * rate_hz * strips), 2),
+        "faults": dict(sorted(counts.items())),
+        "recoveries": {
+            _of_strip(kind, i): took
+            for i, recovery in enumerate(recoveries)
+            for kind, took in recovery.summary().items()
+        },
         "keys": {
-            name: {**keys.summary(), "down_at_the_end": keys.down}
-            for name, keys in watch.keys.items()
+            _of_strip(name, i): {**keys.summary(), "down_at_the_end": keys.down}
+            for i, strip_keys in enumerate(watch.strips)
+            for name, keys in strip_keys.items()
         },
         "memory": {"board_free_bytes": watch.free_bytes, "host": watch.memory.marks},
     }
+
+
+class _Spells(list):
+    """A list of faults that appends those of `_COMMON` to the list of another strip too."""
+
+    def __init__(self, other: list):
+        super().__init__()
+        self._other = other
+
+    def append(self, spell) -> None:
+        super().append(spell)
+        if spell[0] in _COMMON:
+            self._other.append(spell)
+
+
+def _upload(board: Board, layout: list[str], sensor: int) -> None:
+    board.command(of_sensor("layout begin", sensor))
+    for line in layout:
+        board.command("layout " + line)
+    board.command("layout end " + checksum(layout))
+
+
+def _of_strip(name: str, strip: int) -> str:
+    return f"{name} of strip {strip}" if strip else name
 
 
 def soak_command(
@@ -236,6 +323,7 @@ def soak_command(
     sensor: str,
     words_per_min: float | None,
     as_json: bool,
+    strips: int = 1,
 ) -> None:
     """Run a soak test and print its results; the parameters are those of `soak`.
 
@@ -244,7 +332,7 @@ def soak_command(
     SpotsError
         After the results are printed, if `broken_promises` yields a failure.
     """
-    ledger = soak(hours, scenario, seed, sensor, words_per_min)
+    ledger = soak(hours, scenario, seed, sensor, words_per_min, strips)
     print(json.dumps(ledger) if as_json else _table(ledger))
     broken = list(broken_promises(ledger))
     if broken:
@@ -283,10 +371,10 @@ def _table(ledger: dict) -> str:
         *(_keys_line(name, keys) for name, keys in ledger["keys"].items()),
         *_memory_lines(ledger["memory"]),
         "",
-        f"{'fault':<26}{'count':>8}{'median s':>10}{'longest s':>11}   from its end to readings",
+        f"{'fault':<36}{'count':>8}{'median s':>10}{'longest s':>11}   from its end to readings",
     ]
     for kind, count in ledger["faults"].items():
-        row = f"{kind:<26}{count:>8}"
+        row = f"{kind:<36}{count:>8}"
         if kind in ledger["recoveries"]:
             took = ledger["recoveries"][kind]
             row += f"{took['median_s']:>10.3f}{took['longest_s']:>11.3f}"
@@ -296,7 +384,7 @@ def _table(ledger: dict) -> str:
 
 def _keys_line(name: str, keys: dict) -> str:
     return (
-        f"keys {name:<7}presses {keys['presses']}, releases {keys['releases']}, "
+        f"keys {name:<18}presses {keys['presses']}, releases {keys['releases']}, "
         f"stuck {keys['stuck']}, down at the end {keys['down_at_the_end']}"
     )
 

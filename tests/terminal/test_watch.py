@@ -59,6 +59,8 @@ def test_a_score_compares_trusted_readings_under_one_finger_and_no_others():
     score.take(reading(flags=3, position_um=0, time_s=3.8), 3.81)  # saturated
     score.take(reading(position_um=0, time_s=15.0), 15.01)  # no finger there
     assert score.position_rmse_um == pytest.approx(((30**2 + 40**2) / 2) ** 0.5, abs=0.01)
+    assert score.position_median_um == pytest.approx(35)
+    assert score.trusted_percent == pytest.approx(200 / 3, abs=0.01)
     assert score.force_rmse_mN == pytest.approx((10**2 / 2) ** 0.5, abs=0.01)
     assert score.touches == 2
     assert score.latency_ms(50) == pytest.approx(10, abs=0.1)

@@ -48,7 +48,14 @@ class Person:
         Length of the strip.
     place_mm, force_share : float
         Largest error of a press: of its place, and of its force as a share.
+
+    Attributes
+    ----------
+    now_s : callable
+        Clock of the timeouts. That of a simulated board does not depend on the load of the machine.
     """
+
+    now_s = staticmethod(time.monotonic)
 
     def __init__(self, page, held, length_mm, seed=0, place_mm=0.0, force_share=0.0):
         self.page = page
@@ -69,9 +76,9 @@ class Person:
 
     def wait(self, until, act=lambda seen: None, timeout_s=60.0):
         """Watch the page until `until(seen)`; return what was seen last."""
-        end_s = time.monotonic() + timeout_s
+        end_s = self.now_s() + timeout_s
         while not until(seen := look(self.page)):
-            assert time.monotonic() < end_s, seen
+            assert self.now_s() < end_s, seen
             act(seen)
             self.page.wait_for_timeout(30)
         return seen

@@ -20,6 +20,7 @@ from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.settings_editor import SettingsEditor
 from spots.web.state import PageState
+from spots.web.strip_choice import StripChoice
 from spots_sim.lockstep import LockstepLink
 from spots_sim.paced import PacedLink
 
@@ -67,6 +68,8 @@ class Cable(PacedLink):
 class Bench:
     """A board on a scenario, as often as it is plugged in, and a reader of it.
 
+    With `second`, the scenario of a second strip, the board has two strips.
+
     Attributes
     ----------
     link : Cable or None
@@ -84,9 +87,11 @@ class Bench:
         speed=1.0,
         edit=None,
         settings=None,
+        second=None,
     ):
         self._speed = speed
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
+        self._second = second and (second, 2)
         self.state = PageState()
         self.recordings = Recordings(record_to, self.state) if record_to else None
         self.orders = {"recording": self.recordings} if record_to else {}
@@ -96,6 +101,8 @@ class Bench:
             self.orders["layout"] = LayoutEditor(edit, load(layout), self.state)
         for name, path in (settings or {}).items():
             self.orders[name] = SettingsEditor(name, path, self.state)
+        if self.orders and second:
+            self.orders["strip"] = StripChoice()
         self.link = None
         self.there = True
         self.asked_for = []
@@ -107,10 +114,15 @@ class Bench:
         self.asked_for.append(board_id)
         if not self.there:
             raise SpotsError("no board found, plug one in")
-        link = Cable(LockstepLink(self._sensor, self._scenario), self._speed)
+        link = LockstepLink(self._sensor, self._scenario, second=self._second)
+        self.wires = link
+        link = Cable(link, self._speed)
         board = Board(link)
         if self._calibration:
             prepare(board, self._calibration)
+            own = f"board {board.info['id']}"
+            for i in board.sensors[1:]:
+                prepare(board, [one.replace(own, f"{own}-{i}") for one in self._calibration], i)
         link.pace()
         self.link, self.board = link, board
         return board

@@ -18,38 +18,35 @@ from test_page_states import SCREENS
 LONG_MS = 60_000
 
 
-@pytest.fixture(params=["light", "dark"])
-def scheme(request):
-    return {"color_scheme": request.param}
-
-
 def serious(page):
-    """Return the serious findings of axe-core: rule, element and remedy."""
-    found = Axe().run(page).response["violations"]
-    return [
-        (one["id"], node["target"], node["failureSummary"])
-        for one in found
-        if one["impact"] in ("serious", "critical")
-        for node in one["nodes"]
-    ]
+    """Return the serious findings of axe-core: colours, rule, element and remedy."""
+    found = []
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        found += [
+            (scheme, one["id"], node["target"], node["failureSummary"])
+            for one in Axe().run(page).response["violations"]
+            if one["impact"] in ("serious", "critical")
+            for node in one["nodes"]
+        ]
+    return found
 
 
-@pytest.mark.parametrize("size", SCREENS)
-def test_a_strip_with_its_keys(bench, serve, open_page, scheme, size):
+def test_a_strip_with_its_keys(bench, serve, open_page):
     held = Held()
     held.press = Press(40.0, 3000, 4.0)
-    width, height = SCREENS[size]
-    page = open_page(
-        serve(bench(held).state).url, viewport={"width": width, "height": height}, **scheme
-    )
-    until(page, "drawn.length > 20")
-    assert serious(page) == []
+    page = open_page(serve(bench(held).state).url)
+    for width, height in SCREENS.values():
+        page.set_viewport_size({"width": width, "height": height})
+        page.evaluate("drawn.length = 0")
+        until(page, "drawn.length > 20")
+        assert serious(page) == [], (width, height)
 
 
-def test_an_editor_of_keys(bench, serve, open_page, scheme, tmp_path):
+def test_an_editor_of_keys(bench, serve, open_page, tmp_path):
     held = Held()
     one = bench(held, edit=tmp_path / "mine.toml", layout="mini")
-    page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+    page = open_page(serve(one.state, orders=one.orders).url)
     page.locator("#edit").click(timeout=LONG_MS)
     until(page, "drawn.length > 20")
     page.get_by_text("Tuning").click()
@@ -66,11 +63,27 @@ def test_an_editor_of_keys(bench, serve, open_page, scheme, tmp_path):
     assert serious(page) == []
 
 
+def test_two_strips(bench, serve, open_page, tmp_path):
+    second = Held()
+    second.press = Press(40.0, 3000, 4.0)
+    one = bench(Held(), second=second, edit=tmp_path / "mine.toml")
+    page = open_page(serve(one.state, orders=one.orders).url)
+    expect(page.locator("#beside .press.on")).to_have_count(1, timeout=LONG_MS)
+    assert serious(page) == []
+    page.get_by_role("button", name="strip 0", exact=True).focus()
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    chosen = page.get_by_role("button", name="strip 1", exact=True)
+    expect(chosen).to_have_attribute("aria-pressed", "true", timeout=LONG_MS)
+    expect(page.locator("#touch .press.on")).to_have_count(1, timeout=LONG_MS)
+    assert serious(page) == []
+
+
 @pytest.mark.parametrize("name", KINDS)
-def test_an_editor_of_settings(bench, serve, open_page, scheme, tmp_path, name):
+def test_an_editor_of_settings(bench, serve, open_page, tmp_path, name):
     held = Held()
     one = bench(held, settings={name: tmp_path / "mine.toml"})
-    page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+    page = open_page(serve(one.state, orders=one.orders).url)
     page.locator(f"#edit-{name}").click(timeout=LONG_MS)
     until(page, "drawn.length > 20")
     held.press = Press(40.0, 6000, 4.0)
@@ -79,14 +92,14 @@ def test_an_editor_of_settings(bench, serve, open_page, scheme, tmp_path, name):
     assert serious(page) == []
 
 
-def test_recordings(bench, serve, open_page, scheme, sensor, tmp_path):
+def test_recordings(bench, serve, open_page, sensor, tmp_path):
     for name in "ab":
         with Board(LockstepLink(sensor, Held())) as board:
             board.command("stream touch")
             with board.record(tmp_path / f"{name}.spots"):
                 next(board.frames(0.1))
     one = bench(Held(), record_to=tmp_path)
-    page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+    page = open_page(serve(one.state, orders=one.orders).url)
     page.locator("#open-recordings").click(timeout=LONG_MS)
     page.get_by_label("Compare a.spots").check(timeout=LONG_MS)
     page.get_by_label("Compare b.spots").check()
@@ -98,24 +111,24 @@ def test_recordings(bench, serve, open_page, scheme, sensor, tmp_path):
     assert reached(page, "recordings") == 0
 
 
-def test_a_linkage(linkage_page, scheme):
-    assert serious(linkage_page(**scheme)) == []
+def test_a_linkage(linkage_page):
+    assert serious(linkage_page()) == []
 
 
 @pytest.mark.parametrize("state", _NEXT)
-def test_a_board_that_cannot_be_read(serve, open_page, scheme, state):
+def test_a_board_that_cannot_be_read(serve, open_page, state):
     shown = PageState()
     shown.put("board", {"state": state, "message": "a reason", "next": _NEXT[state]})
-    page = open_page(serve(shown).url, **scheme)
+    page = open_page(serve(shown).url)
     expect(page.locator("#next")).to_be_visible(timeout=LONG_MS)
     page.wait_for_timeout(500)  # the panels fade
     assert serious(page) == []
 
 
-def test_a_calibration(sensor, serve, open_page, scheme, tmp_path):
+def test_a_calibration(sensor, serve, open_page, tmp_path):
     one = Bench(sensor, None, Held(), session=tmp_path / "calibration.jsonl")
     try:
-        page = open_page(serve(one.state, orders=one.orders).url, **scheme)
+        page = open_page(serve(one.state, orders=one.orders).url)
         start = page.locator("#calibration .kind[value=rough]")
         start.wait_for(timeout=LONG_MS)
         assert serious(page) == []

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import json
+import re
 
+import numpy as np
 import pytest
 from playwright.sync_api import expect
 
 from person import Person, look
 from serving import Bench, Serving, apart, eventually, send_from_other_site, until
+from spots.calibrate import calibration_file
 from spots.calibrate.session import Session
 from spots.cli import main
 from spots.web.calibration import PageCalibration
 from spots.web.state import PageState
+from spots_device.calibration import Calibration
+from spots_device.settings import checksum
+from spots_sim.change import Change
+from spots_sim.optics import Optics
 from spots_sim.scenario import Held, Press
 from test_page_recording import post, token_of
 
@@ -231,10 +238,10 @@ BAD = (
 )
 
 
-@pytest.mark.parametrize("body", BAD)
-def test_a_message_that_is_none_is_refused(table, caplog, body):
+def test_invalid_messages_are_refused(table, caplog):
     before = table.shown()
-    assert table.send(body)[0] == 400
+    for body in BAD:
+        assert table.send(body)[0] == 400, body
     assert table.shown() == before
     assert caplog.records == []
 
@@ -310,3 +317,85 @@ def test_a_mistake_is_one_sentence(capsys, tmp_path, options, says):
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
+
+
+MARKS_MM = 8.5, 42.5, 76.5
+DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)
+
+
+@pytest.fixture
+def drifted(sensor, calibration, serve, tmp_path):
+    """A calibrated board whose strip has drifted, its server, and the finger."""
+    optics, made = Optics(sensor), Calibration(calibration).conditions
+    at = [optics.names.index(name) for name in made.plan]
+    logs = [tuple(np.log2(optics.press(mm, 4.0)[at]).round(6).tolist()) for mm in MARKS_MM]
+    marks = calibration_file.Marks(
+        place_um=tuple(1000 * mm for mm in MARKS_MM), force_mN=3000.0, logs=tuple(logs)
+    )
+    file = calibration_file.CalibrationFile(
+        date=calibration_file.now(), **made._asdict(), lines=tuple(calibration), marks=marks
+    )
+
+    class Drifted:
+        held, out = Held(), tmp_path / "calibration.toml"
+
+    calibration_file.save(file, Drifted.out)
+    Drifted.held.changed = DRIFT
+    Drifted.file = calibration_file.load(Drifted.out)
+    session = tmp_path / "calibration.jsonl"
+    Drifted.bench = Bench(sensor, calibration, Drifted.held, session=session, speed=SPEED)
+    Drifted.server = serve(Drifted.bench.state, orders=Drifted.bench.orders)
+    yield Drifted
+    Drifted.bench.close()
+
+
+def test_a_re_zero_corrects_a_drift_or_changes_nothing(drifted, open_page):
+    page = open_page(drifted.server.url, **PHONE)
+    page.locator("#calibrate").click(timeout=LONG_MS)
+    person = Person(page, drifted.held, 85.0)
+    person.start("rezero")
+    person.go_on(lambda seen: seen["count"] == "1 of 3")
+    expect(page.locator("#calibration h2")).to_have_text("Calibration: re-zero")
+    expect(page.get_by_role("button", name="Undo the last press")).to_be_hidden()
+    message = {"do": "undo", "step": drifted.bench.orders["calibration"]._step}
+    token = token_of(drifted.server)
+    status, why = post(drifted.server, json.dumps(message), path="calibration", token=token)
+    assert (status, "a re-zero" in why or "earlier step" in why) == (409, True)
+    page.get_by_role("button", name="Stop", exact=True).click()
+    seen = person.wait(lambda seen: seen["starts"])
+    assert (seen["todo"], seen["note"]) == (
+        "The re-zero is stopped",
+        "stopped: nothing was saved",
+    )
+    assert calibration_file.load(drifted.out) == drifted.file
+    drifted.held.press = person._last = None
+    person.start("rezero")
+    seen = person.go_on()
+    assert seen["todo"] == "The board is re-zeroed"
+    assert "% paler" in seen["said"] + seen["note"]
+    new = calibration_file.load(drifted.out)
+    assert new.rezeros[0].place_um == tuple(1000 * mm for mm in MARKS_MM)
+    stored = apart(lambda: drifted.bench.board.command("hello")["calibration"])
+    assert stored == checksum(new.lines) != checksum(drifted.file.lines)
+    press_and_read(page, drifted.held, (20.0, 60.0))
+
+
+def test_without_a_calibration_there_is_no_re_zero(table, open_page):
+    page = open_page(table.server.url)
+    expect(page.locator("#calibration .kind[value=rough]")).to_be_visible(timeout=LONG_MS)
+    expect(page.locator("#calibration .kind[value=rezero]")).to_be_hidden()
+    assert table.send({"do": "start", "kind": "rezero", "length_mm": 85.0})[0] == 204
+    note = page.locator("#calibration .note.warn").first
+    expect(note).to_contain_text("make it with 'spots calibrate'", timeout=LONG_MS)
+
+
+def test_the_next_step_is_a_button_of_this_window(serve, open_page, tmp_path):
+    state = PageState()
+    orders = {"calibration": PageCalibration(tmp_path / "mine.jsonl", state)}
+    state.put("board", {"state": "connected", "board": "a", "port": "x", "message": "", "next": ""})
+    server = serve(state, orders=orders)
+    watching, acting = open_page(f"http://127.0.0.1:{server.port}/"), open_page(server.url)
+    for command, here in (("spots rezero", "Re-zero"), ("spots calibrate", "calibrate")):
+        state.put("untrusted", f"a reason; next: {command}")
+        expect(watching.locator("#next")).to_have_text(f"a reason; next: {command}")
+        expect(acting.locator("#next")).to_have_text(re.compile(f"next: press .*{here}.$"))

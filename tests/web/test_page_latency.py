@@ -7,6 +7,7 @@ while another one stands still.
 
 from __future__ import annotations
 
+import os
 import time
 
 import numpy as np
@@ -159,7 +160,7 @@ def test_from_frame_to_pixel(played, serve, open_page, tmp_path, pages, stalled,
     print(
         f"\n{pages} pages, {stalled} stalled and {editing} that edits, each drawing "
         f"{np.median(rates):.0f} of {board_hz:.0f} readings a second; "
-        f"from frame to pixel p50 {p50:.1f} ms, p99 {p99:.1f} ms"
+        f"from frame to pixel p50 {p50:.1f} ms, p99 {p99:.1f} ms; load {os.getloadavg()[0]:.1f}"
     )
     newest_s = found[0][-1]["time_s"]
     for page, end in zip(others, wake):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 import time
 
 import aiohttp
@@ -301,3 +302,23 @@ def test_many_recordings_leave_nothing_in_the_way(sensor, tmp_path):
         for i in range(3):
             with board.record(tmp_path / f"{i}.spots"):
                 assert len(board._on_data) == len(board._on_close) == 1
+
+
+def test_a_request_may_follow_an_answer_at_once(tmp_path, monkeypatch):
+    recordings, attached, second = Recordings(tmp_path, PageState()), threading.Event(), []
+    read = recordings._list
+
+    def listed():
+        assert attached.wait(60)
+        return read()
+
+    monkeypatch.setattr(recordings, "_list", listed)
+    first = recordings.submit("list")
+    with pytest.raises(SpotsError, match="wait a moment"):
+        recordings.submit("list").result(60)
+    first.add_done_callback(lambda _: second.append(recordings.submit("list")))
+    attached.set()
+    assert first.result(60) == {"files": []}
+    while not second:
+        time.sleep(0.01)
+    assert second[0].result(60) == {"files": []}

@@ -7,8 +7,9 @@ import re
 import pytest
 from playwright.sync_api import expect
 
-from serving import eventually, until
+from serving import apart, eventually, until
 from spots.web.state import PageState
+from spots_sim.demo import show_page
 from spots_sim.files import Finger, ScenarioFile
 from spots_sim.scenario import Held, Press, Scenario
 
@@ -60,22 +61,6 @@ def test_the_next_step_is_in_sight(serve, open_page, screen, calibrated):
     assert page.evaluate(IN_SIGHT, "#next")
 
 
-def test_a_second_strip_is_a_sentence(serve, open_page):
-    state = PageState()
-    page = open_page(serve(state).url)
-    board = {"state": "connected", "board": "a board", "port": "x", "message": "", "next": ""}
-    state.put("board", board | {"layout": None, "sensors": 2})
-    expect(page.locator("#next")).to_have_text(
-        "this board has 2 strips, and the first is shown; next: to see the other one, start "
-        "'spots serve --port x#1'"
-    )
-    state.put("untrusted", "every reading is untrusted; next: wipe")
-    expect(page.locator("#next")).to_have_text(re.compile("^every reading"))
-    state.put("untrusted", None)
-    state.put("board", board | {"layout": None, "sensors": 1})
-    expect(page.locator("#next")).to_be_hidden()
-
-
 def test_strip_and_keys_are_in_sight(bench, serve, open_page, screen):
     page = open_page(serve(bench(Held()).state).url, **screen)
     expect(page.locator(".key")).to_have_count(10, timeout=LONG_MS)
@@ -104,6 +89,30 @@ def test_the_history_is_in_mm_and_shows_the_value_at_the_pointer(bench, serve, o
     expect(slider).to_have_attribute("aria-valuetext", re.compile("mm, .* N, contrast "))
     page.keyboard.press("Escape")
     expect(readout).to_be_empty()
+
+
+@pytest.mark.parametrize(
+    ("use", "panel"), [("keyboard", "keyboard"), ("wearable", "keyboard"), ("controller", "stick")]
+)
+def test_the_application_that_was_asked_for_is_in_sight(
+    bench, serve, open_page, monkeypatch, use, panel
+):
+    served = []
+    monkeypatch.setattr("spots.web.serve.serve", lambda state, *_: served.append(state))
+    apart(show_page, use, "default", "demo", 0)
+    (state,) = served
+    one = bench(Held())
+    one.state.put("application", state.since(state.begin())[1]["application"])
+    page = open_page(serve(one.state).url)
+    expect(page.locator("#stick")).to_be_visible(timeout=LONG_MS)
+    expect(page.locator(".key")).to_have_count(10)
+    top = "(name) => document.querySelector(name).getBoundingClientRect().top"
+    for width, height in SCREENS.values():
+        page.set_viewport_size({"width": width, "height": height})
+        eventually(page, lambda: page.evaluate(IN_SIGHT, f"#{panel} h2"))
+        shown = ("touch", panel, *{"history", "spectrum", "keyboard", "stick"} - {panel})
+        tops = [page.evaluate(top, f"#{name}") for name in shown]
+        assert tops[0] < tops[1] < min(tops[2:])
 
 
 def test_a_linkage_comes_first_and_fills_its_place(linkage_page, screen):

@@ -18,7 +18,7 @@ from micropython import const
 from ..as7341 import AS7341, SensorError
 from ..settings import BoardSettings, load_lines
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
-from .stay import told_to_stay
+from .stay import must_stay
 
 # `ticks_diff` adds half a period; with a period of 2**30 us the sum would be no small integer.
 _PERIOD_US = const(1 << 29)
@@ -288,7 +288,7 @@ def main():
     """
     import board_config
 
-    if told_to_stay():
+    if must_stay():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
     if usb_cdc.data is None:

@@ -10,12 +10,15 @@ import micropython
 from micropython import const
 
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
-from .stay import told_to_stay
+from .stay import must_stay
 
 _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
 _SLOW_US = const(200_000)  # a write blocks for half a second if the host does not read
-_PAUSE_US = const(250_000)  # pause after such a write; doubled after each further one
+# Pause after such a write, and its factor after each further one. The first pause is short, because
+# a single write may be slow for another reason.
+_PAUSE_US = const(1_000)
+_PAUSE_TIMES = const(16)
 _PAUSE_MAX_US = const(64_000_000)
 
 
@@ -80,8 +83,9 @@ class StdioSerial:
         self._out = sys.stdout.buffer.write
         self._in = sys.stdin.buffer
         self._byte = bytearray(1)
-        self._writable = select.poll()
-        self._writable.register(sys.stdout, select.POLLOUT)
+        poll = select.poll()
+        poll.register(sys.stdout, select.POLLOUT)
+        self._ipoll = poll.ipoll
         self._readable = select.poll()
         self._readable.register(sys.stdin, select.POLLIN)
         self._pause_us = self._from = 0
@@ -96,28 +100,33 @@ class StdioSerial:
         size : int
             Bytes of the frame.
         """
-        if not self._is_writable():
+        if self._pause_us and self._pauses():
             return False
-        began = time.ticks_us()
-        # MicroPython returns the size even if it stopped waiting and dropped the bytes.
-        sent = self._put(buffer, size) == size
-        return self._took(began) and sent
+        for event in self._ipoll(0):
+            if event[1] & select.POLLOUT:
+                break
+        else:
+            return False
+        return self._put(buffer, size)
 
-    def _is_writable(self):
+    def _pauses(self):
         # Ticks wrap, so a time in the far past looks like a time in the future.
-        if self._pause_us:
-            left_us = time.ticks_diff(self._from, time.ticks_us())
-            if 0 < left_us <= self._pause_us:
-                return False
-        for _, event in self._writable.ipoll(0):
-            return event & select.POLLOUT > 0
-        return False
+        return 0 < time.ticks_diff(self._from, time.ticks_us()) <= self._pause_us
 
     def _put(self, buffer, size):
+        began = time.ticks_us()
         try:
-            return self._out(buffer, size)
+            # MicroPython returns the size even if it stopped waiting and dropped the bytes.
+            sent = self._out(buffer, size) == size
         except OSError:
-            return 0
+            sent = False
+        now = time.ticks_us()
+        if time.ticks_diff(now, began) < _SLOW_US:
+            self._pause_us = 0
+            return sent
+        self._pause_us = min(max(_PAUSE_TIMES * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
+        self._from = time.ticks_add(now, self._pause_us)
+        return False
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits.
@@ -132,15 +141,6 @@ class StdioSerial:
                 self._pause_us = 0
                 return self._byte[0]
         return -1
-
-    def _took(self, began):
-        now = time.ticks_us()
-        if time.ticks_diff(now, began) < _SLOW_US:
-            self._pause_us = 0
-            return True
-        self._pause_us = min(max(2 * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
-        self._from = time.ticks_add(now, self._pause_us)
-        return False
 
 
 class MachineUsb:
@@ -209,7 +209,7 @@ def main():
     """
     import board_config
 
-    if told_to_stay():
+    if must_stay():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
     if _is_safe_boot(board_config):

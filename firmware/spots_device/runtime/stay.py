@@ -14,7 +14,7 @@ def stay_after_reset():
     open(_FILE, "w").close()
 
 
-def told_to_stay():
+def must_stay():
     """Remove the marker file of `stay_after_reset`; return whether it existed."""
     try:
         os.remove(_FILE)

@@ -15,9 +15,10 @@ from spots_device.calibration import ONE_Q13, Calibration
 from spots_device.log2 import ONE as ONE_Q20
 from spots_device.smux import CHANNELS
 
+from .fit import ONE_Q12
+
 _DEGREE = 7
 _PLACES = 65
-_ONE_Q12 = 1 << 12
 # Rounding errors of the sums in log2 units; the lines contain integers only.
 _SUM_SIGMA, _MISFIT_SIGMA = 5e-5, 1e-4
 # Expected size of the Chebyshev coefficient of degree n, times n squared.
@@ -61,7 +62,7 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
         for weights, knots, one, sigma in (
             (segment.position, segment.contrasts, ONE_Q20, _SUM_SIGMA),
             (segment.force, segment.offsets, ONE_Q20, _SUM_SIGMA),
-            (made.fit, segment.fits, _ONE_Q12, _MISFIT_SIGMA),
+            (made.fit, segment.fits, ONE_Q12, _MISFIT_SIGMA),
         ):
             rows.append(np.kron(np.array(weights) / ONE_Q13, basis) / sigma)
             values.append(np.array(knots) / one / sigma)

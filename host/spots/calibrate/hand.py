@@ -32,7 +32,7 @@ _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
 # Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
 # further such press replaces a press by hand, so a session has at most 12 or 45 presses in all.
-_OTHERS = {True: 2, False: 6}
+_OTHERS = {True: 1, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
 _MISFIT_MAX = 50.0  # chi-squared of six channels; 1e-8 of good presses exceed it
 _REMOVALS = 0.2  # largest share of removed presses; above it, the model does not fit the strip
@@ -84,8 +84,8 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             if wanted.then_mN:
                 bench.change(wanted)
         except BadPressError as bad:
-            # A press that was too dark after its first hold needs more of the second force.
-            weak = isinstance(bad, TooDarkError) and bool(bench.holds)
+            # A press that is too dark at its second hold needs more of the second force.
+            weak = isinstance(bad, TooDarkError) and len(bench.holds) > 1
             dark, tries = isinstance(bad, TooDarkError) and not weak, tries + 1
             if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
                 raise SpotsError(f"{wanted}: {bad}; {CONTINUES}") from None

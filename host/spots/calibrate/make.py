@@ -19,8 +19,6 @@ from .presses import FIRM_MN, MARKS, Noise, Presses
 from .session import Session, presses
 from .silicone import fit_session
 
-_DECODED_SAMPLES = 64  # mean counts are multiplied by this number before they are rounded
-
 
 def make(session: Session, say: Callable[[str], None] = print) -> file.CalibrationFile:
     """Compute a calibration from the presses of a session.
@@ -115,8 +113,7 @@ def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses) -> file.
     def decoded(presses: Presses) -> np.ndarray:
         rows = []
         for counts in presses.counts:
-            sums = [max(round(_DECODED_SAMPLES * count), 0) for count in counts.tolist()]
-            decode.update(sums, _DECODED_SAMPLES, [0] * len(sums), 0)
+            decode.update_mean(counts)
             rows.append((decode.position_um, decode.force_mN))
         return np.array(rows, dtype=float)
 

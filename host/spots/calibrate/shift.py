@@ -16,8 +16,7 @@ from spots_device.log2 import ONE as ONE_Q20
 from spots_device.smux import CHANNELS
 
 from ..errors import SpotsError
-
-_ONE_Q12 = 1 << 12
+from .fit import ONE_Q12
 
 
 def shifted(lines, place_um, shifts) -> list[str]:
@@ -65,7 +64,7 @@ def shifted(lines, place_um, shifts) -> list[str]:
             position, force = parts[part]
             x_um = values[1]
             values[0] += change(position, x_um)
-            values[2] += change(weights["fit"], x_um, _ONE_Q12)
+            values[2] += change(weights["fit"], x_um, ONE_Q12)
             values[3] += change(force, x_um)
     found = [" ".join(map(str, (name, *values))) for name, values in rows]
     try:

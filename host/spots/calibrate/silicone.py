@@ -32,7 +32,6 @@ _CREEP_MS = 60_000  # creep is reported for a hold of this duration
 _FULL_MN = 10_000.0  # hysteresis is reported for this force, in per cent of it
 _SURE = 3.0  # least ratio of an effect to its standard deviation
 _SHARE_MIN = 0.005  # relative error of the force table, even if the forces are exact
-_DECODED_SAMPLES = 64  # mean counts are multiplied by this number before they are rounded
 
 
 class Compensated(NamedTuple):
@@ -95,8 +94,7 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
             for (begin_s, end_s), held_mN in zip(p.holds, (p.force_mN, p.then_mN)):
                 if begin_s <= time_s <= end_s:
                     force_mN = held_mN
-            sums = [max(round(_DECODED_SAMPLES * count), 0) for count in counts]
-            decode.update(sums, _DECODED_SAMPLES, [0] * len(sums), 0)
+            decode.update_mean(counts)
             rows.append((time_s, force_mN, decode.force_mN, i))
     with suppress(SpotsError):  # older sessions have few readings of this kind
         found = fit_silicone(*np.array(rows).T, force_share=max(force_share, _SHARE_MIN))

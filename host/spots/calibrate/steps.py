@@ -31,7 +31,7 @@ _RULER_UM = 100  # resolution of a ruler
 # By kind: default and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
     "fine": (39, PLACES_MIN),
-    "rough": (10, 8),
+    "rough": (11, 8),
     "position": (17, PLACES_MIN),
     "strain": (17, PLACES_MIN),
     "force": (16, 14),

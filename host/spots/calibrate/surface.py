@@ -46,6 +46,9 @@ class Sizes:
         Standard deviation of the places that a person reads, in um.
     force_share : float
         Relative standard deviation of the forces that a person reads.
+    force_mN : float
+        Standard deviation of the weakest forces, in mN: rounding of the scale, and creep of earlier
+        presses.
     bend, rise : float
         Expected sizes of the coefficients of degree 2 of `s_c` and of `g`, in log2 units.
     dark_share : float
@@ -56,6 +59,7 @@ class Sizes:
 
     place_um: float = 300.0
     force_share: float = 0.03
+    force_mN: float = 20.0
     bend: float = 0.03
     rise: float = 0.3
     dark_share: float = 0.8
@@ -65,6 +69,7 @@ class Sizes:
 _GRIDS = {
     "place_um": (1.0, 10.0, 30.0, 60.0, 100.0, 200.0, 300.0, 500.0),
     "force_share": (0.0003, 0.003, 0.01, 0.02, 0.03, 0.05, 0.08),
+    "force_mN": (0.3, 3.0, 20.0),
     "bend": (0.003, 0.01, 0.03, 0.1, 0.3),
     "rise": (0.03, 0.1, 0.3, 1.0),
     "dark_share": (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98),
@@ -177,7 +182,8 @@ class Surface:
         noise = self._noise.log_variance(counts) / self._samples
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         slopes = self._slopes(place_um) * self.sizes.place_um
-        light = self._rises(force_mN) * self.sizes.force_share
+        weak = self.sizes.force_mN / np.maximum(force_mN, 1.0)
+        light = self._rises(force_mN) * np.hypot(self.sizes.force_share, weak)
         light = np.where(np.asarray(force_mN) > 0, light, _UNKNOWN)
         return (
             (noise + still + self.sizes.misfit**2)[:, :, None] * np.eye(CHANNELS)

@@ -4,7 +4,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from ..outputs.devices import AXIS_MAX, BUTTONS, REST, State
-from ..terminal.view import bar, figures, framed
+from ..terminal.view import bar, bar_grid, framed
 
 _COLUMNS = 61  # odd, so that there is a middle column
 _KNOB = 7
@@ -32,7 +32,7 @@ def picture(
     -------
     rich.panel.Panel
     """
-    numbers = figures()
+    numbers = bar_grid()
     along = "held: the reading is untrusted or missing" if held else ""
     numbers.add_row("x", f"{state.x:+d}" if state.x else "0", Text(along, style="yellow"))
     if state.y:

@@ -132,7 +132,7 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
     full_scale = state["full_scale"]
     least = _DIM * full_scale
     try:
-        light, brightest, fits = _lit(board, reading_s)
+        light, brightest, fits = _led_light(board, reading_s)
     except SpotsError as error:  # an LED that is always on has no dark frame yet
         yield Finding("light", False, str(error))
         return
@@ -161,15 +161,15 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 def _await(
     board: Board, reading_s: float, done: Callable[[float], bool]
 ) -> tuple[float, int, bool]:
-    """Repeat `_lit` until ``done(light)`` is true, or for `_WITHIN_S`; return its last result."""
+    """Repeat `_led_light` until ``done(light)`` or for `_WITHIN_S`. Return its last result."""
     end_s = board.now_s() + _WITHIN_S
     while True:
-        lit = _lit(board, reading_s)
+        lit = _led_light(board, reading_s)
         if done(lit[0]) or board.now_s() >= end_s:
             return lit
 
 
-def _lit(board: Board, reading_s: float) -> tuple[float, int, bool]:
+def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
     """Measure the light of the LED: take a dark frame, samples with the LED on, and a dark frame.
 
     A press also couples ambient light into the strip, and ambient light changes. So for each

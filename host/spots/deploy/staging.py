@@ -33,8 +33,8 @@ LIBRARIES = {
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The application of a board with several strips; other boards do not get it.
-_SEVERAL = "several.py"
+# The application of a board with several strips, and its multiplexer; other boards do not get them.
+_SEVERAL, _MULTIPLEXER = "several.py", "multiplexer.py"
 STRIPS_MAX = 4
 
 # A module with this suffix is the machine code of the module without it. A board gets one of both,
@@ -171,6 +171,7 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
         If the board is unknown or cannot have so many strips, or a library is not installed here.
     """
     device = device_of(board, strips)
+    sensors = device.device.get("SENSORS", ())
     for library in LIBRARIES[device.runtime]:
         _copy_library(library, folder / "lib")
     (others,) = set(ENTRIES) - {device.runtime}
@@ -183,6 +184,7 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
             f"*{others}.py",
             *([] if device.viper else [f"*{VIPER}.py"]),
             *([] if strips > 1 else [_SEVERAL]),
+            *([] if any("MUX_CHANNEL" in one for one in sensors) else [_MULTIPLEXER]),
         ),
         dirs_exist_ok=True,
     )

@@ -5,7 +5,7 @@ import math
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.calibrated import hello_often, tell_rest, ticks
+from ..link.calibrated import hello_often, request_baseline, ticks
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
@@ -63,6 +63,6 @@ def type_on(
             engine.tick(board.now_s())
             if engine.rests:
                 engine.rests = 0
-                tell_rest(board)
+                request_baseline(board)
     finally:
         engine.release()

@@ -23,9 +23,10 @@ from .serial_link import Link
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
 from .turn import Turn
 
-# Timeouts of replies. These commands reply when their work is done, others at once.
+# Timeouts of replies. These commands reply when their work is done, others at once. The usual
+# timeout is long, because a virtual board may get no processor for some seconds on a busy computer.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
-_USUAL_REPLY_S = 2.0
+_USUAL_REPLY_S = 4.0
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
 _POLL_S = 0.1
@@ -65,6 +66,25 @@ def of_sensor(line: str, sensor: int) -> str:
     str
     """
     return f"{line} sensor={sensor}" if sensor else line
+
+
+def addressed(line: str, sensor: int) -> str:
+    """Return a command of a program that knows one strip only, as a command for a strip.
+
+    Parameters
+    ----------
+    line : str
+        The command, without ``sensor=``.
+    sensor : int
+        Number of the sensor.
+
+    Returns
+    -------
+    str
+    """
+    if line.partition(" ")[0] in _OF_ALL or _UPLOADED.match(line):
+        return line
+    return of_sensor(line, sensor)
 
 
 class Board:
@@ -134,6 +154,7 @@ class Board:
         self._chosen = False  # whether `command` chose the streams
         self._loss = LinkLoss(link.now_s())
         self._resuming = False
+        self._late = False  # whether the reply to an earlier command may still arrive
         self._closed = False
         self._times_us: deque[int] = deque(maxlen=_RATE_READINGS)
         self._on_data: list[Callable[..., None]] = []
@@ -294,8 +315,11 @@ class Board:
         if timeout_s is None:
             timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         with self._turn:
+            if self._late:  # the board replies in order
+                self._late = self._exchange("hello", _HELLO_TIMEOUT_S) is None
             reply = self._exchange(line, timeout_s)
             if reply is None:
+                self._late = True
                 raise SpotsError(
                     f"no reply to '{line}' within {timeout_s:g} s from the board on {self.port}: "
                     "replug the board"
@@ -659,6 +683,7 @@ class Board:
         self._link.write(b"\n")  # an earlier program may have sent a part of a line
         replies = (self._exchange("hello", _HELLO_TIMEOUT_S) for _ in range(_HELLO_TRIES))
         info = self._checked(next(filter(None, replies), None))
+        self._late = False
         # The bytes before the reply may start in the middle of a frame.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
         return info
@@ -816,8 +841,8 @@ class Board:
         self._check_open()
         name = line.split()[0][:NAME_MAX]
         self._replies.clear()
-        if self._only and line.partition(" ")[0] not in _OF_ALL and not _UPLOADED.match(line):
-            line = of_sensor(line, self._only)
+        if self._only:
+            line = addressed(line, self._only)
         self._link.write(line.encode() + b"\n")
         sent_s = self.now_s()
         end_s = sent_s + timeout_s

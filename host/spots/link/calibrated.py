@@ -69,7 +69,7 @@ def hello_often(
     return info
 
 
-def tell_rest(board: Board) -> None:
+def request_baseline(board: Board) -> None:
     """Ask the board to take the present light as the baseline; ignore a missing reply.
 
     The baseline is the light of the untouched strip.

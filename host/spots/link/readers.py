@@ -87,7 +87,7 @@ class FrameLog:
         end = self._begin + len(self._frames)
         for place in range(max(reader.place, self._begin), end):
             frame = self._frames[place - self._begin]
-            if isinstance(frame, reader.kinds):
+            if isinstance(frame, reader.kinds) and reader.sensor in (None, frame.sensor):
                 return frame, place + 1
         return None, end
 
@@ -112,7 +112,11 @@ class FrameIterator(Generic[_ReadingT]):
         Number of the next frame in the log.
     missed : bool
         Whether frames were dropped since the last yielded frame.
+    sensor : int or None
+        Number of the strip whose frames to yield; None for the frames of all strips.
     """
+
+    sensor: int | None = None
 
     def __init__(
         self,

@@ -164,7 +164,7 @@ class DrivenLinkage(Protocol):
         """Open the board of a joint (0 or 1)."""
 
 
-def linkage_of(ports: list[str]):
+def linkage_factory(ports: list[str]):
     """Return the function `linkage` of the first port whose scheme has this function, else None.
 
     The function makes a `DrivenLinkage`, see `link.ports`.

@@ -155,7 +155,7 @@ class StripView:
         force = f"{touch.force_mN / 1000:.3f} {self.unit}" if held else "-"
         words = " ".join(flag_words(touch)) if touch is not None else ""
         share = touch.force_mN / _FULL_FORCE_MN if held else 0
-        grid = figures()
+        grid = bar_grid()
         grid.add_row("position", place, Text(words, style="yellow"))
         grid.add_row("force", force, Text(bar(share), style="cyan"))
         return grid
@@ -209,7 +209,7 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
     -------
     rich.table.Table
     """
-    grid = figures()
+    grid = bar_grid()
     top = max([*counts, least])
     for name, count in zip(plan, counts):
         colour = _CHANNEL_COLOURS.get(name, "white")
@@ -228,7 +228,7 @@ def bar(share: float) -> str:
     return "█" * (eighths // 8) + _EIGHTHS[eighths % 8].strip()
 
 
-def figures() -> Table:
+def bar_grid() -> Table:
     """Return an empty table with three columns: name, number and picture."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(justify="right", width=9)

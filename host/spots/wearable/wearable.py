@@ -10,7 +10,7 @@ import msgspec
 from .. import toml
 from ..errors import SpotsError, did_you_mean
 from ..link.board import Board
-from ..link.calibrated import hello_often, tell_rest, ticks
+from ..link.calibrated import hello_often, request_baseline, ticks
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
@@ -161,7 +161,7 @@ def play(
             gestures.tick(board.now_s())
             if gestures.rests:
                 gestures.rests = 0
-                tell_rest(board)
+                request_baseline(board)
             if display and pace.due(board.now_s()):
                 view = picture(touch, length_um, found, mapping.names, board.stats)
                 display.update(view, refresh=True)

@@ -5,27 +5,28 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 from spots_device.smux import CHANNELS
 
-from ..errors import RefusedError, SpotsError
+from ..errors import CommandError, RefusedError, SpotsError
 from ..guarded import Guarded
 from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 from ..link.connect import find, open
 from ..link.frames import Contact, Key, Spectrum, Touch
 from ..link.ports import scheme
-from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED
+from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED, silent_s
 from ..recording.replay import Replay, open_recording
 from ..terminal.view import Pace
 from .expected import expected_shown
 from .feel import Feel, layout_shown
+from .one_strip import OneStrip
 from .orders import Orders
-from .state import PageState
+from .state import Beside, PageState
 
 _TICK_S = 0.02
 _SEARCH_EVERY_S = 1.0
@@ -38,6 +39,8 @@ _NEXT = {
     LOST: "the board is disconnected; next: plug the board in again, and wait a moment",
     REFUSED: "this is another board; next: plug the previous board in, or restart 'spots serve'",
 }
+# While the other strips of the board send readings.
+_SILENT = "no readings arrive; next: check the wires of the sensor"
 
 
 class BoardReader:
@@ -74,7 +77,8 @@ class BoardReader:
         self._settings: dict[str, Any] = {"layout": layout}  # arguments of `Feel`
         self._search_every_s = search_every_s
         self._on_touch, self._orders = on_touch, orders
-        self._fingers: list[float] = []  # positions in the next reading, in um
+        self._fingers: dict[int, list[float]] = {}  # by strip: positions in its next reading, in um
+        self._shown = 0  # number of the strip that is shown in detail
         self._stopping = threading.Event()
         self._id: str | None = None
         self._known: dict = {}
@@ -106,8 +110,10 @@ class BoardReader:
         try:
             with open_recording(playing) if playing else self._open_board(self._id) as board:
                 board.when_state_changes(self._take_state)
+                several = len(board.sensors) > 1
+                strips = [OneStrip(board, i) for i in board.sensors] if several else [board]
                 while not self._stopping.is_set() and self._playing() == playing:
-                    self._read(board)
+                    self._read(board, strips)
         except SpotsError as error:
             if playing:
                 for one in self._orders:
@@ -122,45 +128,53 @@ class BoardReader:
     def _lost(self, why: str, refused: bool = False) -> None:
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
 
-    def _read(self, board: Board) -> None:
+    def _read(self, board: Board, strips: Sequence[Board | OneStrip]) -> None:
         """Read a board until it restarts, or until a request may have changed its settings."""
         restarts = board.stats.restarts
         for one in self._orders:
             self._settings |= one.feel
-        try:
-            board.command("stream contact touch spectrum")
-        except SpotsError:  # the firmware is too old for contacts
-            board.command("stream touch spectrum")
-        info = board.command("hello")
+        infos = [_begun(strip) for strip in strips]
+        self._shown = max((one.sensor for one in self._orders), default=0) % len(strips)
+        strip, info = strips[self._shown], infos[self._shown]
         playing = self._playing()
         if not playing:
-            if self._id not in (None, info["id"]):
-                raise SpotsError(f"{board.port} now has board {info['id']} instead of {self._id}")
-            self._id = info["id"]
-        settings = _settings(board)
+            if self._id not in (None, infos[0]["id"]):
+                found = infos[0]["id"]
+                raise SpotsError(f"{board.port} now has board {found} instead of {self._id}")
+            self._id = infos[0]["id"]
+        settings = _settings(strip)
         self._known = {
             **{name: info.get(name) for name in _FACTS},
-            "sensors": len(board.sensors),  # 1 if the port names one strip of several
+            "strip": self._shown,
+            "strips": [{name: one.get(name) for name in _FACTS_OF_STRIP} for one in infos],
             "port": playing.name if playing else board.port,
             "full_scale": settings["full_scale"],
-            "expected": expected_shown(board, info, settings["dark"]),
+            "expected": expected_shown(strip, info, settings["dark"]),
             "layout": layout_shown(self._settings["layout"]) if info.get("length_um") else None,
         }
         self._say(CONNECTED, "")
-        feel = Feel(board, info, self._state, **self._settings)
+        layout, beside = self._settings["layout"], {}
+        self._state.put("beside", beside.copy())
+        feels = [
+            Feel(strip, info, self._state, **self._settings)
+            if i == self._shown
+            else Feel(board, {}, Beside(self._state, i, beside), layout)
+            for i in range(len(strips))
+        ]
+        self._heard_s = [board.now_s()] * len(strips)
         health = _Health(board, self._state)
         left = self._orders
         try:
             while not self._stopping.is_set():
                 for frame in board.frames(_TICK_S):
-                    self._take(frame, feel, health, board)
+                    self._take(frame, feels, health, board)
                     if self._stopping.is_set():
                         return
                 if board.ended:  # an ended recording returns from `frames` at once
                     self._stopping.wait(_TICK_S)
-                feel.tick(board.now_s())
+                self._tick(feels, infos, board.now_s())
                 health.show()
-                if any(one.attend(board) for one in self._orders):
+                if any(one.attend(strip) for one in self._orders):
                     left = ()  # the board is still connected
                     return
                 # A pause in a recording is part of the recording.
@@ -170,29 +184,42 @@ class BoardReader:
                 if board.stats.restarts != restarts:
                     return
         finally:
-            feel.release()
+            for feel in feels:
+                feel.release()
             for one in left:
                 one.leave()
 
-    def _take(self, frame, feel: Feel, health: _Health, board: Board) -> None:
+    def _take(self, frame, feels: list[Feel], health: _Health, board: Board) -> None:
         if isinstance(frame, Touch):
             self._on_touch(frame)
-        if frame.sensor != 0:
+        if frame.sensor >= len(feels):
             return
+        feel, shown = feels[frame.sensor], frame.sensor == self._shown
         if isinstance(frame, Touch):
             if self._said["state"] != CONNECTED:
-                feel.release()
+                for one in feels:
+                    one.release()
                 self._say(CONNECTED, "")
             now_s = board.now_s()
-            feel.take(frame, now_s, self._fingers)
-            self._fingers = []
-            health.took(now_s, now_s - frame.time_s)
+            self._heard_s[frame.sensor] = now_s
+            feel.take(frame, now_s, self._fingers.pop(frame.sensor, ()))
+            if shown:
+                health.took(now_s, now_s - frame.time_s)
         elif isinstance(frame, Spectrum):
-            self._state.put("spectrum", {"counts": frame.counts})
+            if shown:
+                self._state.put("spectrum", {"counts": frame.counts})
         elif isinstance(frame, Contact):
-            self._fingers += [] if frame.ended else [frame.position_um]
+            fingers = self._fingers.setdefault(frame.sensor, [])
+            fingers += [] if frame.ended else [frame.position_um]
         elif isinstance(frame, Key):
             feel.take_key(frame)
+
+    def _tick(self, feels: list[Feel], infos: list, now_s: float) -> None:
+        for feel, info, heard_s in zip(feels, infos, self._heard_s):
+            feel.tick(now_s)
+            every_s = 1e-6 * info.get("exposure_us", 0) * info.get("average", 1)
+            if max(self._heard_s) - heard_s > silent_s(SEARCH_S, every_s):
+                feel.silence(_SILENT)
 
     def _take_state(self, state: str) -> None:
         if state != CONNECTED:  # shown with the first reading
@@ -205,7 +232,19 @@ class BoardReader:
             self._said = board  # last: after an error, the next attempt shows the state again
 
 
-def _settings(board: Board) -> dict:
+def _begun(strip: Board | OneStrip) -> Mapping[str, Any]:
+    """Start the streams of a strip, and return its reply to ``hello``."""
+    try:
+        strip.command("stream contact touch spectrum")
+    except SpotsError:  # the firmware is too old for contacts
+        strip.command("stream touch spectrum")
+    try:
+        return strip.command("hello")
+    except CommandError:
+        return {}  # of a remote board, only the first strip is known
+
+
+def _settings(board: Board | OneStrip) -> dict:
     unknown = {"full_scale": None, "dark": [0] * CHANNELS}
     try:
         return unknown | board.command("get")
@@ -217,6 +256,9 @@ _FACTS = (
     *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
     *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
+
+
+_FACTS_OF_STRIP = "id", "calibration", "length_um", "relative_force"
 
 
 class _Health:

@@ -2,21 +2,25 @@
 
 import sys
 from argparse import Namespace
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 
+from ..calibrate import calibration_file
 from ..calibrate.bench import Bench
 from ..calibrate.dialog import Progress, UndoError
 from ..calibrate.presser import Presser
+from ..calibrate.rezero import rezero, use
 from ..calibrate.session import Session, Wanted, settings
 from ..calibrate.spectra import Reading, SpectrumReader
 from ..calibrate.steps import COUNTS, LENGTH_UM, calibrate
 from ..errors import SpotsError, printable
 from ..guarded import sentence_of
 from ..link.board import Board
+from .one_strip import OneStrip
 from .orders import Orders
 from .state import PageState
 
@@ -27,14 +31,19 @@ _ALONG = "hand", "position", "force", "mark"
 _MORE = 6  # presses to add if a complete session is continued
 # Phases of a session, for the web UI.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
+REZERO = "rezero"  # kind of a session that corrects the drift of a calibration
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
+_UNCHANGED = "stopped: nothing was saved"  # a re-zero
 _BEHIND = "the answer is for an earlier step: answer the step that the page shows"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
-    """Request of a browser: start or continue a session with a strip of length `length_mm`."""
+    """Request of a browser: start or continue a session with a strip of length `length_mm`.
 
-    kind: Literal["rough", "fine"]
+    A re-zero uses the length in the calibration.
+    """
+
+    kind: Literal["rough", "fine", "rezero"]
     length_mm: Annotated[float, msgspec.Meta(ge=1, le=1000)]
 
 
@@ -64,7 +73,8 @@ class PageCalibration(Orders):
     Parameters
     ----------
     path : Path
-        Session file; the calibration file has the same name with the suffix ``.toml``.
+        Session file; the calibration file has the same name with the suffix ``.toml``. Strip 1 of a
+        board with several strips has files of its own: the names end in ``-1``.
     state : PageState
         State of the web UI; a session sets the parts ``calibration``, ``hold`` and ``spectrum``.
 
@@ -76,20 +86,31 @@ class PageCalibration(Orders):
 
     def __init__(self, path: Path, state: PageState):
         super().__init__("there is no board to calibrate: plug one in")
-        self._path, self._state = path, state
-        self._session = Session(path)
+        self._first, self._state = path, state
         self._step = 0
-        length_um = self._session.length_um or LENGTH_UM
-        self._shown = {"running": False, "file": path.with_suffix(".toml").name}
-        self._show(length_um=length_um)
+        self._shown = {"running": False}
+        self._use(path)
+
+    def _use(self, path: Path) -> None:
+        self._path, self._out = path, path.with_suffix(".toml")
+        self._show(file=self._out.name, rezero=self._out.exists(), length_um=LENGTH_UM)
+        self._session = Session(path)
+        if self._session.length_um:
+            self._show(length_um=self._session.length_um)
 
     def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
         """Return the request in a browser's message; raise a ValueError if invalid."""
         return DECODER.decode(body)
 
-    def attend(self, board: Board) -> bool:
+    def attend(self, board: Board | OneStrip) -> bool:
         """Run a session to its end if a browser has requested one; return whether a session ran."""
         self._attended = True
+        path = self._first
+        if isinstance(board, OneStrip) and board.sensor:
+            path = path.with_stem(f"{path.stem}-{board.sensor}")
+        if path != self._path:
+            with suppress(SpotsError):  # the next session reports a damaged file
+                self._use(path)
         while asked := self._next():
             request, answer = asked
             if isinstance(request, Start):
@@ -99,7 +120,7 @@ class PageCalibration(Orders):
             answer.set_exception(SpotsError("no session runs: start one"))
         return False
 
-    def _run(self, board: Board, start: Start) -> None:
+    def _run(self, board: Board | OneStrip, start: Start) -> None:
         self._restarts, self._board, self._live = board.stats.restarts, board, board.spectra()
         self._show(
             running=True, kind=start.kind, length_um=1000 * start.length_mm, phase=WORK, title="",
@@ -107,18 +128,38 @@ class PageCalibration(Orders):
         )  # fmt: skip
         end, why = "failed", None
         try:
-            self._session = Session(self._path)
-            self._calibrate(start)
+            if start.kind == REZERO:
+                self._rezero()
+            else:
+                self._session = Session(self._path)
+                self._calibrate(start)
             end = "done"
         except SpotsError as error:
-            end, why = "stopped" if str(error) == _STOPPED else end, str(error)
+            end, why = "stopped" if str(error) == self._stopped else end, str(error)
         except Exception as error:
             why = sentence_of("a session", error)
             print(f"spots: {why}", file=sys.stderr, flush=True)
         finally:
             self._live.close()
             self._state.put("hold", None)
-            self._show(running=False, phase=END, end=end, note=why, at=None, todo=None)
+            end_of = {"phase": END, "end": end, "note": why, "rezero": self._out.exists()}
+            self._show(running=False, at=None, todo=None, **end_of)
+
+    @property
+    def _stopped(self) -> str:
+        return _UNCHANGED if self._shown["kind"] == REZERO else _STOPPED
+
+    def _rezero(self) -> None:
+        made = calibration_file.load(self._out)
+        reader = SpectrumReader(self._board)
+        try:
+            bench = Bench(reader, _Person(self), self, made.length_um, self._out)
+            new = rezero(bench, made)
+            reader.restore()
+            use(bench, made, new)
+            self.say(f"the drift was: {new.rezeros[-1].drift}")
+        finally:
+            reader.restore()
 
     def _calibrate(self, start: Start) -> None:
         board, made = self._board, self._session.conditions
@@ -127,8 +168,7 @@ class PageCalibration(Orders):
             board.command("set " + settings(made))
         reader = SpectrumReader(board)
         try:
-            out = self._path.with_suffix(".toml")
-            bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, out)
+            bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, self._out)
             options = Namespace(plan=None, keep_settings=False)
             taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
             count = usual if taken < usual else taken + _MORE
@@ -206,7 +246,7 @@ class PageCalibration(Orders):
             if not self._live.unread:
                 self._state.put("spectrum", {"counts": counts})
         if self.stopping:
-            raise SpotsError(_STOPPED)
+            raise SpotsError(self._stopped)
         asked = self._next()
         if asked is None:
             return None
@@ -215,11 +255,14 @@ class PageCalibration(Orders):
         if behind or (isinstance(request, Answer) and self._shown["phase"] != ASK):
             answer.set_exception(SpotsError(_BEHIND))
             return None
+        if isinstance(request, Undo) and self._shown["kind"] == REZERO:
+            answer.set_exception(SpotsError("a re-zero keeps no presses: stop it and start again"))
+            return None
         answer.set_result(None)
         if isinstance(request, Undo):
             raise UndoError
         if isinstance(request, Cancel):
-            raise SpotsError(_STOPPED)
+            raise SpotsError(self._stopped)
         return request.text
 
     def _place_um(self, counts: np.ndarray) -> float | None:

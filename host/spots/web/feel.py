@@ -59,7 +59,7 @@ class Feel:
         self._does = gestures.pressed_by if gestures else lambda gesture: ""
         self._engine = self._gestures = self._controller = None
         self._own = info.get("keys")  # if true, the engine only tracks the layers
-        self._untrusted = Untrusted()
+        self._untrusted, self._silent = Untrusted(), ""
         self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> key in the layout
         self._shown: dict[str, object] = {}
         length_um = info.get("length_um")
@@ -92,6 +92,7 @@ class Feel:
         """
         self._state.put("touch", _message(touch, now_s, fingers))
         self._untrusted.take(touch, now_s)
+        self._silent = ""
         self._try()
         for engine in self._engines:
             found = engine.take(touch, now_s)
@@ -124,6 +125,13 @@ class Feel:
         for engine in self._engines:
             engine.tick(now_s)
         self._show()
+
+    def silence(self, sentence: str) -> None:
+        """Show why no readings arrive from the strip, until the next reading."""
+        if not self._silent:
+            self.release()
+            self._silent = sentence
+            self._show()
 
     def release(self) -> None:
         """Release all keys and the gamepad; call this when the present touch becomes unknown."""
@@ -170,7 +178,7 @@ class Feel:
         parts = {
             "keys": self._engine and self._keys(),
             "stick": self._controller and self._stick(),
-            "untrusted": self._untrusted.sentence,
+            "untrusted": self._silent or self._untrusted.sentence,
         }
         for name, value in parts.items():
             if value != self._shown.get(name):

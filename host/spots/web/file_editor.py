@@ -11,6 +11,7 @@ from spots_device.settings import checksum
 from ..errors import SpotsError
 from ..link.board import Board
 from .orders import Orders
+from .state import PageState
 
 _TEXT_MAX = 32_768  # characters; the largest layout of a board needs about 20,000
 Text = Annotated[str, msgspec.Meta(max_length=_TEXT_MAX)]
@@ -32,11 +33,10 @@ class FileEditor(Orders):
         The file. If it does not exist, the first request that stores a text creates it.
     kind : str
         Kind of file for error messages, such as "layout".
-
-    Attributes
-    ----------
-    text : str
-        Present text of the file; a subclass sets it.
+    part : str
+        Part of the web UI that shows the file.
+    state : PageState
+        State that gets this part.
 
     Raises
     ------
@@ -46,13 +46,14 @@ class FileEditor(Orders):
 
     request_max = 2 * _TEXT_MAX
     requests: Any = Check  # a union of structs
-    text: str
 
-    def __init__(self, path: Path, kind: str):
+    def __init__(self, path: Path, kind: str, part: str, state: PageState):
         super().__init__(f"there is no board for the {kind}: plug one in")
         if path.suffix != ".toml":
             raise SpotsError(f"'{path}' is not a {kind} file: give a name that ends in .toml")
         self._path, self._kind = path, kind
+        self._part, self._state = part, state
+        self._shown_for: str | None = None  # id of the strip
         self._decoder = msgspec.json.Decoder(self.requests)
 
     def decode(self, body: bytes) -> Any:
@@ -69,8 +70,9 @@ class FileEditor(Orders):
 
     def attend(self, board: Board) -> bool:
         """Handle all waiting requests; return whether something was stored."""
-        if not self._attended:
-            self._attended = True
+        self._attended = True
+        if board.info["id"] != self._shown_for:
+            self._shown_for = board.info["id"]
             self._show(board.info)
         changed = False
         while asked := self._next():
@@ -82,6 +84,7 @@ class FileEditor(Orders):
     def leave(self) -> None:
         """Handle the loss of the board: refuse all waiting requests."""
         super().leave()
+        self._shown_for = None
         self._show(None)
 
     @property
@@ -93,7 +96,17 @@ class FileEditor(Orders):
         if base != self.base:
             raise SpotsError(f"another browser has changed the {self._kind}: reload this window")
 
+    def _show(self, info: Any) -> None:
+        """Show the file in the web UI; `info` is the board's ``hello`` reply, or None."""
+        shown = {"file": self._path.name, "text": self.text, "base": self.base}
+        self._state.put(self._part, {**shown, **self._shown(info)})
+
     # In a subclass:
+
+    @property
+    def text(self) -> str:
+        """Present text of the file."""
+        raise NotImplementedError
 
     def _check(self, request: Check) -> dict[str, Any]:
         """Return the answer to a `Check`."""
@@ -103,6 +116,6 @@ class FileEditor(Orders):
         """Handle any other request, and return its answer."""
         raise NotImplementedError
 
-    def _show(self, info: Any) -> None:
-        """Show the file in the web UI; `info` is the board's ``hello`` reply, or None."""
+    def _shown(self, info: Any) -> dict[str, Any]:
+        """Return further values for the web UI; `info` is the board's ``hello`` reply, or None."""
         raise NotImplementedError

@@ -58,13 +58,17 @@ class LayoutEditor(FileEditor):
     requests = Check | Push | Clear
 
     def __init__(self, path: Path, usual: KeyLayout, state: PageState):
-        super().__init__(path, "layout")
-        self._state = state
+        super().__init__(path, "layout", "editor", state)
         self._use(load(path) if path.exists() else usual)
         self._show(None)
 
+    @property
+    def text(self) -> str:
+        """Text of the layout."""
+        return self._layout.text
+
     def _use(self, layout: KeyLayout) -> None:
-        self.text, self._layout, self._draft = layout.text, layout, None
+        self._layout, self._draft = layout, None
         self.feel = {"layout": layout, "draft": lambda: self._draft}
 
     def _check(self, request: Check) -> dict[str, Any]:
@@ -98,14 +102,10 @@ class LayoutEditor(FileEditor):
     def _lost(self, layout: KeyLayout) -> list[str]:
         return [keys.say(layout, one) for one in sorted(self._layout.typed - layout.typed)]
 
-    def _show(self, info) -> None:
-        shown = {
-            "file": self._path.name,
-            "text": self._layout.text,
+    def _shown(self, info) -> dict[str, Any]:
+        return {
             "content": self._layout.content,
-            "base": self.base,
             "stored": info and stored_layout(info, self._layout),
             "limits": LIMITS,
             "flavours": FLAVOURS,
         }
-        self._state.put("editor", shown)

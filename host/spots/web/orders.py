@@ -28,6 +28,8 @@ class Orders:
         Whether the thread that runs `attend` must end; `attend` then returns soon.
     playing : Path or None
         Recording that is read instead of the board.
+    sensor : int
+        Number of the strip to show in detail and to change, on a board with several strips.
     feel : dict
         New arguments of `feel.Feel` by name, such as a key layout; they replace the present ones.
     """
@@ -36,6 +38,7 @@ class Orders:
     request_max = 1024  # bytes
     feel: Mapping[str, Any] = {}
     playing: Path | None = None
+    sensor = 0
 
     def __init__(self, nobody: str):
         self._nobody = nobody

@@ -75,7 +75,8 @@ class Recordings(Orders):
             return answer
         answer.set_running_or_notify_cancel()  # a client that no longer waits changes nothing
         read = self._list if word == "list" else self._compare
-        self._reading = self._thread.submit(self._answer, answer, read, *names)
+        self._reading = answer
+        self._thread.submit(self._answer, answer, read, *names)
         return answer
 
     def attend(self, board: Board) -> bool:

@@ -15,7 +15,7 @@ from pathlib import Path
 from ..errors import SpotsError, missing
 from ..keyboard.layout import load
 from ..link.ports import offered
-from ..linkage.twin_source import is_recording, linkage_of
+from ..linkage.twin_source import is_recording, linkage_factory
 from .board_feed import BoardReader, finder
 from .calibration import PageCalibration
 from .connections import Connections
@@ -24,6 +24,7 @@ from .orders import Orders
 from .recordings import Recordings
 from .settings_editor import KINDS, SettingsEditor
 from .state import PageState
+from .strip_choice import StripChoice
 from .twin_feed import driven_readers, linkage_readers
 
 try:
@@ -124,6 +125,8 @@ def serve_command(options: argparse.Namespace) -> None:
     for name in KINDS:
         if (path := getattr(options, f"edit_{name}")) is not None:
             orders[name] = SettingsEditor(name, Path(path), state)
+    if orders:
+        orders["strip"] = StripChoice()
     if orders and (options.linkage is not None or any(map(is_recording, ports))):
         named = "record_to", "session", "edit", *(f"edit_{name}" for name in KINDS)
         option = next(f"--{name.replace('_', '-')}" for name in named if getattr(options, name))
@@ -146,7 +149,7 @@ def serve_command(options: argparse.Namespace) -> None:
         port = ports[0] if ports else None
         open_board = finder(port, options.sensor, options.scenario, options.seed)
         readers = [BoardReader(open_board, layout, state, orders=orders.values())]
-    elif simulated := linkage_of(ports):
+    elif simulated := linkage_factory(ports):
         machine = simulated(options.sensor, options.linkage, seed=options.seed)
         readers = driven_readers(machine, layout, state)
     else:

@@ -86,12 +86,17 @@ class SettingsEditor(FileEditor):
     requests = Check | Save
 
     def __init__(self, name: str, path: Path, state: PageState):
-        self._name, self._is, self._state = name, KINDS[name], state
-        super().__init__(path, self._is.words)
+        self._is = KINDS[name]
+        super().__init__(path, self._is.words, name, state)
         begin = path if path.exists() else self._is.usual
-        _, self.text = toml.find(begin, begin.parent, self._is.words)
+        _, self._text = toml.find(begin, begin.parent, self._is.words)
         self.feel = {name: self._is.read(self.text, path)}
         self._show(None)
+
+    @property
+    def text(self) -> str:
+        """Text of the settings file."""
+        return self._text
 
     def _check(self, request: Check) -> dict[str, Any]:
         self._is.read(request.text, Path(self._path.name))
@@ -101,17 +106,13 @@ class SettingsEditor(FileEditor):
         self._check_base(request.base)
         found = self._is.read(request.text, Path(self._path.name))
         write_text(request.text, self._path)
-        self.text, self.feel = request.text, {self._name: found}
+        self._text, self.feel = request.text, {self._part: found}
         self._show(board.info)
 
-    def _show(self, info: Any) -> None:
-        shown = {
-            "file": self._path.name,
-            "text": self.text,
+    def _shown(self, info: Any) -> dict[str, Any]:
+        return {
             "content": toml.loads(self.text),
-            "base": self.base,
             "stored": None if info is None else self._path.exists(),
             "schema": msgspec.json.schema(self._is.table)["$defs"],
             **self._is.more,
         }
-        self._state.put(self._name, shown)

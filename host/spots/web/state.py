@@ -96,3 +96,29 @@ class PageState:
             if new > kept:
                 news["missed"] = new - kept
             return Cursor(self._version, self._added), news
+
+
+class Beside(PageState):
+    """State of a strip that is not shown in detail; discards all but its readings and its warning.
+
+    Parameters
+    ----------
+    state : PageState
+        State that gets the part ``beside``.
+    sensor : int
+        Number of the strip.
+    strips : dict
+        What is shown of each strip, by its number; the same object for all strips of a board.
+    """
+
+    def __init__(self, state: PageState, sensor: int, strips: dict[int, dict]):
+        super().__init__()
+        self._state, self._sensor, self._strips = state, sensor, strips
+
+    def put(self, name: str, value: Any) -> None:
+        if name in ("touch", "untrusted"):
+            self._strips[self._sensor] = {**self._strips.get(self._sensor, {}), name: value}
+            self._state.put("beside", dict(self._strips))  # a copy: the server's thread reads it
+
+    def add_event(self, event: dict) -> None:
+        pass

@@ -4,6 +4,7 @@
 import { button } from "./controls.js";
 import { make } from "./dom.js";
 import { makeDraft } from "./layout/draft.js";
+import { request } from "./request.js";
 
 const CHECK_MS = 250;
 
@@ -71,16 +72,10 @@ export function editing(root, opener, { path, store, words, begin, written, forg
   async function post(message) {
     busy = true;
     showState();
-    try {
-      const answer = await fetch(path, { method: "POST", body: JSON.stringify(message) });
-      if (!answer.ok) return { refused: await answer.text() };
-      return answer.status === 204 ? {} : await answer.json();
-    } catch {
-      return { refused: "the server does not answer: try again" };
-    } finally {
-      busy = false;
-      showState();
-    }
+    const answer = await request(path, message);
+    busy = false;
+    showState();
+    return answer;
   }
 
   // The server checks the draft shortly after the last change.
@@ -89,12 +84,8 @@ export function editing(root, opener, { path, store, words, begin, written, forg
     if (!draft.value || !it || !may || !open || paused()) return;
     checking = setTimeout(async () => {
       const number = ++asked, value = draft.value;
-      let answer;
-      try {
-        const got = await fetch(path, { method: "POST", body: JSON.stringify({ do: "check", text: written(value, it).text }) });
-        answer = got.ok ? await got.json() : { refused: await got.text() };
-      } catch { return; }
-      if (number !== asked) return;
+      const answer = await request(path, { do: "check", text: written(value, it).text });
+      if (number !== asked || answer.unanswered) return;
       problem = answer.refused ?? "";
       loses = answer.loses ?? [];
       showState();
@@ -172,6 +163,12 @@ export function editing(root, opener, { path, store, words, begin, written, forg
 
   return {
     draft, undo, redo, state, ask, foot, post, check, draw, setOpen,
+    // Changes the content of the draft, as one step of undo; with `replace`, without a step of its own.
+    edit: (mutate, replace = false) => {
+      const value = draft.value;
+      mutate(value.content);
+      draft.set(value, replace);
+    },
     get changed() { return changed; },
     say: (text) => { news = text; showState(); },
     fail: (text) => { problem = text; showState(); },

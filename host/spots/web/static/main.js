@@ -9,6 +9,8 @@ import { editor } from "./panels/editor.js";
 import { controller } from "./panels/controller.js";
 import { gestures } from "./panels/gestures.js";
 import { strip } from "./panels/strip.js";
+import { strips } from "./panels/strips.js";
+import { beside } from "./panels/beside.js";
 import { history } from "./panels/history.js";
 import { spectrum } from "./panels/spectrum.js";
 import { keyboard } from "./panels/keyboard.js";
@@ -35,6 +37,8 @@ const PANELS = [
   [twin, LOOK, "twin"],
   [spectrum, LOOK, "board", "touch", "spectrum"],
   [history, LOOK, "touch", "board"],
+  [beside, LOOK, "beside", "board"],
+  [strips, READ, "board", "may_command", "calibration"],
   [recording, READ, "recording", "may_command"],
   [recordings, READ, "recording", "may_command"],
   [link, READ, "link"],
@@ -45,7 +49,7 @@ const QUIET_MS = 100;
 
 // A panel is a function of its element that returns a draw function: (state, news, now_s). `state`
 // has the newest value of every part. `news` has the parts that changed since the panel's last
-// drawing, and all `events` and `touches` since then. If the draw function returns true, it is
+// drawing, and all `events`, `touches` and `besides` since then. If the draw function returns true, it is
 // called again.
 const panels = PANELS.map(([make, rate, ...parts]) => ({
   draw: make(document.getElementById(make.name)), parts,
@@ -70,22 +74,25 @@ const receipt = connect(
 
 // Clears stale parts when the board or the server is lost.
 function clear() {
-  take({ touch: null, stick: null, keys: null, untrusted: null });
+  const link = state.link && { ...state.link, rate_hz: null, latency_ms: null };
+  take({ touch: null, stick: null, keys: null, untrusted: null, beside: {}, link });
 }
 
 function take(parts, events = []) {
   const touched = placed(state.touch);
   Object.assign(state, parts);
+  if (parts.application) document.body.dataset.application = parts.application;
   // When a press begins or ends, all panels are due at once.
   if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
   newest = parts.touch ?? newest;
   arrived = true;
   for (const panel of panels) {
     if (!panel.news && !events.length && !panel.parts.some((part) => part in parts)) continue;
-    const news = panel.news ??= { events: [], touches: [] };
+    const news = panel.news ??= { events: [], touches: [], besides: [] };
     Object.assign(news, parts);
     news.events.push(...events);
     if (parts.touch) news.touches.push(parts.touch);
+    if (parts.beside) news.besides.push(parts.beside);
   }
   ask();
 }
@@ -108,7 +115,7 @@ function frame(now_ms) {
     const { news } = panel;
     panel.due_ms = now_ms + panel.every_ms;
     panel.news = null;
-    if (panel.draw(state, news, now_ms / 1000)) panel.news = { events: [], touches: [] };
+    if (panel.draw(state, news, now_ms / 1000)) panel.news = { events: [], touches: [], besides: [] };
   }
   arrived = false;
   clearTimeout(quiet);

@@ -1,16 +1,19 @@
 // A calibration session by hand: where to press, how steady, what was wrong, and the residuals.
 // Only a browser with the token has the controls; all others watch.
 import { canvas, colours, fill, make } from "../dom.js";
+import { request } from "../request.js";
 import { ruler } from "./strip.js";
 
 const KINDS = [
   ["rough", "Rough", "A fingertip and a ruler: 12 presses at most, five minutes."],
   ["fine", "Fine", "An indenter, a ruler and a scale: 45 presses at most."],
+  ["rezero", "Re-zero", "A fingertip on three marks: corrects the drift of the calibration."],
 ];
 const WAIT = "wait, and do not touch the strip";
 const OFFER = "Calibrate the strip by hand";
 const OWNED = "The session uses the board: position, keys and controller are shown again when the session ends.";
 const AGAIN = "Press the strip: the position of the press is shown below. Another session adds more presses to this calibration.";
+const REZEROED = { done: "The board is re-zeroed", stopped: "The re-zero is stopped", failed: "The re-zero has ended early" };
 const ENDS = { done: "The board is calibrated", stopped: "The session is stopped", failed: "The session has ended early" };
 const N_PER_G = 0.00980665;
 // A question may end with the usual answer and other answers: (Enter: usual; other; other).
@@ -55,12 +58,7 @@ export function calibration(root) {
 
   async function send(message) {
     for (const one of root.querySelectorAll("button")) one.disabled = true;
-    try {
-      const answer = await fetch("calibration", { method: "POST", body: JSON.stringify(message) });
-      refused.textContent = answer.ok ? "" : await answer.text();
-    } catch {
-      refused.textContent = "the server does not answer: try again";
-    }
+    refused.textContent = (await request("calibration", message)).refused ?? "";
     if (refused.textContent) answered = null;
     for (const one of root.querySelectorAll("button")) one.disabled = false;
     refused.hidden = !refused.textContent;
@@ -135,7 +133,7 @@ export function calibration(root) {
     if (asking && key !== question) ask(words, offered);
     question = key;
     const waits = phase === "work" || it.step === answered || !words;
-    put(todo, running ? (waits ? WAIT : words) : ENDS[it.end] ?? OFFER);
+    put(todo, running ? (waits ? WAIT : words) : (it.kind === "rezero" ? REZEROED : ENDS)[it.end] ?? OFFER);
     put(note, it.note ?? "");
     where.hidden = !running;
     aim.hidden = !it.at || phase === "release";
@@ -147,12 +145,13 @@ export function calibration(root) {
     }
     hold.hidden = phase !== "press";
     buttons.hidden = !running || !may;
-    undo.hidden = phase !== "press" || !it.done;
+    undo.hidden = phase !== "press" || !it.done || it.kind === "rezero";
+    begin.lastChild.hidden = !it.rezero;
     watching.hidden = may || !running;
     said.replaceChildren(...(it.said ?? []).filter((text) => text !== it.note).map((text) => make("li", "", text)));
     picture.hidden = !it.fitted;
     if (it.fitted) paint(it.fitted, it.length_um);
-    put(hint, running ? OWNED : it.end === "done" ? AGAIN : "");
+    put(hint, running ? OWNED : it.end === "done" && it.kind !== "rezero" ? AGAIN : "");
     begin.hidden = running || !may;
     // A new step begins at the top, wherever the last button was.
     if (running && it.step !== step && root.getBoundingClientRect().top < 0) root.scrollIntoView();

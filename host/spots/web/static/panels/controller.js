@@ -15,7 +15,7 @@ export function controller(root) {
   const engine = settingsEditing(root, document.getElementById("edit-controller"), "controller", "Controller settings to import", {
     first: (it) => { schema = it.schema; lay(); }, refresh,
   });
-  const { draft } = engine;
+  const { draft, edit } = engine;
   const cards = make("div", "cards"), buttons = make("div", "cards"), common = make("fieldset", "", make("legend", "", "Times"));
   const add = button("Add a button", () => edit((it) => {
     const used = (it.button ?? []).map((one) => one.number);
@@ -24,11 +24,6 @@ export function controller(root) {
   root.append(make("div", "head", make("h2", "", "Controller settings"), engine.undo, engine.redo),
     engine.state, engine.foot, cards, buttons, make("div", "buttons", add), common, engine.ask);
 
-  function edit(mutate, replace = false) {
-    const value = draft.value;
-    mutate(value.content);
-    draft.set(value, replace);
-  }
 
   let times = null;
   function lay() {

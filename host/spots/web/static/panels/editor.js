@@ -91,11 +91,9 @@ export function editor(root) {
   engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), head: "", others: 0 }); }));
   root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
 
-  // Changes the layer in the draft, as one step of undo.
-  function edit(mutate, replace = false) {
-    const value = draft.value;
-    mutate(value.content.layer[layer], value.content);
-    draft.set(value, replace);
+  // Changes the layer in the draft, see `editing`.
+  function edit(mutate, replace) {
+    engine.edit((content) => mutate(content.layer[layer], content), replace);
   }
   function newLayer() {
     edit((_, content) => {

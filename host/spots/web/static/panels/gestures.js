@@ -9,16 +9,11 @@ export function gestures(root) {
   const engine = settingsEditing(root, document.getElementById("edit-gestures"), "gestures", "Gestures file to import", {
     first: (it) => { schema = it.schema; lay(it.names); }, refresh,
   });
-  const { draft } = engine;
+  const { draft, edit } = engine;
   const list = make("div", "sure-rows"), last = make("p", "place"), limits = make("div");
   last.role = "status";
   root.append(make("div", "head", make("h2", "", "Gestures"), engine.undo, engine.redo), engine.state, engine.foot, limits, last, list, engine.ask);
 
-  function edit(mutate, replace = false) {
-    const value = draft.value;
-    mutate(value.content);
-    draft.set(value, replace);
-  }
   const find = (typed) => matches(usages, [], typed);
 
   function lay(names) {

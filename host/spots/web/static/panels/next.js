@@ -1,14 +1,14 @@
-// What keeps the strip or one of the strips from being shown, and the next step; else empty.
+// What keeps the strip from being shown, and the next step; else empty.
 import { several } from "../dom.js";
 
 export function next(root) {
   return (state) => {
-    const reading = state.calibration?.running ? "" : both(state.touch) || state.untrusted;
-    const sentence = state.connection !== "live"
+    const reading = state.calibration?.running ? "" : sentence(state.touch, state.untrusted);
+    const words = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || played(state.recording) || reading || strips(state);
-    if (root.textContent !== sentence) root.textContent = sentence;
-    root.hidden = !sentence;
+      : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading));
+    if (root.textContent !== words) root.textContent = words;
+    root.hidden = !words;
   };
 }
 
@@ -16,9 +16,20 @@ function played(recording) {
   return recording?.playing ? `the recording ${recording.playing} is played; next: to see the board again, press ‘Show the board’ in the list of recordings` : "";
 }
 
-function strips({ board, twin }) {
-  return board?.sensors > 1 && !twin
-    ? `this board has ${board.sensors} strips, and the first is shown; next: to see the other one, start 'spots serve --port ${board.port}#1'` : "";
+function strip(board) {
+  return board?.strips?.length > 1 ? `strip ${board.strip}: ` : "";
+}
+
+// The next step by a button of this window instead of a command, if this browser may calibrate.
+const HERE = { "spots rezero": "press ‘calibrate’, then ‘Re-zero’", "spots calibrate": "press ‘calibrate’" };
+function here(state, reading) {
+  if (!state.may_command || !state.calibration) return reading;
+  return reading.replace(/spots (rezero|calibrate)/, (command) => HERE[command]);
+}
+
+// What is to do about the readings of a strip; else empty.
+export function sentence(touch, untrusted) {
+  return both(touch) || (untrusted ?? "");
 }
 
 function both(touch) {

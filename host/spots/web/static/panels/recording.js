@@ -1,5 +1,6 @@
 // The recording, and its button if this browser may record.
 import { list } from "../dom.js";
+import { request } from "../request.js";
 
 export function recording(root) {
   const recorded = document.getElementById("recorded");
@@ -7,12 +8,7 @@ export function recording(root) {
 
   root.addEventListener("click", async () => {
     root.disabled = true;
-    try {
-      const answer = await fetch("recording", { method: "POST", body: it.on ? "stop" : "start" });
-      refused = answer.ok ? "" : await answer.text();
-    } catch {
-      refused = "the server does not answer: try again";
-    }
+    ({ refused } = await request("recording", it.on ? "stop" : "start"));
     root.disabled = false;
     show();
   });

@@ -1,6 +1,7 @@
 // The recordings of the folder: a list, one that is played instead of the board, and two as curves.
 import { button } from "../controls.js";
 import { FULL_FORCE_MN, canvas, colours, make } from "../dom.js";
+import { request } from "../request.js";
 
 const HEIGHT = 170, TOP = 18, BOTTOM = 18;
 
@@ -10,7 +11,7 @@ export function recordings(root) {
   note.role = "status";
   const compare = button("Compare", async () => {
     const answer = await send(`compare\n${chosen.join("\n")}`);
-    if (answer) draw(answer.curves);
+    if (answer.curves) draw(answer.curves);
   });
   const legend = make("ul", "key-of"), charts = ["Position, mm", "Force, N"].map((name) => {
     const box = make("figure", "", make("figcaption", "", name));
@@ -25,22 +26,16 @@ export function recordings(root) {
   async function send(body) {
     busy = true;
     show();
-    try {
-      const answer = await fetch("recording", { method: "POST", body });
-      note.textContent = answer.ok ? "" : await answer.text();
-      return answer.ok && answer.status !== 204 ? await answer.json() : null;
-    } catch {
-      note.textContent = "the server does not answer: try again";
-      return null;
-    } finally {
-      busy = false;
-      show();
-    }
+    const answer = await request("recording", body);
+    note.textContent = answer.refused ?? "";
+    busy = false;
+    show();
+    return answer;
   }
 
   async function load() {
     const answer = await send("list");
-    if (!answer) return;
+    if (!answer.files) return;
     chosen = chosen.filter((name) => answer.files.some((one) => one.name === name));
     if (!answer.files.length) note.textContent = "the folder has no recordings: record one first";
     list.replaceChildren(...answer.files.map(({ name, bytes, utc_s }) => {
@@ -107,6 +102,7 @@ export function recordings(root) {
   function show() {
     opener.hidden = !it || !may;
     root.hidden = !it || !may || !open;
+    opener.textContent = open ? "close" : "recordings";
     opener.setAttribute("aria-expanded", String(!root.hidden));
     note.hidden = !note.textContent;
     live.disabled = busy || !it?.playing;

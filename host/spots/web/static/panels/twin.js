@@ -23,8 +23,8 @@ export function twin(root) {
     const known = it.x_mm !== null;
     const sigma = it.cov && known ? Math.sqrt(Math.max(it.cov[0], it.cov[2])) : null;
     list(figures, [
-      ["x", known ? `${it.x_mm.toFixed(1)} mm` : "–"],
-      ["y", known ? `${it.y_mm.toFixed(1)} mm` : "–"],
+      ["x", known ? `${fixed(it.x_mm)} mm` : "–"],
+      ["y", known ? `${fixed(it.y_mm)} mm` : "–"],
       ["joint 1", degrees(it.theta1_rad)],
       ["joint 2", degrees(it.theta2_rad)],
       ["standard error", sigma === null ? "–" : `${sigma.toFixed(2)} mm`],
@@ -39,8 +39,12 @@ function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+function fixed(value) {
+  return value.toFixed(1).replace("-", "−");
+}
+
 function degrees(angle_rad) {
-  return angle_rad === null || angle_rad === undefined ? "–" : `${((180 * angle_rad) / Math.PI).toFixed(1)}°`;
+  return angle_rad === null || angle_rad === undefined ? "–" : `${fixed((180 * angle_rad) / Math.PI)}°`;
 }
 
 function draw(c, width, height, it, box) {

@@ -1,0 +1,27 @@
+"""The fit of a session by hand estimates the errors of places and forces from the presses."""
+
+import numpy as np
+import pytest
+
+from spots.calibrate.presses import Noise, Presses
+from spots.calibrate.surface import fitted
+from spots_sim.bound import Bound
+
+PLAN = "F3", "F4", "F5", "F6", "F7", "F8"
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_errors_of_weak_forces_do_not_spoil_firm_ones(sensor, seed):
+    rng, length_um = np.random.default_rng(seed), 1000 * sensor.length_mm
+    light = Bound(sensor, PLAN, 9, 10_000, 20)
+    places_um, forces_mN = rng.uniform(2000, 83_000, 40), np.geomspace(230, 10_000, 40)
+    counts = np.array([light.counts(x, f) for x, f in zip(places_um, forces_mN)])
+    # 20 mN: a scale that shows grams, and creep of earlier presses.
+    read_mN = forces_mN * (1 + 0.03 * rng.normal(size=40)) + 20 * rng.normal(size=40)
+    read_um = places_um + 300 * rng.normal(size=40)
+    taken = Presses(read_um, read_mN, counts, np.full_like(counts, 0.5), np.zeros(40, bool))
+    surface = fitted(taken, Noise.of(taken), 75, length_um)
+    assert surface.sizes.force_share <= 0.03
+    at_um, at_mN = np.full(12, length_um / 2), np.geomspace(500, 9000, 12)
+    expected = np.log2([light.counts(x, f) for x, f in zip(at_um, at_mN)]).mean(axis=1)
+    assert np.abs(surface.logs(at_um, at_mN).mean(axis=1) - expected).mean() < 0.02

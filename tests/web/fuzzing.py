@@ -1,0 +1,38 @@
+"""Damaged messages for the editors of files: none may change anything."""
+
+from __future__ import annotations
+
+import random
+
+from spots.errors import SpotsError
+
+FRAGMENTS = "", '"', "\\", "[", "{", "=", "\n", "#", "9", "-", "\u00e9", "\x00", '{"do":"clear"}'
+COUNT = 1000
+
+
+def mutated(choice, text):
+    """Return a text with some random changes."""
+    parts = list(text)
+    for _ in range(choice.randrange(1, 6)):
+        at = choice.randrange(len(parts))
+        parts[at : at + choice.randrange(3)] = choice.choice([*FRAGMENTS, parts[at]])
+    return "".join(parts)
+
+
+def fuzz_change_nothing(editor, state, folder, bodies):
+    """Send an editor without a board damaged messages; its state and folder must not change."""
+    choice = random.Random(0)
+    before = state.since(state.begin())[1]
+    checks = 0
+    for _ in range(COUNT):
+        try:
+            request = editor.decode(mutated(choice, choice.choice(bodies)).encode())
+        except ValueError:
+            continue
+        answer = editor.submit(request)  # without a board, only a check gets further
+        assert answer.done()
+        checks += answer.exception() is None
+        assert answer.exception() is None or isinstance(answer.exception(), SpotsError)
+    assert checks > 10
+    assert state.since(state.begin())[1] == before
+    assert not list(folder.iterdir())
