@@ -81,6 +81,7 @@ def type_on_board(
     seconds: float | None,
     quiet: bool,
     layout_name: str = DEMO_LAYOUT,
+    late_ms: list[float] | None = None,
 ) -> dict:
     """Type with the keys of a board, show the text, and return the results of the run.
 
@@ -100,6 +101,8 @@ def type_on_board(
         True to print and draw nothing.
     layout_name : str, optional
         Key layout: a path or a name.
+    late_ms : list of float, optional
+        List to which the latency of each right press is added, in ms.
 
     Returns
     -------
@@ -140,12 +143,15 @@ def type_on_board(
                     display.update(picture(layout, engine, touch, typed, board.stats), refresh=True)
     except KeyboardInterrupt:
         pass
+    summary = score.summary(board.now_s() - started_s)
+    if late_ms is not None:
+        late_ms.extend(score.late_ms)
     return {
         "typed": typed.text,
         "presses": typed.presses,
         "keys_down": len(typed.down),
         "host_agrees": here.events == there.events,
-        **score.summary(board.now_s() - started_s),
+        **summary,
     }
 
 

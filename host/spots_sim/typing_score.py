@@ -97,6 +97,7 @@ class TypingScore:
         self._presses: list[tuple[float, tuple[int, int]]] = []
         self._spans: list[tuple[float, float]] = []  # each key from its press to its release
         self._down: dict[tuple[int, int], float] = {}
+        self.late_ms: list[float] = []  # latency of each right press, after `summary`
 
     def key(self, page: int, usage: int, pressed: bool, time_s: float) -> None:
         """Add a key event.
@@ -146,7 +147,9 @@ class TypingScore:
                 taken.add(free)
                 wrong += 1
             no_finger += not any(f.key == key and f.covers(time_s) for f in fingers)
-        late_ms = [1000 * (presses[p][0] - fingers[f].began_s) for p, f in right.items()]
+        self.late_ms = late_ms = [
+            1000 * (presses[p][0] - fingers[f].began_s) for p, f in right.items()
+        ]
         return {
             "touches": len(fingers),
             "right": len(right),

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 from statistics import median
 
+import numpy as np
+
 from spots.keyboard.layout import load as load_layout
 
 from .demo import open_fast
@@ -51,14 +53,18 @@ def typed(
     Returns
     -------
     dict
-        Results of the run, see `demo_applications.type_on_board`.
+        Results of the run, see `demo_applications.type_on_board`. Also ``late_ms``: the latency of
+        each right press, in ms.
     """
     length_mm = load(SensorFile, sensor).length_mm
     file = fast_typing(load_layout(layout), words_per_min, touches, length_mm, seed)
     truth = Scenario(file)
     board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm, lines=lines)
+    late_ms: list[float] = []
     with board:
-        return type_on_board(board, truth, 0.0, file.seconds - board.now_s(), True, layout)
+        seconds = file.seconds - board.now_s()
+        run = type_on_board(board, truth, 0.0, seconds, True, layout, late_ms)
+    return {**run, "late_ms": late_ms}
 
 
 def added(runs: list[dict]) -> dict:
@@ -74,16 +80,19 @@ def added(runs: list[dict]) -> dict:
     dict
         Counts as in `typing_score.TypingScore.summary`. ``error_percent`` is the number of wrong,
         missed and extra keys per hundred touches. ``latency_ms`` has ``p50`` and ``p99`` of the
-        run where they are largest, ``median_latency_ms`` has their medians over the runs.
+        run where they are largest, ``median_latency_ms`` has their medians over the runs, and
+        ``pooled_latency_ms`` those of all presses together.
     """
     total = {name: sum(run[name] for run in runs) for name in _COUNTS}
     off = total["wrong"] + total["missed"] + total["extra"]
     late = {p: [run["latency_ms"][p] for run in runs] for p in ("p50", "p99")}
+    pooled = [one for run in runs for one in run["late_ms"]]
     return {
         **total,
         "error_percent": round(100 * off / total["touches"], 2),
         "latency_ms": {p: max(of_runs) for p, of_runs in late.items()},
         "median_latency_ms": {p: median(of_runs) for p, of_runs in late.items()},
+        "pooled_latency_ms": {f"p{p}": round(float(np.percentile(pooled, p)), 1) for p in (50, 99)},
     }
 
 

@@ -55,7 +55,7 @@ def test_five_keys_at_120_words_a_minute(tmp_path):
     # Five of a hundred touches have three fingers at once.
     layout = tmp_path / "five.toml"
     layout.write_text('name = "five"\n[[layer]]\nname = "five"\nkeys = ["1", "2", "3", "4", "5"]\n')
-    check([typed(120, 100, 21, layout=str(layout))], 8, 1, 220)
+    check([typed(120, 100, 21, layout=str(layout))], 5, 1, 200)
 
 
 def at(key):
