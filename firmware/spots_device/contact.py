@@ -830,7 +830,7 @@ class ContactTracker:
     def _has_left(self, off_um, brightness, t):
         """Return whether the first finger has left; the position now rests `off_um` um from it."""
         s = self._s
-        if brightness > s[_B_SINCE] + _DIPPED:
+        if not s[_SECOND] and brightness > s[_B_SINCE] + _DIPPED:
             return True  # with two fingers, this change of force would move the position
         first = s[_B]
         if s[_SECOND]:
