@@ -77,7 +77,7 @@ class _Sensor:
         self._clock = clock
         self.pacing = SimpleNamespace(missed=0)
         self.counts = array("i", bytes(4 * 6))
-        self.retries = self.complete = self.fifo = 0
+        self.retries = self.complete = self.fifo = self.waits = 0
         self.led = "ldr"
         self.gpio = lambda on: None
         self.steady, self.saturated = True, False
@@ -96,6 +96,9 @@ class _Sensor:
 
     def remaining_us(self):
         return 0
+
+    def burst_us(self):
+        return AS7341.burst_us(self)
 
     def poll(self):
         self._clock.now_us += self.exposure_us
