@@ -1,7 +1,8 @@
 """A calibration as the board stores it: text lines with integers, validated before use.
 
 Each line is one statement. Weights are in Q13. Contrasts and brightness, which are weighted sums of
-log2 of the counts (see decode.py), are in Q20. Tables are interpolated between points, the knots::
+log2 of the counts (see decode.py), are in Q20. The lines 'f' and 'x' are knots: points of a table,
+between which the board interpolates linearly. The statements, with examples of their values::
 
     board 4552a1f0             id of the board with which the calibration was made
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
@@ -17,9 +18,9 @@ log2 of the counts (see decode.py), are in Q20. Tables are interpolated between 
                                of three play operators, their three weights (Q12); three time
                                constants in ms, their three shares of the force (Q12); optional
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
-    from -99999                coarse contrast at which the next segment begins
-    x -123456 85000 77 -5      knot of that segment: contrast, position in um, misfit of one press
-                               (Q12), correction that is subtracted from the brightness
+    from -99999                coarse contrast at which a segment begins; its lines 'x' follow
+    x -123456 85000 77 -5      knot of the segment: contrast, position in um, expected misfit of one
+                               press (Q12), correction that is subtracted from the brightness
 
 Strains ascend from 0. All strains have the same number of knots, so that the board can
 interpolate linearly between two strains. Segments are in the order of ascending coarse contrast.

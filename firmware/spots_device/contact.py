@@ -811,7 +811,7 @@ class ContactTracker:
         s[_B_SECOND] = s[_FOUND_B]
 
     def _recall(self, x_um, brightness, t):
-        """Report the finger that rested beside the finger that is now alone at `x_um`."""
+        """Report a second finger that was not detected until it left; the other is at `x_um`."""
         s = self._s
         if (
             s[_SECOND]

@@ -129,7 +129,7 @@ class Layout:
                     raise LayoutError("'%s': keys must ascend and end at 1000 or before" % line)
                 keys.extend(row)
             else:
-                raise LayoutError("no statement is called '%s': remove it" % name)
+                raise LayoutError("unknown statement '%s': remove it" % name)
         if not keys or len(firsts) > LAYERS_MAX or len(keys) > KEYS_MAX * KEY_SIZE:
             raise LayoutError(
                 "a layout needs 1 to %d keys, 1 to %d layers" % (KEYS_MAX, LAYERS_MAX)

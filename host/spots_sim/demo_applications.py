@@ -102,7 +102,7 @@ def type_on_board(
     layout_name : str, optional
         Key layout: a path or a name.
     late_ms : list of float, optional
-        List to which the latency of each right press is added, in ms.
+        List to which the latency of each correct press is added, in ms.
 
     Returns
     -------

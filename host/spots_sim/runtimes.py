@@ -34,7 +34,7 @@ def is_cpython(board: str = "virtual") -> bool:
 
 
 def is_socket() -> bool:
-    """Return whether the serial port is a TCP socket on loopback.
+    """Return whether a virtual board's serial port is a TCP socket on loopback.
 
     By default, it is a socket only if this system has no pseudo-terminals.
 

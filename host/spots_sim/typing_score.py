@@ -97,7 +97,7 @@ class TypingScore:
         self._presses: list[tuple[float, tuple[int, int]]] = []
         self._spans: list[tuple[float, float]] = []  # each key from its press to its release
         self._down: dict[tuple[int, int], float] = {}
-        self.late_ms: list[float] = []  # latency of each right press, after `summary`
+        self.late_ms: list[float] = []  # latency of each correct press, after `summary`
 
     def key(self, page: int, usage: int, pressed: bool, time_s: float) -> None:
         """Add a key event.
@@ -129,10 +129,11 @@ class TypingScore:
         Returns
         -------
         dict
-            Numbers of ``touches``, ``right`` presses, and ``wrong`` presses (another key than the
-            touched one). ``missed``: touches without a press. ``extra``: presses without a touch.
-            ``no_finger``: wrong or extra presses of a key that no finger touched. ``stuck``: keys
-            that stayed down. ``latency_ms``: percentiles of the time from touch to right press.
+            Numbers of ``touches``, ``right`` (correct) presses, and ``wrong`` presses (another key
+            than the touched one). ``missed``: touches without a press. ``extra``: presses without
+            a touch. ``no_finger``: wrong or extra presses of a key that no finger touched.
+            ``stuck``: keys that stayed down. ``latency_ms``: percentiles of the time from
+            touch to correct press.
         """
         fingers = strokes(*self._parts, to_s)
         presses = [press for press in self._presses if press[0] <= to_s]

@@ -54,7 +54,7 @@ def typed(
     -------
     dict
         Results of the run, see `demo_applications.type_on_board`. Also ``late_ms``: the latency of
-        each right press, in ms.
+        each correct press, in ms.
     """
     length_mm = load(SensorFile, sensor).length_mm
     file = fast_typing(load_layout(layout), words_per_min, touches, length_mm, seed)

@@ -132,7 +132,7 @@ def test_what_points_cannot_tell_is_named(files, capsys):
             "line 2: sigma2_deg must be a number, not ''",
         ),
         (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,0\n", "line 2: sigma2_deg, .* more than 0"),
-        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,6\n", "points.csv: 1 points are 2 numbers"),
+        (",".join(twin_points.COLUMNS) + "\n1,2,3,4,5,6\n", "points.csv: 1 points give 2 numbers"),
         (None, "there is no file .*points.csv: .* --measure"),
     ],
 )

@@ -362,6 +362,6 @@ def _identified(jacobian, names, misfit):
 def _check_enough(places, free, where=""):
     if 2 * places < len(free):
         raise SpotsError(
-            f"{where}{places} points are {2 * places} numbers, too few for {len(free)} free "
+            f"{where}{places} points give {2 * places} numbers, too few for {len(free)} free "
             "parameters: measure more points"
         )

@@ -1,4 +1,4 @@
-"""``spots subscribe``: prints the JSON messages of published boards."""
+"""``spots subscribe``: prints the JSON messages of boards that ``spots publish`` publishes."""
 
 import argparse
 import json

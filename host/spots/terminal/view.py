@@ -54,9 +54,10 @@ class Judge(Protocol):
         """
 
     def facts(self) -> dict:
-        """Return the results to show, as dicts of values by their names.
+        """Return the results to show, as dicts from a shown name to its value.
 
-        Key ``link``: dict for the row of the link. Key ``rows``: list of dicts for further rows.
+        Key ``link``: dict that is added to the row with the counters of received and lost frames.
+        Key ``rows``: list with a dict for each further row.
         """
 
 
