@@ -20,12 +20,12 @@ from .uses import INTERFACES
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
-# A strip whose last poll was too early goes first, unless another strip is late by this time: the
-# next poll of the first strip bounds the time of its sample.
+# Priority of a strip whose last poll was too early, as if the strip were late by this time: its
+# next poll bounds the time of its sample.
 _PUNCTUAL_US = const(500)
-_UNKNOWN_US = const(2_500)  # such a priority of a strip whose sample times are unknown
-# Further priority of that strip if it was polled last. Without it, two strips whose sample times
-# are unknown would be polled in turn, and the polls of each strip would be too far apart.
+_UNKNOWN_US = const(2_500)  # priority of a strip whose sample times are unknown
+# Further priority after a poll that was too early, for the strip of the last poll. Without it, two
+# strips with unknown sample times would be polled in turn, each with polls too far apart.
 _STAYS_US = const(4_000)
 # A poll later than this finds its sample even if it was scheduled too early. Such a poll does not
 # advance the next one, for `_RENEW` samples at most.
