@@ -18,7 +18,7 @@ _LAST_US = const(100_000)  # at the end: longest wait until the host has read th
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
-_SKIPPED = const(3)  # the mean starts with this burst: the first ones after a command are late
+_SKIPPED = const(3)  # bursts; the mean starts with the last of them, because earlier ones are late
 _COUNTED = const(16)  # least number of passes in the mean
 
 
@@ -30,8 +30,8 @@ class Meter:
     Attributes
     ----------
     busy_us : int
-        Duration of a pass in us if the loop is slower than the sensor: then a burst reads many
-        samples. 0 before the first mean is complete.
+        Mean duration of a pass in us, without the fixed part of a burst: the duration of a pass if
+        the loop is slower than the sensor. 0 before the first mean is complete.
     """
 
     def __init__(self):
@@ -49,9 +49,10 @@ class Meter:
         Parameters
         ----------
         lasted_us : int
-            Duration of the pass without its sleep.
+            Duration of the pass without its sleep, in us.
         burst_us : int
-            Part of it that each burst takes for any number of samples; 0 without a burst.
+            Part of this duration that a burst takes for any number of samples, see
+            `as7341.AS7341.burst_us`; 0 for a pass without a burst.
         """
         if burst_us:
             if self._passes >= _COUNTED:

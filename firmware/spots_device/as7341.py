@@ -2,8 +2,8 @@
 
 The chip stores samples in a FIFO: 128 entries of two bytes, which is 21 samples of six counts. So
 the loop may stall for 20 exposures without loss. No published driver reads six channels from this
-FIFO. So each start searches the sample of the data registers in the FIFO. If it is not there,
-`poll` reads the data registers, one sample a burst.
+FIFO. So each start searches the FIFO for the sample in the data registers. If the FIFO does not
+contain this sample, `poll` reads the data registers, one sample a burst.
 
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
 `switch_led` and `read_into` allocate nothing.
@@ -58,7 +58,7 @@ _ENTRIES = const(6)  # entries of the FIFO for a sample
 _FULL = const(126)  # entries in the FIFO; with more, samples may be lost
 _SAMPLE = const(12)  # bytes
 _FIFO_DATA = const(14)  # index in the buffer, after the data registers
-_TRIAL = const(-8)  # samples after a start that may be absent from the FIFO
+_TRIAL = const(-8)  # at most so many samples after a start may be absent from the FIFO
 _BROKEN = const(2)
 
 _POWER_UP_US = const(5_000)
@@ -104,8 +104,8 @@ class AS7341:
         self._views = [view[:_FIFO_DATA]]
         for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
             self._views.append(view[_FIFO_DATA:end])
-        self.fifo = 0  # 1 if `poll` reads the FIFO, negative before the comparison
-        self.waits = 0  # samples in the buffer that were not returned yet
+        self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the search after a start
+        self.waits = 0  # samples in the buffer that `poll` has not returned yet
         self._led_code = 0
         self.led = "ldr"  # one of `light.LEDS`
         self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
@@ -211,8 +211,12 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def burst_us(self):
-        """Return the part of the last burst that is the same for any size, in us, at least 1."""
-        # The FIFO's level is one byte, and its read takes as long as what precedes the samples.
+        """Return the duration in us, at least 1, of the part of a burst before its samples.
+
+        This part of the last burst does not depend on the number of samples.
+        """
+        # The level of the FIFO is one byte. Its transfer takes about as long as the overhead of the
+        # next transfer, which reads the samples.
         return 2 * self._clock.ticks_diff(self._known, self._asked) + 1 if self.fifo > 0 else 1
 
     def switch_led(self, on):

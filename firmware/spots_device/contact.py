@@ -196,7 +196,8 @@ class ContactTracker:
         ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
         If the strip length is known, also these methods:
         ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
-        Returns whether the sink uses the second finger. If it uses one already, this is a third.
+        Returns whether the sink uses this finger. If the sink already uses a second finger, this
+        is a third finger.
         ``left(second, t)``: the second finger has left if `second` is true, else the first one.
         ``moved(x_um, slack_um)``: new estimate of the second finger, while the first one rests.
     """
@@ -618,7 +619,7 @@ class ContactTracker:
                     s[_GUESSED] = False
                     self.sink.moved(at_um, slack_um)
                     return False
-            # Two fingers that rest are like one finger at the position of their common reading.
+            # Two fingers that rest act like one finger at the position of their common reading.
             slack_um = self._find_third(s[_X_PAIR_UM], s[_B_PAIR], -1, x_um, brightness)
             if slack_um:
                 self.sink.second(s[_X_GUESS_UM], slack_um, t)
@@ -679,9 +680,9 @@ class ContactTracker:
     def _find_third(self, x0_um, b0, fits, x_um, brightness):
         """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
 
-        This is the second finger, as if the first one had left, or both. Returns the uncertainty of
-        the third finger's position in um, or 0 until two readings agree on this position. While the
-        first finger lifts, readings do not agree.
+        This is the position of the second finger if the first one has left, or the common position
+        of both fingers. Returns the uncertainty of the third finger's position in um, or 0 until
+        two readings agree on this position. While the first finger lifts, readings do not agree.
         """
         s = self._s
         agrees = s[_GUESSED]

@@ -164,8 +164,8 @@ class Framer:
         encoded = self._encoded
         if head[GAP]:
             # A part of the dropped frame may have been sent. Without a delimiter after this part,
-            # the present frame would be lost too. Both are one write: after a slow write, the port
-            # would refuse the next one.
+            # the present frame would be lost too. Delimiter and frame are one write, because the
+            # port would refuse a second write after a slow one.
             encoded = self._delimited
             length += 1
         if length & 63 == 0:

@@ -152,10 +152,10 @@ def _judge(state, touching):
     if not force_mN or force_mN < least_mN:
         return flags
     # Drift shifts the misfit of every press alike. A touch gives this shift in its third reading
-    # with four times the force at which touches begin; in fainter readings the noise exceeds most
-    # shifts. The shift is used if the previous touch gave the same: two fingers seldom touch
-    # together twice in a row. A reading that fits one press up to the shift is untrusted, but good
-    # enough for a key, see contact.TWO_FIT.
+    # with at least four times the force at which touches begin; in fainter readings the noise
+    # exceeds most shifts. The shift is used if the previous touch gave the same shift: two fingers
+    # seldom touch together twice in a row. A reading that fits one press up to the shift is
+    # untrusted, but good enough for a key, see contact.TWO_FIT.
     if state[LEARNS] and force_mN >> 2 >= state[TOUCH_ON_MN]:
         state[LEARNS] -= 1
         if not state[LEARNS]:

@@ -1,8 +1,8 @@
-"""A sensor behind an I2C multiplexer TCA9548A; only boards with ``MUX_CHANNEL`` get this module."""
+"""A sensor behind an I2C multiplexer TCA9548A. Only boards with ``MUX_CHANNEL`` get this module."""
 
 from micropython import const
 
-_ADDRESS = const(0x70)  # one bit of its register a channel
+_ADDRESS = const(0x70)  # I2C address; each bit of the chip's register switches a channel on
 
 
 class ChannelBus:

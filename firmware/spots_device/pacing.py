@@ -175,13 +175,13 @@ class Pacing:
             self._samples += 1
         shift_us = self._step_us if samples == 1 else self._chip_us
         if not self._locked:
-            # `after` is late, so without this no poll would be early, and no bracket would come.
+            # `after` is late: without this shift, no poll would be early, and no bracket found.
             shift_us -= self.period_us >> 2
         self.due = self._add(due, shift_us)
         return due
 
     def overrun(self, now):
-        """Record that samples in the FIFO are lost, up to its emptying at `now` (ticks)."""
+        """Record that the FIFO was emptied at `now` (ticks), and that its samples are lost."""
         self._count(now, 0)
         self._locked = False
         self._samples = -1

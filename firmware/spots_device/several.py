@@ -3,8 +3,9 @@
 Only a board whose board.toml has ``SENSORS`` gets this module. Sensor 0 has the files of a board
 with one strip. Each strip has its own settings, calibration, dark frame, layout and commands.
 
-While the sensor of one strip starts, which takes 25 ms, the samples of the others wait in their
-chips' FIFOs. Nothing is processed during a start: a Pico's stack has no room for it in a command.
+The start of a sensor takes 25 ms. During this time, the samples of the other strips wait in the
+FIFOs of their chips. They are processed after the start: if a command such as ``set`` starts the
+sensor, the stack of a Pico has no room for the processing of a sample.
 """
 
 import gc
@@ -19,12 +20,12 @@ from .uses import INTERFACES
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
-# A strip whose last poll was too early goes first, unless another strip is late by this time: its
+# Priority of a strip whose last poll was too early, as if the strip were late by this time: its
 # next poll bounds the time of its sample.
 _PUNCTUAL_US = const(500)
-_UNKNOWN_US = const(2_500)  # the same for a strip whose sample times are unknown
-# The strip of the last poll stays first for so long. Otherwise two strips whose sample times are
-# unknown would be polled in turn, and no two polls of a strip would be close enough to each other.
+_UNKNOWN_US = const(2_500)  # priority of a strip whose sample times are unknown
+# Further priority after a poll that was too early, for the strip of the last poll. Without it, two
+# strips with unknown sample times would be polled in turn, each with polls too far apart.
 _STAYS_US = const(4_000)
 # A poll later than this finds its sample even if it was scheduled too early. Such a poll does not
 # advance the next one, for `_RENEW` samples at most.
@@ -54,7 +55,7 @@ class StripFramer(Framer):
         self._marking = self._touch, self._spectrum  # bound here, so that `gap` allocates nothing
 
     def gap(self):
-        # In the place of the methods of `Framer` until a frame was sent.
+        # These attributes replace the methods of `Framer` until a frame is sent.
         self.touch, self.spectrum = self._marking
 
     def _touch(self, sensor, state):
@@ -206,8 +207,8 @@ class SeveralApp(StripApp):
     board, runtime, uid, clock, serial, usb
         As for `app.BoardApp`. ``board.SENSORS`` is a list with a dict for each sensor.
     open_sensor : callable
-        ``open_sensor(config, clock)`` returns a sensor, not started yet; the attributes of
-        ``config`` are an entry of ``SENSORS``.
+        ``open_sensor(config, clock)`` returns a sensor that is not started yet. The attributes of
+        ``config`` are the items of an entry of ``SENSORS``.
     """
 
     def __init__(self, board, runtime, uid, open_sensor, clock, serial, usb=None):

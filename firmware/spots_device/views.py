@@ -104,7 +104,7 @@ class Decoded(Decode):
         Parameters
         ----------
         counts : sequence of float
-            Mean count of each of the six channels; negative ones are taken as 0.
+            Mean count of each of the six channels; a negative count is taken as 0.
         """
         sums = [max(round(_MEAN_SAMPLES * count), 0) for count in counts]
         self.update(sums, _MEAN_SAMPLES, [0] * CHANNELS, 0)

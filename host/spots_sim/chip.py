@@ -140,7 +140,8 @@ class AS7341:
         self._bank1 = bytearray(256)
         self._bank1[0x74] = 0x04
         self._smux_ram = bytearray(20)
-        self._routing: list[dict[str, float]] = [{} for _ in range(6)]  # of each ADC
+        # Of each ADC: share of each diode.
+        self._routing: list[dict[str, float]] = [{} for _ in range(6)]
         self._pointer = 0
         self._smux_done = None
         self._zeroed = False
@@ -180,7 +181,7 @@ class AS7341:
                 data += counts
                 self._pointer = pointer + len(counts)
             elif self._fifo and pointer == 0xFE and size - len(data) > 1 and not self._main[0xA9]:
-                data += self._fifo.pop(0)  # both registers of an entry
+                data += self._fifo.pop(0)  # both bytes of an entry
             else:
                 data.append(self._get(pointer))
                 # A transfer of any length reads the FIFO from its last two registers.

@@ -232,7 +232,7 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     use : str
-        ``fivebar`` for a simulated linkage; else the application to show first, below a strip.
+        ``fivebar`` for a simulated linkage. Any other application is shown first, below a strip.
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int

@@ -102,7 +102,7 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
 
 
 def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> None:
-    """Set mains frequency and wiring of the LED on a board.
+    """Set the mains frequency and the wiring of the LED on a board.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> No
     sensor : SensorFile
         Sensor file of the strip, with its lamps.
     led : str
-        LED settings as assignments for ``set``; empty for an LED on LDR.
+        Wiring of the LED as assignments for ``set``; empty for an LED on LDR.
     number : int, optional
         Number of the strip on the board.
     """

@@ -30,7 +30,7 @@ class Score:
         self._scenario = scenario
         self._started_s = started_s
         self._position_um2 = self._force_mN2 = 0.0  # sums of squared errors
-        self._compared = self._pressed = 0  # readings of one finger: trusted ones, all
+        self._compared = self._pressed = 0  # readings of one finger: the trusted ones, and all
         self._errors_um: deque[float] = deque(maxlen=_RECENT)
         self._latencies_ms: deque[float] = deque(maxlen=_RECENT)
         self._touching = False
@@ -82,7 +82,7 @@ class Score:
         """Median absolute error of the position in um; None without a compared reading.
 
         The rms error depends on the one or two faintest readings: at the force at which a touch
-        begins, the error of a single reading can exceed 1 mm. The median does not.
+        begins, the error of a single reading can exceed 1 mm. The median hardly depends on them.
         """
         return _rounded(np.median(self._errors_um)) if self._compared else None
 

@@ -33,8 +33,8 @@ def is_reset(request: bytes) -> bool:
 def passes(request: bytes) -> int:
     """Return how many passes of the board's loop follow a request.
 
-    A pass reads registers, or takes a sample of a burst from the chip's FIFO. The read of the
-    FIFO's level precedes another read.
+    A pass reads registers, or takes a sample of a burst from the chip's FIFO. After the read of the
+    FIFO's level, the same pass reads again, so that read is not counted.
     """
     if request[0] != protocol.READ or request[2] == _LEVEL:
         return 0

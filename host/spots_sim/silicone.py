@@ -40,7 +40,7 @@ _PLAYS_MN = (100.0, 300.0, 900.0, 2700.0)
 _POWER, _SOONEST_S = 0.15, 0.05
 _STEP_S = 0.02  # changes of the force within this time count as one
 _WIDTH_MN = 1500.0
-_KEPT = 256  # cached durations; the steps of a simulation have few different ones
+_KEPT = 256  # cached durations; few different ones occur in a simulation
 _SOFTENED_MN = 4000.0
 
 

@@ -22,7 +22,7 @@ def test_hello_tells_who_it_is(rig):
 
 
 class Hesitant(LinkWrapper):
-    """After `hold`, what the board sends is held back, or lost, for a while."""
+    """A link that delays or loses what the board sends, for some time after `hold`."""
 
     def __init__(self, link, loses=False):
         super().__init__(link)
@@ -41,7 +41,7 @@ class Hesitant(LinkWrapper):
 
 
 class HesitantAtSync(Hesitant):
-    """Holds back from the fourth question for the time on."""
+    """Calls `hold` at the fourth `sync` command."""
 
     def __init__(self, link, for_s, loses):
         super().__init__(link, loses)

@@ -25,7 +25,7 @@ from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
 
 PLAN = "F3,F4,F5,F6,F7,F8"
-PATIENCE_S = 25.0  # more than a simulated person forgets a press, less than minutes to simulate
+PATIENCE_S = 25.0  # longer than a simulated person forgets a press, but quick to simulate
 
 
 class Room(io.StringIO):

@@ -46,7 +46,7 @@ def width_mN(force_mN, read_mN):
 
 @pytest.fixture(scope="module")
 def session(sensor, tmp_path_factory):
-    """Return a function of the model: a session's file, and what `fine` returns of it."""
+    """Return a function of a model that returns a session's file and the result of `fine`."""
 
     @lru_cache
     def session(model):

@@ -88,7 +88,7 @@ class Machine:
 
 
 class CPython(Machine):
-    """What the others are compared with, which are several: it runs each script once."""
+    """The reference for all other machines; runs each script once and stores its output."""
 
     def __init__(self, folder: Path):
         super().__init__(folder)

@@ -35,7 +35,7 @@ from spots_sim.typist import fast_typing
 from .audit import Audit, Keys, Memory, Recoveries, usages_of
 
 _TICK_S = 0.05
-# Ten keys of each strip. The first layout is that of a board without a layout. No key is in both.
+# Layouts of ten keys for each strip, without a common key. A board without a layout uses the first.
 _LAYOUTS = [
     compiled(
         Path(name),
@@ -293,7 +293,7 @@ def soak(
 
 
 class _Spells(list):
-    """A list of faults that appends those of `_COMMON` to the list of another strip too."""
+    """A list of faults that also appends those of `_COMMON` to the list of another strip."""
 
     def __init__(self, other: list):
         super().__init__()

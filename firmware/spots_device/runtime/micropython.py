@@ -15,8 +15,8 @@ from .stay import must_stay
 _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
 _SLOW_US = const(200_000)  # a write blocks for half a second if the host does not read
-# Pause after such a write, and its factor after each further one. The first pause is short, because
-# a single write may be slow for another reason.
+# Pause after such a write, and the factor by which each further such write lengthens the pause. The
+# first pause is short, because a single write may be slow for another reason.
 _PAUSE_US = const(1_000)
 _PAUSE_TIMES = const(16)
 _PAUSE_MAX_US = const(64_000_000)

@@ -25,9 +25,9 @@ _LOADS = (
 )
 _LOADS_FROM = 12  # presses; then it is known which forces light the strip
 _UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
-# Softening: distance of presses at one place; force below the earlier one that shows most of it;
-# least force, because creep of earlier presses changes weaker ones; least size; least ratio to its
-# standard deviation.
+# Softening: largest distance of presses at one place; how far below the earlier force a force
+# shows most of the softening; least force, because creep of earlier presses changes weaker forces;
+# least size of the softening; its least ratio to its standard deviation.
 _NEAR_UM, _SOFTENED_MN, _SOFTENED_MIN_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 300.0, 0.05, 2.5
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]

@@ -47,8 +47,8 @@ class Sizes:
     force_share : float
         Relative standard deviation of the forces that a person reads.
     force_mN : float
-        Standard deviation of the weakest forces, in mN: rounding of the scale, and creep of earlier
-        presses.
+        Standard deviation that is the same for all forces, in mN: rounding of the scale, and creep
+        of earlier presses. It matters for weak forces.
     bend, rise : float
         Expected sizes of the coefficients of degree 2 of `s_c` and of `g`, in log2 units.
     dark_share : float

@@ -33,7 +33,8 @@ LIBRARIES = {
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The application of a board with several strips, and its multiplexer; other boards do not get them.
+# The application of a board with several strips, and the bus behind a multiplexer: only boards that
+# use these modules get them.
 _SEVERAL, _MULTIPLEXER = "several.py", "multiplexer.py"
 STRIPS_MAX = 4
 

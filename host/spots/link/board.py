@@ -24,7 +24,7 @@ from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLos
 from .turn import Turn
 
 # Timeouts of replies. These commands reply when their work is done, others at once. The usual
-# timeout is long, because a virtual board may get no processor for some seconds on a busy computer.
+# timeout is long, because a virtual board may get no processor time for seconds on a busy computer.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
 _USUAL_REPLY_S = 4.0
 _HELLO_TIMEOUT_S = 1.0
@@ -69,7 +69,7 @@ def of_sensor(line: str, sensor: int) -> str:
 
 
 def addressed(line: str, sensor: int) -> str:
-    """Return a command of a program that knows one strip only, as a command for a strip.
+    """Add the number of a sensor to a command if the command concerns a single strip.
 
     Parameters
     ----------
@@ -81,6 +81,8 @@ def addressed(line: str, sensor: int) -> str:
     Returns
     -------
     str
+        The command with ``sensor=``. A command for all strips, or a line of an upload, stays
+        unchanged.
     """
     if line.partition(" ")[0] in _OF_ALL or _UPLOADED.match(line):
         return line
@@ -315,7 +317,8 @@ class Board:
         if timeout_s is None:
             timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         with self._turn:
-            if self._late:  # the board replies in order
+            if self._late:
+                # The board replies in order, so no late reply follows the reply to this `hello`.
                 self._late = self._exchange("hello", _HELLO_TIMEOUT_S) is None
             reply = self._exchange(line, timeout_s)
             if reply is None:

@@ -14,7 +14,7 @@ TYPICAL_DECAY = 289  # for boards that do not report the decay
 
 
 def tracker_arguments(touch: Touch) -> tuple[int, int, int, int, int]:
-    """Return the arguments of `ContactTracker.take` and `Keypad.take` for a reading.
+    """Convert a reading to the arguments of `ContactTracker.take` and `Keypad.take`.
 
     The flag `DROPPED` is cleared: the board has processed every sample, even if the host has not.
     """

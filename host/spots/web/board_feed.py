@@ -39,7 +39,7 @@ _NEXT = {
     LOST: "the board is disconnected; next: plug the board in again, and wait a moment",
     REFUSED: "this is another board; next: plug the previous board in, or restart 'spots serve'",
 }
-# While the other strips of the board send readings.
+# Shown for a strip without readings while another strip of the board sends readings.
 _SILENT = "no readings arrive; next: check the wires of the sensor"
 
 
@@ -241,7 +241,7 @@ def _begun(strip: Board | OneStrip) -> Mapping[str, Any]:
     try:
         return strip.command("hello")
     except CommandError:
-        return {}  # of a remote board, only the first strip is known
+        return {}  # a remote board answers `hello` for its first strip only
 
 
 def _settings(board: Board | OneStrip) -> dict:

@@ -74,7 +74,7 @@ class PageCalibration(Orders):
     ----------
     path : Path
         Session file; the calibration file has the same name with the suffix ``.toml``. Strip 1 of a
-        board with several strips has files of its own: the names end in ``-1``.
+        board with several strips has its own files: before the suffix, their names end in ``-1``.
     state : PageState
         State of the web UI; a session sets the parts ``calibration``, ``hold`` and ``spectrum``.
 
@@ -256,7 +256,7 @@ class PageCalibration(Orders):
             answer.set_exception(SpotsError(_BEHIND))
             return None
         if isinstance(request, Undo) and self._shown["kind"] == REZERO:
-            answer.set_exception(SpotsError("a re-zero keeps no presses: stop it and start again"))
+            answer.set_exception(SpotsError("a re-zero stores no press: stop it and start again"))
             return None
         answer.set_result(None)
         if isinstance(request, Undo):

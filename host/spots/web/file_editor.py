@@ -34,9 +34,9 @@ class FileEditor(Orders):
     kind : str
         Kind of file for error messages, such as "layout".
     part : str
-        Part of the web UI that shows the file.
+        Name of the part of the state that describes the file.
     state : PageState
-        State that gets this part.
+        State of the web UI; contains this part.
 
     Raises
     ------
@@ -53,7 +53,7 @@ class FileEditor(Orders):
             raise SpotsError(f"'{path}' is not a {kind} file: give a name that ends in .toml")
         self._path, self._kind = path, kind
         self._part, self._state = part, state
-        self._shown_for: str | None = None  # id of the strip
+        self._shown_for: str | None = None  # id of the strip for which the part was computed
         self._decoder = msgspec.json.Decoder(self.requests)
 
     def decode(self, body: bytes) -> Any:

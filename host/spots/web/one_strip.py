@@ -1,4 +1,4 @@
-"""One strip of a board with several strips: what reads a board with one strip also reads this."""
+"""One strip of a board with several strips, with the interface of a board with one strip."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..link.readers import FrameIterator
 
 
 class OneStrip:
-    """One strip of a board; attributes that are not listed here are those of the board.
+    """One strip of a board; any attribute that this class does not define is that of the board.
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ class PageState:
 
 
 class Beside(PageState):
-    """State of a strip that is not shown in detail; discards all but its readings and its warning.
+    """State of a strip that is not shown in detail: its latest reading and its warning, no more.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Beside(PageState):
     sensor : int
         Number of the strip.
     strips : dict
-        What is shown of each strip, by its number; the same object for all strips of a board.
+        Reading and warning of each strip, by its number; all strips of a board share this object.
     """
 
     def __init__(self, state: PageState, sensor: int, strips: dict[int, dict]):
@@ -118,7 +118,7 @@ class Beside(PageState):
     def put(self, name: str, value: Any) -> None:
         if name in ("touch", "untrusted"):
             self._strips[self._sensor] = {**self._strips.get(self._sensor, {}), name: value}
-            self._state.put("beside", dict(self._strips))  # a copy: the server's thread reads it
+            self._state.put("beside", dict(self._strips))  # a copy for the server's thread
 
     def add_event(self, event: dict) -> None:
         pass

@@ -20,7 +20,7 @@ class StripChoice(Orders):
         super().__init__("there is no board: plug one in")
 
     def decode(self, body: bytes) -> int:
-        """Return the number of a strip; raise a ValueError if the body is no such number."""
+        """Return the number of a strip; raise a ValueError if the body is not one digit."""
         if len(body) != 1 or not body.isdigit():
             raise ValueError("the body must be the number of a strip, such as 1")
         return int(body)

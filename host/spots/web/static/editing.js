@@ -163,7 +163,7 @@ export function editing(root, opener, { path, store, words, begin, written, forg
 
   return {
     draft, undo, redo, state, ask, foot, post, check, draw, setOpen,
-    // Changes the content of the draft, as one step of undo; with `replace`, without a step of its own.
+    // Changes the content of the draft, as one step of undo; with `replace`, as part of the last step.
     edit: (mutate, replace = false) => {
       const value = draft.value;
       mutate(value.content);

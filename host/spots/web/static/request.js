@@ -1,7 +1,7 @@
-// Requests of this window to the server; only those with the token are accepted.
+// Requests of this window to the server, which accepts them only with the token.
 
-// Returns the answer of a POST: its JSON object, {} without one, or {refused: why}.
-// Without any answer, it is also `unanswered`.
+// Returns the answer to a POST: its JSON object, {} if the answer has no body, or {refused: why}.
+// If the server does not answer, the result also has `unanswered`.
 export async function request(path, body) {
   try {
     const answer = await fetch(path, { method: "POST", body: typeof body === "string" ? body : JSON.stringify(body) });

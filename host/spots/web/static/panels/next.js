@@ -1,4 +1,4 @@
-// What keeps the strip from being shown, and the next step; else empty.
+// Why there is no valid reading of the strip, and the next step; empty if there is one.
 import { several } from "../dom.js";
 
 export function next(root) {
@@ -20,14 +20,14 @@ function strip(board) {
   return board?.strips?.length > 1 ? `strip ${board.strip}: ` : "";
 }
 
-// The next step by a button of this window instead of a command, if this browser may calibrate.
+// If this browser may calibrate, the next step names a button of this window instead of a command.
 const HERE = { "spots rezero": "press ‘calibrate’, then ‘Re-zero’", "spots calibrate": "press ‘calibrate’" };
 function here(state, reading) {
   if (!state.may_command || !state.calibration) return reading;
   return reading.replace(/spots (rezero|calibrate)/, (command) => HERE[command]);
 }
 
-// What is to do about the readings of a strip; else empty.
+// Returns the cause and the next step for readings that are not valid; empty for valid ones.
 export function sentence(touch, untrusted) {
   return both(touch) || (untrusted ?? "");
 }

@@ -1,4 +1,4 @@
-// The choice of a strip: editors and calibration change the strip that is shown in detail.
+// Buttons that choose the strip to show in detail; editors and calibration change this strip.
 import { button } from "../controls.js";
 import { make } from "../dom.js";
 import { request } from "../request.js";
