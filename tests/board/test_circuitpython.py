@@ -22,7 +22,11 @@ BOARD = "virtual_circuitpython"
 
 
 class Tapped(LockstepLink):
-    """A link that remembers every byte."""
+    """A link that remembers every byte, and writes only while the board handles a new sample.
+
+    A read that times out ends between two requests of the board. A sleep is one request on
+    MicroPython and two on CircuitPython, so the next write would be at another time there.
+    """
 
     def __init__(self, *arguments, **named):
         self.bytes = b""
@@ -32,6 +36,12 @@ class Tapped(LockstepLink):
         received = super().read(timeout_s)
         self.bytes += received
         return received
+
+    def write(self, data):
+        samples = self.chip.samples
+        while self.chip.samples == samples:
+            self._board.step()
+        super().write(data)
 
 
 def touch_frames(sensor, seed, board):
