@@ -17,16 +17,16 @@ from spots_sim.scenario import Held, Scenario
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {
     "pico": [
-        (10_000, 100.0, 0.177),
-        (2_780, 359.7, 0.588),
-        (1_500, 665.7, 1.0),
-        (1_000, 721.3, 1.0),
+        (10_000, 100.0, 0.173),
+        (2_780, 359.7, 0.605),
+        (1_500, 666.3, 1.0),
+        (1_000, 702.3, 1.0),
     ],
     "pico-xip50": [
-        (10_000, 100.0, 0.226),
-        (2_780, 359.8, 0.801),
-        (1_500, 538.6, 1.0),
-        (1_000, 525.0, 1.0),
+        (10_000, 100.0, 0.231),
+        (2_780, 359.6, 0.801),
+        (1_500, 539.4, 1.0),
+        (1_000, 532.8, 1.0),
     ],
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]

@@ -181,6 +181,27 @@ def test_a_wrong_setting_is_a_sentence_and_cannot_be_saved(desk, open_page):
     expect(state(page)).not_to_contain_text("rest_percent", timeout=LONG_MS)
 
 
+SLOW_NAMES = """() => {
+  const now = window.fetch;
+  window.fetch = async (...request) => {
+    if (String(request[0]).endsWith("usages.txt")) await new Promise((go) => setTimeout(go, 1000));
+    return now(...request);
+  };
+}"""
+
+
+def test_an_action_typed_before_the_names_of_keys_arrive_is_not_lost(desk, open_page):
+    page = open_page(desk.server.url, **DESK)
+    page.evaluate(SLOW_NAMES)
+    open_panel(page, "gestures")
+    hold = page.get_by_role("combobox", name="hold", exact=True)
+    expect(hold).to_have_value("SCAN_PREVIOUS_TRACK")
+    hold.fill("vol")
+    hold.press("Enter")
+    expect(hold).to_have_value(re.compile("^VOLUME"))
+    expect(state(page, "gestures")).to_have_text("not in gestures.toml yet")
+
+
 def test_gestures_show_their_confidence_and_get_keys(desk, open_page):
     page = open_page(desk.server.url, **DESK)
     open_panel(page, "gestures")

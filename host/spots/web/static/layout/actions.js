@@ -12,8 +12,14 @@ const VERB_WORDS = {
   layer: "this layer while the key is held", toggle: "this layer until the next toggle", once: "this layer for one key",
 };
 
-// Keys by name: {name, value, words, search}. `value` is the shortest name in a layout file.
-export async function readUsages() {
+// Keys by name: {name, value, words, search}. `value` is the shortest name in a layout file. All
+// fields share them.
+let reading = null;
+export function readUsages() {
+  return reading ??= read();
+}
+
+async function read() {
   const answer = await fetch("static/usages.txt");
   if (!answer.ok) throw new Error(answer.statusText);
   const taken = new Set();
@@ -74,7 +80,8 @@ function rank(one, wanted) {
 }
 
 // A field for an action with a list to choose from. `find(text)` returns the actions that fit;
-// `onChoose(value)` gets the chosen one, or an empty string.
+// `onChoose(value)` gets the chosen one, or an empty string. The field is disabled until the keys'
+// names are `ready`: nothing that is typed before would fit.
 let fields = 0;
 export function actionField(name, find, onChoose) {
   const id = `action-${++fields}`;
@@ -155,5 +162,8 @@ export function actionField(name, find, onChoose) {
     else if (best && !list.hidden) choose(best.value);
     else { input.value = value; close(); }
   });
-  return { root, input, show: (text) => { if (text !== value || document.activeElement !== input) { value = input.value = text; } } };
+  return { root, input, show: (text, ready) => {
+    input.disabled = !ready;
+    if (text !== value || document.activeElement !== input) value = input.value = text;
+  } };
 }

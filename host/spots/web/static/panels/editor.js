@@ -231,11 +231,11 @@ export function editor(root) {
     label.placeholder = words({ ...key, label: undefined });
     put(width, (((high - low) * length_um) / 1000).toFixed(2));
     width.disabled = removeZone.disabled = all.length === 1;
-    for (const [slot, one] of actions) one.show(key[slot] ?? "");
+    for (const [slot, one] of actions) one.show(key[slot] ?? "", usages.length);
     ofLayer.firstChild.textContent = `Layer ${now.name}`;
     put(layerName, now.name);
     put(gap, String(now.gap_percent ?? 0));
-    for (const [slot, one] of swipes) one.show(now[slot] ?? "");
+    for (const [slot, one] of swipes) one.show(now[slot] ?? "", usages.length);
     removeLayer.disabled = content.layer.length === 1;
     for (const [statement, { show }] of Object.entries(tunings)) show(content.tuning?.[statement]);
   }

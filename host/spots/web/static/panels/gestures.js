@@ -33,11 +33,11 @@ export function gestures(root) {
   }
 
   function refresh({ content }) {
-    if (!usages.length) readUsages().then((all) => { usages = all; }, () => engine.fail("the names of the keys cannot be loaded: reload this window"));
+    if (!usages.length) readUsages().then((all) => { usages = all; engine.draw(); }, () => engine.fail("the names of the keys cannot be loaded: reload this window"));
     const { least_confidence } = complete(schema, "GesturesFile", content);
     limit.show({ least_confidence });
     for (const [name, { key, tick }] of Object.entries(rows)) {
-      key.show(content.gestures[name] ?? "");
+      key.show(content.gestures[name] ?? "", usages.length);
       tick.style.left = `${100 * least_confidence}%`;
     }
   }
