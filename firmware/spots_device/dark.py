@@ -156,27 +156,25 @@ class Dark:
         return peak
 
     def _pool(self):
-        if self._is_jump():
-            self._count = 0
-        weight = _WEIGHT
-        if self._count < _WINDOWS:
-            self._count += 1
-            weight = self._count
-        for i in range(CHANNELS):
-            gap = (self._window[i] << 10) - self.mean[i]
-            self.mean[i] += (gap + (weight >> 1)) // weight
-
-    def _is_jump(self):
+        count = self._count
         score = 0
         for i in range(CHANNELS):
             expected = self.mean[i] >> 10
             off = abs(self._window[i] - expected)
-            if off >= _JUMP_MAX:
-                return True
-            score += (off * off << 4) // (expected + 4)
-            if score * self._count > (_JUMP << 4) * (self._count + 1):
-                return True
-        return False
+            if off < _JUMP_MAX:
+                score += (off * off << 4) // (expected + 4)
+                if score * count <= (_JUMP << 4) * (count + 1):
+                    continue
+            count = 0  # the ambient light has changed
+            break
+        weight = _WEIGHT
+        if count < _WINDOWS:
+            count += 1
+            weight = count
+        self._count = count
+        for i in range(CHANNELS):
+            gap = (self._window[i] << 10) - self.mean[i]
+            self.mean[i] += (gap + (weight >> 1)) // weight
 
 
 class OddLight:
@@ -195,7 +193,7 @@ class OddLight:
     def restart(self):
         """Restart the detection after a new dark frame."""
         self._odd_us = 0
-        self._quiet = -1
+        self._level = -1  # sum of the counts without a touch; -1 before the first one
 
     def take(self, flags, state, lasted_us):
         """Process a reading; if the ambient light has changed, request a new dark frame.
@@ -215,9 +213,9 @@ class OddLight:
             odd = flags & MISFIT
         else:
             light = state[LIGHT] // state[SAMPLES]
-            if self._quiet < 0:
-                self._quiet = light
-            odd = abs(light - self._quiet) > _ODD_COUNTS
+            if self._level < 0:
+                self._level = light
+            odd = abs(light - self._level) > _ODD_COUNTS
         if not odd:
             self._odd_us = 0
         elif self._odd_us < _ODD_US:
