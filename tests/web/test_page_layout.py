@@ -147,6 +147,22 @@ def test_mini_from_nothing_is_typed_on_undone_and_survives_a_reload(desk, open_p
     tap(desk, page, 3.5 / 9, "O")
 
 
+def test_a_board_that_returns_does_not_move_the_page_under_a_click(desk, open_page):
+    page = open_page(desk.server.url)
+    open_editor(page)
+    expect(page.locator(".key")).to_have_count(10, timeout=LONG_MS)
+    desk.bench.link.plugged = False
+    expect(page.locator("#next")).to_be_visible()
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    box = page.get_by_text("Tuning").bounding_box()
+    page.mouse.move(box["x"] + 30, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    desk.bench.link.plugged = True
+    expect(page.locator("#next")).to_be_hidden()
+    page.mouse.up()
+    expect(page.get_by_label("A longer touch is a hold, ms")).to_be_visible(timeout=5_000)
+
+
 def test_a_border_is_dragged_and_moved_by_keys(desk, open_page):
     page = open_page(desk.server.url, viewport={"width": 1440, "height": 900})
     open_editor(page)
