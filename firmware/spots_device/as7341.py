@@ -55,7 +55,8 @@ _FIFO_CLR = const(0x02)
 _SIX_COUNTS = const(0x7E)
 
 _ENTRIES = const(6)  # entries of the FIFO for a sample
-_FULL = const(126)  # entries in the FIFO; with more, samples may be lost
+# Entries in the FIFO; with more, the chip may drop a part of the sample that it stores next.
+_FULL = const(120)
 _SAMPLE = const(12)  # bytes
 _FIFO_DATA = const(14)  # index in the buffer, after the data registers
 _TRIAL = const(-8)  # at most so many samples after a start may be absent from the FIFO

@@ -118,12 +118,16 @@ class PipedBoard:
         """Answer the firmware's request (such as an I2C transfer); run it until its next one."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
-            if self.busy_us and (passes := server.passes(self._pending)):
+            after_us = 0.0
+            if self.busy_us and any(passes := server.passes(self._pending)):
                 busy_us = self.busy_us
                 lasted_us = busy_us(self.free_bytes) if callable(busy_us) else busy_us
-                self.bus.clock.spend_us(passes * lasted_us)
+                self.bus.clock.spend_us(passes[0] * lasted_us)
+                after_us = passes[1] * lasted_us
             answers = self._machine.answers
-            server.answer(self._pending, self.bus, self._usb, answers, self._rate, self.second)
+            server.answer(
+                self._pending, self.bus, self._usb, answers, self._rate, self.second, after_us
+            )
         else:
             self._brown_out(off_us)
         self._pending = self._next_request()

@@ -30,15 +30,15 @@ def is_reset(request: bytes) -> bool:
     return request[0] == protocol.RESET
 
 
-def passes(request: bytes) -> int:
-    """Return how many passes of the board's loop follow a request.
+def passes(request: bytes) -> tuple[int, int]:
+    """Return how many passes of the board's loop come before and after the transfer of a request.
 
-    A pass reads registers, or takes a sample of a burst from the chip's FIFO. After the read of the
-    FIFO's level, the same pass reads again, so that read is not counted.
+    A pass reads registers, or takes a sample of a burst that was read from the chip's FIFO. A read
+    of the FIFO's level is not counted, because the same pass reads again.
     """
     if request[0] != protocol.READ or request[2] == _LEVEL:
-        return 0
-    return request[3] // _SAMPLE_BYTES if request[2] == _FDATA else 1
+        return 0, 0
+    return (0, request[3] // _SAMPLE_BYTES) if request[2] == _FDATA else (1, 0)
 
 
 def reported_free_bytes(request: bytes) -> int | None:
@@ -73,6 +73,7 @@ def answer(
     fd: int,
     rate: float = 1.0,
     second: I2CBus | None = None,
+    after_us: float = 0.0,
 ) -> None:
     """Execute a request of a board and write its answer.
 
@@ -90,6 +91,8 @@ def answer(
         Seconds that the board's clock counts in one true second.
     second : bus.I2CBus, optional
         The board's second bus, if it has two strips.
+    after_us : float
+        Processor time of the board after a transfer that reads registers, in us.
 
     Raises
     ------
@@ -108,6 +111,7 @@ def answer(
                 bus.frequency_hz = 1000 * int.from_bytes(request[1:3], "little")
             case protocol.READ:
                 data = bus.write_read(a, bytes((b,)), c)
+                bus.clock.spend_us(after_us)
             case protocol.RECEIVE:
                 data = bus.read(a, c)
             case protocol.LINES:

@@ -35,8 +35,8 @@ class Numbered:
 class Stalled:
     """A board that streams the counts of a numbered light."""
 
-    def __init__(self, sensor, board="virtual", exposure_us=EXPOSURE_US, **quirks):
-        self.link = LockstepLink(sensor, Held(), board=board)
+    def __init__(self, sensor, board="virtual", exposure_us=EXPOSURE_US, busy_us=None, **quirks):
+        self.link = LockstepLink(sensor, Held(), board=board, busy_us=busy_us)
         rng = np.random.default_rng(0)
         self.chip = AS7341(Numbered(), SILENT, rng, Quirks(**quirks))
         self.link.bus.chip = self.link.chip = self.chip
@@ -131,6 +131,61 @@ def test_an_overflow_is_counted_and_the_fifo_is_used_again(stalled, stall_us, ov
     # The period is measured to 0.1 %: after 2 s, the count may be wrong by one.
     assert abs(lost - (gap - 1 + AROUND * turns)) <= stall_us // 2_000_000
     assert after[0].flags & DROPPED
+    assert made.get()["fifo"]
+
+
+def test_the_samples_of_a_board_that_misses_most_are_whole_and_their_times_right(stalled):
+    made = stalled(busy_us=6_000.0, clock_error_percent=1.0)
+    ends_us, complete = {}, made.chip._complete
+    offset = 50 * DIODES.index(made.get()["plan"][0])
+
+    def record(end_us):
+        ends_us[made.chip._light.samples % AROUND + offset] = end_us
+        complete(end_us)
+
+    made.chip._complete = record
+    made.run(0.2)
+    frames = made.run(0.8)
+    assert any(frame.flags & DROPPED for frame in frames)
+    ends = [ends_us[number] for number in numbers(frames)]
+    late_us = [frame.t_us + EXPOSURE_US / 2 - end_us for frame, end_us in zip(frames, ends)]
+    assert min(late_us) > -0.1 * EXPOSURE_US
+    assert max(late_us) < 1.2 * EXPOSURE_US
+
+
+class FullBus:
+    """A bus that once delays the level's read until the FIFO has `level` entries.
+
+    Before the next read of data, the chip stores one more sample.
+    """
+
+    def __init__(self, link, level):
+        self._bus, self._clock, self._chip = link.bus, link.clock, link.chip
+        self.level, self.grew = level, False
+
+    def __getattr__(self, name):
+        return getattr(self._bus, name)
+
+    def write_read(self, address, data, size):
+        if data == b"\xfd" and self.level:
+            while len(self._chip._fifo) < self.level:
+                self._clock.spend_us(50.0)
+                self._chip.advance(self._clock.now_us())
+            self.level = 0
+        elif data == b"\xfe" and not self.level and not self.grew:
+            self.grew = True
+            self._clock.spend_us(EXPOSURE_US)
+        return self._bus.write_read(address, data, size)
+
+
+@pytest.mark.parametrize("level", [114, 120, 126])
+def test_a_sample_that_the_chip_stores_after_the_level_was_read_is_whole(stalled, level):
+    made = stalled()
+    made.run(0.2)
+    made.link.bus = bus = FullBus(made.link, level)
+    frames = made.run(0.5)
+    assert bus.grew
+    assert len(numbers(frames)) > 100
     assert made.get()["fifo"]
 
 
