@@ -246,11 +246,19 @@ class BoardApp:
             clock.sleep_us(wait_us)
         began, complete, waits = clock.ticks_us(), sensor.complete, sensor.waits
         BoardApp._pass(self)
-        if self.reconnect.lost or sensor.complete == complete:
-            return
-        burst_us = 0 if waits else sensor.burst_us()
-        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us):
+        if self._measured(began, complete, waits):
             del self._pass
+
+    def _measured(self, began, complete, waits):
+        """Add a pass to the mean unless it gave no sample; return True once the mean is complete.
+
+        The arguments are the ticks and the sensor's `complete` and `waits` before the pass.
+        """
+        clock, sensor = self._clock, self._sensor
+        if self.reconnect.lost or sensor.complete == complete:
+            return False
+        burst_us = 0 if waits else sensor.burst_us()
+        return self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us)
 
     def log(self, level, text):
         """Send the log line `text` to the host; `level` is ``"info"`` or ``"error"``."""

@@ -160,13 +160,10 @@ class StripApp(BoardApp):
         self.poll = self._measured_poll
 
     def _measured_poll(self, late_us):
-        clock, sensor = self._clock, self._sensor
-        began, complete, waits = clock.ticks_us(), sensor.complete, sensor.waits
+        sensor = self._sensor
+        began, complete, waits = self._clock.ticks_us(), sensor.complete, sensor.waits
         StripApp.poll(self, late_us)
-        if self.reconnect.lost or sensor.complete == complete:
-            return
-        burst_us = 0 if waits else sensor.burst_us()
-        if self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us):
+        if self._measured(began, complete, waits):
             del self.poll
 
     def rate_mHz(self):
