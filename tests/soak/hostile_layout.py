@@ -25,9 +25,12 @@ from spots.keyboard.layout import load
 from spots.web.settings_editor import KINDS
 from spots_device.settings import checksum
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "web"))
+
+from fuzzing import mutated
+
 _CLIENTS = 8
 _GROWTH_MAX_KB = 20_000
-_FRAGMENTS = "", '"', "\\", "[", "{", "=", "\n", "#", "9", "-", "\u00e9", "\x00", "clear", "push"
 _TEXT = load("mini").text
 _SETTINGS = {name: kind.usual.read_text(encoding="utf-8") for name, kind in KINDS.items()}
 _BASES = {name: checksum([text]) for name, text in _SETTINGS.items()}
@@ -51,13 +54,7 @@ _MESSAGES = (
 def _mutated(choice: random.Random) -> tuple[str, bytes]:
     """Return the path of a message, and the message with some random changes."""
     path, message = choice.choice(_MESSAGES)
-    parts = list(message)
-    for _ in range(choice.randrange(1, 5)):
-        at = choice.randrange(len(parts) + 1)  # a short message can become empty
-        part = choice.choice([*_FRAGMENTS, *parts[at : at + 1]])
-        parts[at : at + choice.randrange(3)] = part
-    body = "".join(parts).encode()
-    return path, body * choice.choice((1, 1, 1, 50))
+    return path, mutated(choice, message).encode() * choice.choice((1, 1, 1, 50))
 
 
 async def _client(port: int, token: str, seed: int, count: int, found: Counter) -> None:

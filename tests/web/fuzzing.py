@@ -6,16 +6,20 @@ import random
 
 from spots.errors import SpotsError
 
-FRAGMENTS = "", '"', "\\", "[", "{", "=", "\n", "#", "9", "-", "\u00e9", "\x00", '{"do":"clear"}'
+FRAGMENTS = (
+    "", '"', "\\", "[", "{", "=", "\n", "#", "9", "-", "\u00e9", "\x00", "clear", "push",
+    '{"do":"clear"}',
+)  # fmt: skip
 COUNT = 1000
 
 
 def mutated(choice, text):
-    """Return a text with some random changes."""
+    """Return a text with some random changes; a short one can become empty."""
     parts = list(text)
     for _ in range(choice.randrange(1, 6)):
-        at = choice.randrange(len(parts))
-        parts[at : at + choice.randrange(3)] = choice.choice([*FRAGMENTS, parts[at]])
+        at = choice.randrange(len(parts) + 1)
+        part = choice.choice([*FRAGMENTS, *parts[at : at + 1]])
+        parts[at : at + choice.randrange(3)] = part
     return "".join(parts)
 
 
