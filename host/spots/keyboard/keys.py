@@ -5,10 +5,9 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from spots_device.settings import checksum
-
 from ..errors import printable
 from ..link.board import Board
+from ..link.connect import upload_lines
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
 from ..terminal.view import framed
 from .layout import LAYER_VERBS, SLOTS, KeyLayout, PlacedKey, load
@@ -50,10 +49,7 @@ def push(board: Board, layout: KeyLayout) -> str | None:
     SpotsError
         If the board refuses the layout.
     """
-    board.command("layout begin")
-    for line in layout.lines:
-        board.command("layout " + line)
-    board.command("layout end " + checksum(layout.lines))
+    upload_lines(board, "layout", layout.lines)
     note = board.command("set keys=1 baseline=1").get("note")
     board.command("save")
     return note

@@ -171,16 +171,44 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     reason = made.mismatch(now)
     if reason is not None:
         raise SpotsError(reason)
-    board.command(of_sensor("cal begin", sensor))
-    for line in calibration:
-        board.command("cal " + line)
-    name: str = checksum(calibration)
-    board.command("cal end " + name)
+    name = upload_lines(board, "cal", calibration, sensor)
     if sensor:
         return
     board.calibration = list(calibration)
     board.info["calibration"], board.info["length_um"] = name, made.length_um
     board.info["decay"], board.info["relative_force"] = made.decay, made.relative_force
+
+
+def upload_lines(board: Board, command: str, lines: Sequence[str], sensor: int = 0) -> str:
+    """Upload lines to a board.
+
+    Parameters
+    ----------
+    board : Board
+        Board that gets the lines.
+    command : str
+        ``cal`` for a calibration, ``layout`` for a key layout.
+    lines : sequence of str
+        Lines to upload.
+    sensor : int
+        Number of the strip on the board.
+
+    Returns
+    -------
+    str
+        Checksum of the lines.
+
+    Raises
+    ------
+    SpotsError
+        If the board refuses the lines. It then keeps the previous ones.
+    """
+    board.command(of_sensor(f"{command} begin", sensor))
+    for line in lines:
+        board.command(f"{command} {line}")
+    name: str = checksum(lines)
+    board.command(f"{command} end {name}")
+    return name
 
 
 def _checked(calibration: Sequence[str]) -> Any:
