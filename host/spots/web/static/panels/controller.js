@@ -24,7 +24,6 @@ export function controller(root) {
   root.append(make("div", "head", make("h2", "", "Controller settings"), engine.undo, engine.redo),
     engine.state, engine.foot, cards, buttons, make("div", "buttons", add), common, engine.ask);
 
-
   let times = null;
   function lay() {
     times = fieldsOf(schema, "ControllerSettings", (name, value, replace) => edit((it) => { it[name] = value; }, replace));
