@@ -28,7 +28,7 @@ from .mechanism import Mechanism, Motion, closed, dwelling, guided
 from .paced import PacedLink
 from .rezeroed import silent_bench
 from .rig import Rig
-from .stage import WARM_S, set_as_calibrated
+from .stage import WARM_S, set_as_calibrated, strip_lines
 from .stage_presser import StagePresser
 
 PATH, EXPOSURE_US = "sust", 30_000  # defaults
@@ -293,9 +293,8 @@ def moved(strip: CalibrationFile, number: int) -> CalibrationFile:
     -------
     CalibrationFile
     """
-    board = f"{strip.board}-{number}"
-    lines = [line.replace(f"board {strip.board}", f"board {board}") for line in strip.lines]
-    return msgspec.structs.replace(strip, board=board, lines=tuple(lines))
+    lines = tuple(strip_lines(strip.lines, number))
+    return msgspec.structs.replace(strip, board=f"{strip.board}-{number}", lines=lines)
 
 
 def _strips(

@@ -217,6 +217,25 @@ def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, 
     return _calibrated(sensor, exposure_us)[0]
 
 
+def strip_lines(lines, number: int) -> list[str]:
+    """Change calibration lines to another strip of the same board.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Calibration lines of strip 0.
+    number : int
+        New number of the strip; with 0, the lines stay unchanged.
+
+    Returns
+    -------
+    list of str
+        Calibration lines of the other strip.
+    """
+    end = f"-{number}" if number else ""
+    return [line + end if line.startswith("board ") else line for line in lines]
+
+
 def check_light(along: Presses, pressed: Presses) -> None:
     """Raise an error if a press along the strip is too dark, or if any press is saturated.
 

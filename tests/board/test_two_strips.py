@@ -22,7 +22,7 @@ from spots_sim.bus import I2CBus, MultiplexedBus
 from spots_sim.files import ScenarioFile, SensorFile, load
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press, Scenario
-from spots_sim.stage import calibrate
+from spots_sim.stage import calibrate, strip_lines
 from spots_sim.virtual import start_simulator
 
 SENSOR = load(SensorFile, "default")
@@ -153,9 +153,8 @@ def test_a_command_for_a_strip_that_is_not_there_is_refused():
 def test_a_command_between_the_lines_of_an_upload_does_not_change_its_strip():
     lines = calibrate(SENSOR)
     with opened() as board:
-        own = board.info["id"]
         board.command("cal begin sensor=1")
-        for line in (line.replace(f"board {own}", f"board {own}-1") for line in lines):
+        for line in strip_lines(lines, 1):
             board.command("cal " + line)
             board.command("sync")
         with pytest.raises(SpotsError, match="checksum"):
@@ -231,9 +230,8 @@ class TestSlowBoard:
             board = Board(link)
             boards.append(board)
             lines = calibrate(SENSOR)
-            own = board.info["id"]
-            prepare(board, lines)
-            prepare(board, [line.replace(f"board {own}", f"board {own}-1") for line in lines], 1)
+            for sensor in board.sensors:
+                prepare(board, strip_lines(lines, sensor), sensor)
             for finger in fingers:
                 finger.press = Press(20.0, 3000, 4.0)
             return board
@@ -362,9 +360,8 @@ class TestKeyboard:
     def board(self, start):
         lines = calibrate(SENSOR)
         with start() as board:
-            own = board.info["id"]
-            prepare(board, lines)
-            prepare(board, [line.replace(f"board {own}", f"board {own}-1") for line in lines], 1)
+            for sensor in board.sensors:
+                prepare(board, strip_lines(lines, sensor), sensor)
             halves = enumerate(((0, 500), (500, 1000)))
             layout = ["layer 0 0"]
             layout += [

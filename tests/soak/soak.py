@@ -20,16 +20,15 @@ from spots.errors import SpotsError
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.layout import compiled
 from spots.link.board import Board, of_sensor
-from spots.link.connect import prepare
+from spots.link.connect import prepare, upload_lines
 from spots.link.frames import Key, Touch
 from spots.outputs.usages import KEYBOARD
-from spots_device.settings import checksum
 from spots_sim.faults import WAYS, Faults, FaultyBus, FaultyLink
 from spots_sim.files import ScenarioFile, SensorFile, load
 from spots_sim.link_wrapper import Tap
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
-from spots_sim.stage import calibrate
+from spots_sim.stage import calibrate, strip_lines
 from spots_sim.typist import fast_typing
 
 from .audit import Audit, Keys, Memory, Recoveries, usages_of
@@ -230,13 +229,10 @@ def soak(
     link = Tap(FaultyLink(Tap(bare, audit.send), faults), audit.receive)
     seconds = _HOUR_S * hours
     with Board(link) as board:
-        own = board.info["id"]
         for i in range(strips):
-            lines = calibrate(strip)
             if i:
-                lines = [line.replace(f"board {own}", f"board {own}-{i}") for line in lines]
-                _upload(board, _LAYOUTS[i].lines, i)
-            prepare(board, lines, i)
+                upload_lines(board, "layout", _LAYOUTS[i].lines, i)
+            prepare(board, strip_lines(calibrate(strip), i), i)
             board.command(of_sensor("set keys=1", i))
         board.command("save")  # otherwise a restart would lose the calibration
         watch = Watch(board, bare, faults, file, min(_HOUR_S, seconds / 2))
@@ -303,13 +299,6 @@ class _Spells(list):
         super().append(spell)
         if spell[0] in _COMMON:
             self._other.append(spell)
-
-
-def _upload(board: Board, layout: list[str], sensor: int) -> None:
-    board.command(of_sensor("layout begin", sensor))
-    for line in layout:
-        board.command("layout " + line)
-    board.command("layout end " + checksum(layout))
 
 
 def _of_strip(name: str, strip: int) -> str:

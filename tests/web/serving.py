@@ -23,6 +23,7 @@ from spots.web.state import PageState
 from spots.web.strip_choice import StripChoice
 from spots_sim.lockstep import LockstepLink
 from spots_sim.paced import PacedLink
+from spots_sim.stage import strip_lines
 
 
 class Cable(PacedLink):
@@ -119,10 +120,8 @@ class Bench:
         link = Cable(link, self._speed)
         board = Board(link)
         if self._calibration:
-            prepare(board, self._calibration)
-            own = f"board {board.info['id']}"
-            for i in board.sensors[1:]:
-                prepare(board, [one.replace(own, f"{own}-{i}") for one in self._calibration], i)
+            for i in board.sensors:
+                prepare(board, strip_lines(self._calibration, i), i)
         link.pace()
         self.link, self.board = link, board
         return board
