@@ -62,6 +62,7 @@ _TWO = const(3)
 # Product of the light in counts and the standard deviation of the position in um by ADC noise, at
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
+_TYPICAL = const(289)  # decay for which `_NOISE` was measured, see `second.locate`
 _REST_UM = const(250)  # largest difference between two readings of a resting position
 _SAME_UM = const(450)  # largest distance of a reading from the mean position of its finger
 _BACK_UM = const(900)  # largest distance from the first finger after the second one has left
@@ -253,9 +254,11 @@ class ContactTracker:
         s[_RELEASE_T] = layout.release_t
         s[_DECAY] = decay
         s[_LENGTH_UM] = length_um
-        # Light decreases along a strip, and a long strip needs a weak dye: the noise grows.
+        # Light decreases along a strip, and a long strip needs a weak dye: the noise grows. The
+        # position comes from the decay: half the decay, twice the noise.
         share = min(max(length_um, 0), 600_000) * 3 // 1000
-        s[_NOISE_PRODUCT] = max(share * share * 18 // 13, _NOISE)
+        product = max(share * share * 18 // 13, _NOISE)
+        s[_NOISE_PRODUCT] = max(product, product // max(decay, 72) * _TYPICAL)
         self.spend()
 
     def spend(self):

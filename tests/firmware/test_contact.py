@@ -266,6 +266,18 @@ def test_a_third_finger_is_found_when_the_first_one_has_left():
     assert sorted(desk.events[4:]) == [(B, False), (C, False)]
 
 
+def test_a_finger_that_begins_softly_on_a_weak_dye_is_one_finger():
+    # The position of the soft reading is 1.1 mm off: half the decay, twice the noise.
+    desk = Desk(*THREE, length_um=85_000, decay=DECAY // 2)
+    desk.press(77.8, 10, 144, flags=0)
+    desk.press(72.7, 10, 1050)
+    desk.press(73.66, 10, 1700, flags=TOUCHING | MISFIT | TOO_DARK)
+    desk.press(73.84, 10, 1725, flags=TOUCHING | MISFIT | TOO_DARK)
+    desk.press(73.84, 40, 1725)
+    desk.lift()
+    assert desk.events == clicks(C)
+
+
 def test_two_estimates_within_8_ms_do_not_confirm_each_other(monkeypatch):
     # While the first finger lifts and the second one comes, two estimates can be equal by chance.
     monkeypatch.setattr(keys, "READING_MS", 5)
