@@ -224,7 +224,7 @@ class SensorFile(toml.Strict):
 
     @property
     def joint_travel_deg(self) -> float:
-        """Angle in degrees by which the joint turns for the indenter's whole `JOINT_TRAVEL`."""
+        """Angle in degrees by which the joint turns for the whole travel of its indenter."""
         start, end = JOINT_TRAVEL
         return 1000 * (end - start) * self.length_mm / self.joint.um_per_deg
 

@@ -32,7 +32,7 @@ _NOBODY = Path("characterize")
 
 @dataclass(frozen=True)
 class Hand:
-    """Options of a re-zero, which presses marked positions again to correct a calibration.
+    """Options of a re-zero: the person presses marked positions again to correct a calibration.
 
     Attributes
     ----------

@@ -31,7 +31,11 @@ def is_reset(request: bytes) -> bool:
 
 
 def passes(request: bytes) -> tuple[int, int]:
-    """Return how many passes of the board's loop come before and after the transfer of a request.
+    """Return how many passes of the firmware's loop belong before and after a requested transfer.
+
+    Before: 1 for a read of the sensor's data registers. After: the number of samples that a read of
+    the sensor's FIFO returns, because each pass takes one of them. A read of the FIFO's level does
+    not count, because another read follows in the same pass.
 
     A pass reads registers, or takes a sample of a burst that was read from the chip's FIFO. A read
     of the FIFO's level is not counted, because the same pass reads again.

@@ -26,7 +26,7 @@ _SEARCH_TIMEOUT_S = 600.0
 
 
 class Stage:
-    """A simulated strip under an indenter, read through the firmware.
+    """A simulated strip on a stage that presses it with an indenter, read through the firmware.
 
     Parameters
     ----------
@@ -141,7 +141,8 @@ class Stage:
         Returns
         -------
         Presses
-            One row for each press: all positions with the first force, then with the next force.
+            One row for each press: first all positions with the first force, then all positions
+            with the second force, and so on.
         """
         rows = []
         for force_mN in forces_mN:
@@ -218,7 +219,7 @@ def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, 
 
 
 def strip_lines(lines, number: int) -> list[str]:
-    """Change calibration lines to another strip of the same board.
+    """Return calibration lines, changed so that they are valid for another strip of the board.
 
     Parameters
     ----------
@@ -249,7 +250,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     Raises
     ------
     SpotsError
-        The text names the position of the press.
+        If a press is too dark or saturated. The text names the position of the press.
     """
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),

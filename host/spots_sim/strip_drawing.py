@@ -73,7 +73,7 @@ class _Sheet:
         self.elements: list[str] = []
 
     def end(self, height: float) -> _Sheet:
-        """Set the height of the sheet in pixels; write the note of all sheets at the lower edge."""
+        """Set the height of the sheet in pixels; write the standard note at its lower edge."""
         self.height = height
         self.text(_MARGIN, height - 14, _NOTE)
         return self
@@ -177,7 +177,7 @@ def write(shape: StripShape, folder: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The files.
+        Paths of the three files.
     """
     made, placed = parts(shape), assembly(shape)
     return [

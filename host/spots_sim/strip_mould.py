@@ -115,7 +115,7 @@ def write(shape: StripShape, folder: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The files.
+        Paths of the STL files.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _between(x: tuple, y: tuple, z: tuple):
 
 
 def _frustum(width: float, length: float, height: float):
-    """Return a box along x, `width` by `length` mm at its foot, which gets narrower upwards."""
+    """Return a box along x that narrows upwards; its foot is `width` by `length` mm."""
     top = 1 - 2 * SLOPE * height / length, 1 - 2 * SLOPE * height / width
     return _rectangle(length, width).extrude(height, scale_top=top)
 

@@ -280,8 +280,8 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
     """Return x and y in mm of a grid that covers the workspace, in random order.
 
-    `pitch_mm` is the distance between neighbouring positions. Each position is then moved by up to
-    `jitter_mm`; `rng` is the random generator.
+    `pitch_mm` is the distance between neighbouring positions. Each position is then moved by a
+    random distance of at most `jitter_mm` along x and y; `rng` is the random generator.
     """
     a1, b1, b2, a2 = linkage.bar_mm
     left, right = linkage.base_mm - a2 - b2, a1 + b1
