@@ -28,8 +28,8 @@ TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
 When one finger is alone again, and a second finger had rested beside it but was not found, the
-second finger is estimated from the last readings of both fingers. A release is delayed by
-`release_ms` (release debounce). Integers only; allocates nothing.
+position of the second finger is estimated from the last readings of both fingers. A release is
+delayed by `release_ms` (release debounce). Integers only; allocates nothing.
 """
 
 try:
@@ -332,7 +332,7 @@ class ContactTracker:
     # State UP.
 
     def _approach(self, x_um, brightness, t):
-        """Record a reading as the first reading of a possible touch."""
+        """Record a reading that may be the first reading of a touch."""
         s = self._s
         s[_BEGAN] = s[_SINCE] = t
         s[_X_UM] = s[_X_SEEN_UM] = x_um
@@ -657,7 +657,10 @@ class ContactTracker:
         return True
 
     def _slides(self, fits, x_um, brightness):
-        """Follow the second finger unless the first one may be lifting; return whether it did."""
+        """Follow a sliding second finger; return whether its position was updated.
+
+        It is not updated if the first finger may be lifting, because that has a similar effect.
+        """
         s = self._s
         if (
             elapsed(s[_BEGAN], s[_T]) < _SLIDES_T
@@ -680,9 +683,10 @@ class ContactTracker:
     def _find_third(self, x0_um, b0, fits, x_um, brightness):
         """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
 
-        This is the position of the second finger if the first one has left, or the common position
-        of both fingers. Returns the uncertainty of the third finger's position in um, or 0 until
-        two readings agree on this position. While the first finger lifts, readings do not agree.
+        `x0_um` is the position of the second finger if the first one has left; else the common
+        position of both fingers. Returns the uncertainty of the third finger's position in um, or 0
+        until two readings agree on this position. While the first finger lifts, readings do not
+        agree.
         """
         s = self._s
         agrees = s[_GUESSED]
@@ -701,8 +705,8 @@ class ContactTracker:
     def _solve(self, x1_um, b1, x_um, brightness, fits):
         """Estimate a finger beside another finger at `x1_um` from a reading, see `second.locate`.
 
-        Stores the result in the element `_FOUND_UM` of the state and in the next two. Returns
-        whether the estimate succeeds with a position on the strip.
+        Stores the result in three elements of the state, from `_FOUND_UM` on. Returns whether there
+        is a solution with a position on the strip.
         """
         s = self._s
         return (
@@ -723,7 +727,7 @@ class ContactTracker:
         )
 
     def _guess(self, fits, x_um, brightness, t):
-        """Estimate a finger beside the resting first finger; report it if two readings agree."""
+        """Estimate a second finger while the first one rests; report it once two readings agree."""
         s = self._s
         if not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
             s[_GUESSED] = False
@@ -759,7 +763,7 @@ class ContactTracker:
         s[_B_SECOND] = b
 
     def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
-        """Estimate both fingers while the light of the first finger is unknown."""
+        """Estimate both fingers from two readings, if the light of the first finger is unknown."""
         s = self._s
         if not s[_PAIR]:
             return
@@ -812,7 +816,10 @@ class ContactTracker:
         s[_B_SECOND] = s[_FOUND_B]
 
     def _recall(self, x_um, brightness, t):
-        """Report a second finger that was not detected until it left; the other is at `x_um`."""
+        """Report a second finger that was not found while two fingers touched.
+
+        One of the two fingers has left; the other is at `x_um`.
+        """
         s = self._s
         if (
             s[_SECOND]
@@ -829,7 +836,10 @@ class ContactTracker:
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left; the position now rests `off_um` um from it."""
+        """Return whether the first finger has left.
+
+        The measured position now rests, `off_um` um from the last position of the first finger.
+        """
         s = self._s
         if not s[_SECOND] and brightness > s[_B_SINCE] + _DIPPED:
             return True  # with two fingers, this change of force would move the position

@@ -62,7 +62,10 @@ class Time32:
         self.head = array("i", bytes(4 * HEAD_SIZE))
 
     def set(self, ticks, less_us=0):
-        """Set the time to `less_us` us before `ticks`; thus the time can also move back."""
+        """Set the time to `less_us` us before `ticks`.
+
+        The new time may be earlier than the present one.
+        """
         low = self.low + self._diff(ticks, self._last) + self._less_us - less_us
         self._last = ticks
         self._less_us = less_us

@@ -250,7 +250,7 @@ class Pacing:
         return before if used else None
 
     def _count(self, now, read):
-        """Add to `missed` the samples, at least 1, from the last counted one to `now` (ticks).
+        """Count samples up to `now` (ticks), at least 1; add the unread samples to `missed`.
 
         `read` is the number of these samples that were read: 0 or 1.
         """

@@ -87,7 +87,7 @@ class Console(PseudoTerminal):
         self.raw_prompt = False
 
     def pass_on(self, damaged) -> None:
-        """Read the host's bytes, and send to the board the bytes that ``damaged(data)`` returns."""
+        """Read the host's bytes, and send the result of ``damaged(data)`` to the board."""
         data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
