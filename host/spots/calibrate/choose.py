@@ -102,10 +102,12 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Return the usable diodes, the positions in um, and log2 of these diodes' counts.
+    """Merge the readings of both passes along the strip; the arguments are those of `choose`.
 
-    The counts of the second pass are scaled to the force of the first pass. The arguments are
-    those of `choose`.
+    Returns the names of the usable diodes, the positions in um, and log2 of the counts of these
+    diodes.
+
+    The counts of the second pass are scaled to the force of the first pass.
     """
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {

@@ -77,7 +77,7 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Add `count`, which may be negative, to the displayed number of presses taken."""
+        """Add `count` to the displayed number of presses taken; a negative number subtracts."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:

@@ -26,7 +26,7 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     Parameters
     ----------
     session : Session
-        Presses of the session. An unfinished joint or strain is ignored.
+        Presses of the session. An unfinished series of presses for a joint or a strain is ignored.
     say : callable
         ``say(line)`` shows a message if the joint cannot be included in the calibration.
 

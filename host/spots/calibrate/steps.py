@@ -140,7 +140,10 @@ class _Steps:
     session: Session
 
     def settle(self, options: argparse.Namespace, kind: str) -> None:
-        """Choose gain, LED current and channels, unless earlier presses of the session fix them."""
+        """Choose gain, LED current and channels, unless earlier presses of the session fix them.
+
+        `kind` and `options` are those of `calibrate`.
+        """
         session, reader = self.session, self.bench.reader
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
         if not session.plan_is_open:
@@ -224,7 +227,10 @@ class _Steps:
             self.bench.reader.set_up("plan=" + ",".join(plan))
 
     def places(self, kind: str, count: int, strain_ppm: int) -> None:
-        """Take presses at positions along the strip, which is at rest or stretched."""
+        """Take `count` presses along the strip, which has the strain `strain_ppm`.
+
+        `kind` is the kind of the presses, see `session.Wanted`.
+        """
         length_um = self.bench.length_um * (1 + strain_ppm * 1e-6)
         self.bench.presser.stretch(strain_ppm, length_um)
         self.bench.reader.set_up()
@@ -333,7 +339,10 @@ class _Steps:
         self.bench.guide.begin(title, count, plan, length_um or self.bench.length_um)
 
     def _series(self, title: str, row: list[Wanted], length_um: float | None = None) -> None:
-        """Take the presses of `row` that the session does not have yet; `title` names the row."""
+        """Take those presses of the list `row` that the session lacks; show `title` above them.
+
+        `length_um` is the length of the strip, if it is stretched.
+        """
         self._begin(title, len(row), length_um)
         for wanted in row:
             if self.session.has(wanted, self.bench.reader.conditions.plan):
