@@ -401,7 +401,10 @@ class AS7341:
         return silent_us > 2 * self.exposure_us + _AUTO_ZERO_US
 
     def _configure(self, atime, astep, gain, led_mA):
-        """Set ATIME, ASTEP, gain code and LED current in mA; the chip is on and does not sample."""
+        """Write exposure (registers `atime` and `astep`), gain code and LED current to the chip.
+
+        The chip is powered and does not sample.
+        """
         self._write(_ATIME, atime)
         self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
         self._write(_CFG1, gain)

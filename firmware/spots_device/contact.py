@@ -332,7 +332,7 @@ class ContactTracker:
     # State UP.
 
     def _approach(self, x_um, brightness, t):
-        """Record a reading that may be the first reading of a touch."""
+        """Record a reading that may be the first reading of a touch; arguments as in `_is_next`."""
         s = self._s
         s[_BEGAN] = s[_SINCE] = t
         s[_X_UM] = s[_X_SEEN_UM] = x_um
@@ -603,7 +603,10 @@ class ContactTracker:
             self._harden(force_mN, t)
 
     def _resolve(self, fits, x_um, force_mN, brightness, t):
-        """Update the light of two known fingers; return whether one of them has left."""
+        """Update the light of two known fingers; return whether one of them has left.
+
+        The arguments are a reading, as in `_is_next` and `take`.
+        """
         s = self._s
         if s[_IS_EVEN]:
             if self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
@@ -659,7 +662,8 @@ class ContactTracker:
     def _slides(self, fits, x_um, brightness):
         """Follow a sliding second finger; return whether its position was updated.
 
-        It is not updated if the first finger may be lifting, because that has a similar effect.
+        It is not updated if the first finger may be lifting, because that has a similar effect. The
+        arguments are those of `_is_next`.
         """
         s = self._s
         if (
@@ -684,9 +688,9 @@ class ContactTracker:
         """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
 
         `x0_um` is the position of the second finger if the first one has left; else the common
-        position of both fingers. Returns the uncertainty of the third finger's position in um, or 0
-        until two readings agree on this position. While the first finger lifts, readings do not
-        agree.
+        position of both fingers. The other arguments are those of `_is_next`. Returns the
+        uncertainty of the third finger's position in um, or 0 until two readings agree on this
+        position. While the first finger lifts, readings do not agree.
         """
         s = self._s
         agrees = s[_GUESSED]
@@ -703,7 +707,9 @@ class ContactTracker:
         return (s[_FOUND_SLACK_UM] * _SOON >> 3) + abs(last_um - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate a finger beside another finger at `x1_um` from a reading, see `second.locate`.
+        """Estimate a finger beside another one, which has position `x1_um` and brightness `b1`.
+
+        The other arguments are a reading, see `second.locate`.
 
         Stores the result in three elements of the state, from `_FOUND_UM` on. Returns whether there
         is a solution with a position on the strip.
@@ -727,7 +733,10 @@ class ContactTracker:
         )
 
     def _guess(self, fits, x_um, brightness, t):
-        """Estimate a second finger while the first one rests; report it once two readings agree."""
+        """Estimate a second finger while the first one rests; report it once two readings agree.
+
+        The arguments are those of `_is_next`.
+        """
         s = self._s
         if not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
             s[_GUESSED] = False
@@ -763,7 +772,11 @@ class ContactTracker:
         s[_B_SECOND] = b
 
     def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
-        """Estimate both fingers from two readings, if the light of the first finger is unknown."""
+        """Estimate both fingers from two readings, if the light of the first finger is unknown.
+
+        The arguments are position and brightness of the last reading, and the present reading as in
+        `_is_next`.
+        """
         s = self._s
         if not s[_PAIR]:
             return
@@ -818,7 +831,7 @@ class ContactTracker:
     def _recall(self, x_um, brightness, t):
         """Report a second finger that was not found while two fingers touched.
 
-        One of the two fingers has left; the other is at `x_um`.
+        One of the two fingers has left; the present reading is of the other one, at `x_um`.
         """
         s = self._s
         if (

@@ -227,7 +227,7 @@ class Pacing:
         self._taken = -max(0, self._samples)
 
     def _doubt(self, before, after):
-        """Handle a sample whose end is not known precisely; arguments and result as in `found`."""
+        """Handle a sample that ended at an uncertain time; arguments and result as in `found`."""
         used = self._doubted or self.period_us <= _SHORT_US
         self._count(before, 1 if used else 0)
         slack_us = self._chip_us + self._chip_us // _TRUST

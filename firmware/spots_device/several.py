@@ -73,7 +73,7 @@ class StripFramer(Framer):
 
 
 class StripApp(BoardApp):
-    """The application of one strip of several; `SeveralApp` runs its loop.
+    """The application of one strip of a board; `SeveralApp` runs the loop for all strips.
 
     Parameters
     ----------

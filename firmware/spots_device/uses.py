@@ -252,7 +252,7 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Choose the touch tracker: the keypad's, a tracker for contacts only, or no tracker."""
+        """Select the touch tracker for the readings: the keypad's, the contacts', or None."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

@@ -328,7 +328,10 @@ def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
 
 
 def _lag(angle_deg: np.ndarray, half_deg: float) -> np.ndarray:
-    """Return the angles of an indenter that follows a joint with a backlash of +- `half_deg`."""
+    """Return the angles of an indenter that lags behind a joint with the angles `angle_deg`.
+
+    `half_deg` is half of the backlash between joint and indenter.
+    """
     lagging = np.empty(len(angle_deg))
     at = angle_deg[0]
     for i, angle in enumerate(angle_deg.tolist()):

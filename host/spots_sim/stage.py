@@ -284,7 +284,11 @@ def led_settings(sensor: SensorFile) -> str:
 
 @kept(tuple[tuple[str, ...], str])
 def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str, ...], str]:
-    """Return the calibration lines, and the LED settings as assignments for ``set``."""
+    """Calibrate a sensor at an exposure; return calibration lines and LED settings.
+
+    If `exposure_us` is None, the board searches the exposure. The LED settings are assignments for
+    ``set``.
+    """
     with Stage(sensor) as stage:
         stage.expose(exposure_us)
         along, pressed = stage.along(), stage.pressed()

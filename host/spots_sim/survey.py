@@ -278,7 +278,7 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 
 
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
-    """Return x and y in mm of a grid that covers the workspace, in random order.
+    """Return x and y in mm of a grid that covers a linkage's reach, in random order.
 
     `pitch_mm` is the distance between neighbouring positions. Each position is then moved by a
     random distance of at most `jitter_mm` along x and y; `rng` is the random generator.
@@ -299,7 +299,9 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Stop at the positions `places` (x, y in mm) and read both joints, see `visited`.
+    """Stop a linkage at the positions `places` (x, y in mm), and read both joints.
+
+    The other arguments are those of `visited`.
 
     Returns positions, joint angles, and their standard errors. A position is left out if its
     reading fell into a dark frame, during which the LED is off.
@@ -314,7 +316,7 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return position errors in mm that random errors of the angles cause, shape (draws, n).
+    """Return position errors in mm that random angle errors cause, shape (draws, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
     positions. `rng` is the random generator.

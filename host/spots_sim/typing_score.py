@@ -168,9 +168,10 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Match presses with touches of the same key.
+        """Match key presses with touches (`fingers`) of the same key.
 
-        Returns a dict of touch index by press index, and a list of the unmatched presses.
+        Each touch is matched once at most. Returns a dict of touch index by press index, and a list
+        of the unmatched presses.
         """
         right: dict[int, int] = {}
         matched, others = set(), []

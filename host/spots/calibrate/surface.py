@@ -296,7 +296,11 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return two matrices: from errors of the coefficients to errors of place, and of force."""
+        """Return two matrices: they convert coefficient errors to position and force errors.
+
+        The matrices have a row for each of the presses at the positions `place_um` with the forces
+        `force_mN`.
+        """
         rows = self._rows(place_um, force_mN)
         light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))
         light = (rows * light[:, :, None]).sum(axis=1) / self._rises(force_mN)[:, None]

@@ -271,7 +271,10 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
 
 
 def _is_gap(old: Angle, new: Angle) -> bool:
-    """Return whether two readings are too far apart, or the board restarted between them."""
+    """Return whether the angles `old` and `new` are too far apart in time to interpolate.
+
+    This is also true if the board has restarted between them.
+    """
     # The clock of a board starts from 0 again at a restart.
     return not 0 < new.device_s - old.device_s <= _GAP_S
 

@@ -274,8 +274,8 @@ class _Fit:
     def weights(self, found, angle_sigma_rad, place_sigma_mm) -> np.ndarray:
         """Return whitening matrices of the residuals, shape (n, 2, 2).
 
-        `angle_sigma_rad` (shape (2, n)) and `place_sigma_mm` are the standard errors of the
-        measured angles and coordinates.
+        They are computed at the parameters `found`. `angle_sigma_rad` (shape (2, n)) and
+        `place_sigma_mm` are the standard errors of the measured angles and coordinates.
         """
         values = self.values(found)
 

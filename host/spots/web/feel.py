@@ -103,7 +103,7 @@ class Feel:
         self._show()
 
     def _try(self) -> None:
-        """Start to try the present draft if it has been replaced; stop if there is none."""
+        """Compute keys with the present draft of a layout too; without a draft, stop doing this."""
         length_um, decay = self._sizes
         draft = self._draft() if length_um else None
         if draft is not self._tried:
@@ -134,7 +134,7 @@ class Feel:
             self._show()
 
     def release(self) -> None:
-        """Release all keys and the gamepad; call this when the present touch becomes unknown."""
+        """Release all keys and the gamepad; call this when the finger's state becomes unknown."""
         if self._engine:
             self._engine.release()
         if self._own:
