@@ -134,7 +134,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("mm_per_s", type=float, nargs="+")
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--wobble", type=float, default=0.1, help="change of the force (0.1)")
+    parser.add_argument(
+        "--wobble", type=float, default=0.1, help="largest relative change of the force (0.1)"
+    )
     options = parser.parse_args()
     for speed in options.mm_per_s:
         runs = [

@@ -99,8 +99,8 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     seen = _even(np.log(dyed / clear))
     if np.ptp(seen) < _LEAST_DECAY:
         raise SpotsError(
-            "both test pieces have the same colour: change the piece when asked, or cast one with "
-            "more dye"
+            "both test pieces have the same colour: insert the dyed piece when asked, or cast it "
+            "with more dye"
         )
 
     def decay(per_mm: float) -> np.ndarray:
@@ -238,7 +238,7 @@ def measure_dye_command(options: argparse.Namespace) -> None:
     if found.misfit > _MISFIT_MAX:
         print(
             f"the colour differs from the assumed red dye (misfit {found.misfit:.2f}): the dose is "
-            "rough; cast a piece with it and measure again",
+            "only approximate; cast a test piece with this dose and measure again",
             file=sys.stderr,
         )
 

@@ -18,10 +18,10 @@ def add_board(parser: argparse.ArgumentParser) -> None:
 def add_linkage(parser: argparse.ArgumentParser) -> None:
     """Add the options of a simulated linkage; the caller sets their defaults in the parser."""
     group = parser.add_argument_group("simulated linkage")
-    group.add_argument("--path", metavar="FILE", help="path file or name")
+    group.add_argument("--path", metavar="FILE", help="path of the end point: a file or a name")
     group.add_argument("--sensor", metavar="FILE", help="sensor file or name")
     group.add_argument("--seed", type=arguments.seed, help="random seed of the noise")
     group.add_argument(
-        "--exposure-us", type=arguments.exposure_us, help="integration time of both strips"
+        "--exposure-us", type=arguments.exposure_us, help="integration time of both strips in us"
     )
     group.add_argument("--picture", metavar="FILE.png", help="draw the true and the estimated path")

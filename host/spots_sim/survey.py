@@ -246,7 +246,10 @@ def follow(
         lost = sum(board.stats.lost for board in simulation.boards)
     found = np.array([(t.time_s, t.x_mm, t.y_mm) for t in terminals if not t.limit]).T
     if found.size < 6:
-        raise SpotsError("the path is too short, with fewer than two estimates: draw a longer path")
+        raise SpotsError(
+            "the path gives fewer than two positions of the end point: name the file of a longer "
+            "path"
+        )
     x_mm, y_mm = motion.at(found[0])
     return PathRun(motion, true, terminals, np.hypot(found[1] - x_mm, found[2] - y_mm), lost)
 

@@ -13,7 +13,7 @@ PLACE_UM = 42_000
 
 @pytest.fixture
 def faulty(rig, calibration):
-    """Return a function that makes a calibrated rig under a press, and the faults it has."""
+    """Return a function that makes a calibrated, pressed rig, and the faults of its bus."""
 
     def make(board="virtual", **parts):
         faults = Faults(FaultsFile(from_s=3.0, **parts), 3600.0)

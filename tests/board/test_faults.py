@@ -10,7 +10,7 @@ from spots_device import decode
 
 
 class Cut:
-    """A bus whose device stops answering on demand, or misses some transfers after a while."""
+    """A bus whose chip stops answering on request, or does not answer some later transfers."""
 
     def __init__(self, bus):
         self._bus = bus

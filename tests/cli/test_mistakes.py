@@ -31,7 +31,7 @@ def port():
 
 
 def refused(capsys, *arguments):
-    """Run the command line; it must fail with one line, which is returned."""
+    """Run the command line, which must fail with one line; return this line."""
     assert main(list(arguments)) == 2
     output = capsys.readouterr()
     assert output.out == ""

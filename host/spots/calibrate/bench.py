@@ -294,7 +294,7 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     if (np.diff(contrasts) < -_SIGMAS * sigma).any():
         raise BadPressError(
             "the colour does not lie between those of the neighbouring presses: check the position "
-            "of this press and of the last one"
+            "of this press and of the previous one"
         )
     near = np.sort(np.argsort(np.abs(places - wanted.place_um))[:2])
     if np.abs(places[near] - wanted.place_um).min() > 1.5 * np.ptp(places[near]):
@@ -332,5 +332,5 @@ def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     sigma = np.sqrt(2 * noise.log_variance(counts).sum() / window) / len(counts)
     if (np.diff(light[np.argsort(forces)]) < -_SIGMAS * sigma).any():
         raise BadPressError(
-            "the brightness does not increase with the force: check this force and the last one"
+            "the brightness does not increase with the force: check this force and the previous one"
         )

@@ -125,7 +125,7 @@ class Guide:
     def fitted(self, progress: Progress) -> None:
         """Show the accuracy expected after the last press, and where more presses are needed."""
         self._done, self._total = progress.done, progress.total
-        thin = f"; few presses {', '.join(progress.thin)}" if progress.thin else ""
+        thin = f"; too few presses {', '.join(progress.thin)}" if progress.thin else ""
         force = f", force {progress.sigma_share:.1%}" if progress.force_mN.any() else ""
         self.say(f"expected error: position {progress.sigma_um / 1000:.2f} mm{force}{thin}")
 

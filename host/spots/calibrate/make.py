@@ -102,7 +102,7 @@ def _joint(session: Session, say: Callable[[str], None]) -> dict:
         return {"joint": fit_joint(turned), "joint_marks": joint_marks(turned)}
     except SpotsError as error:
         # The joint may be unfinished; the calibration of the strip does not need the joint.
-        say(f"the joint is left out: {error}")
+        say(f"the calibration is written without the joint: {error}")
         return {}
 
 

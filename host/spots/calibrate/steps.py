@@ -323,7 +323,7 @@ class _Steps:
         taken = [(p.angle_deg, p.direction) for p in self.session.of("joint")]
         if (wanted.angle_deg, wanted.direction) in taken:
             self.bench.guide.skip()
-            self.bench.guide.say(f"{wanted} was taken already: turn the joint further")
+            self.bench.guide.say(f"{wanted} was measured already: turn the joint further")
             return
         reading = self.bench.take(wanted, self._noise())
         position = self.bench.reader.positions_um(self.bench.window, self.bench.presser.patience_s)

@@ -187,7 +187,9 @@ def calibrate(
         raise SpotsError("angles_rad must have shape (2, n), and x_mm and y_mm shape (n,)")
     places = np.stack([x_mm, y_mm], axis=-1)
     if not (np.isfinite(angles).all() and np.isfinite(places).all()):
-        raise SpotsError("the angles and positions of a kinematic calibration must be finite")
+        raise SpotsError(
+            "angles and positions of a kinematic calibration must be finite: remove other points"
+        )
     angle_sigma_rad = np.broadcast_to(np.asarray(angle_sigma_rad, dtype=float), angles.shape)
     if not ((angle_sigma_rad > 0).all() and place_sigma_mm > 0):
         raise SpotsError("the standard errors of angles and positions must be more than 0")

@@ -34,7 +34,7 @@ PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 REZERO = "rezero"  # kind of a session that corrects the drift of a calibration
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
 _UNCHANGED = "stopped: nothing was saved"  # a re-zero
-_BEHIND = "the answer is for an earlier step: answer the step that the page shows"
+_BEHIND = "the answer is for an earlier step: answer the step that the web UI shows"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
