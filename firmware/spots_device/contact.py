@@ -177,7 +177,10 @@ _SIZE = const(66)
 
 
 def elapsed(since, now):
-    """Return the ticks from the time `since` to the later time `now`; correct across a wrap."""
+    """Return the ticks from the time `since` to the later time `now`, both in ticks.
+
+    The result is correct if the counter has wrapped once in between.
+    """
     return (now - since) & (TICKS - 1)
 
 
@@ -187,19 +190,16 @@ class ContactTracker:
     Parameters
     ----------
     sink : object
-        Receiver with these methods; `t` is the time in ticks, `x_um` a position in um:
-        ``down(x_um, t)``: a finger touches.
-        ``at(x_um, t)``: new position of this finger, while it is alone.
-        ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
-        ``up(t)``: the finger has left.
-        ``next(x_um, t)``: the finger has left, and another one touches.
-        ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
-        If the strip length is known, also these methods:
-        ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
-        Returns whether the sink uses this finger. If the sink already uses a second finger, this
-        is a third finger.
-        ``left(second, t)``: the second finger has left if `second` is true, else the first one.
-        ``moved(x_um, slack_um)``: new estimate of the second finger, while the first one rests.
+        Receiver with these methods; `t` is the time in ticks of `TICK_US`, `x_um` a position in um:
+        ``down(x_um, t)``: a finger touches. ``at(x_um, t)``: new position of this finger, while it
+        is alone. ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
+        ``up(t)``: the finger has left. ``next(x_um, t)``: the finger has left, and another one
+        touches. ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger. If
+        the strip length is known, also these methods: ``second(x_um, slack_um, t) -> bool``: a
+        second finger touches, at `x_um` +- `slack_um`. Returns whether the sink uses this finger.
+        If the sink already uses a second finger, this is a third finger. ``left(second, t)``: the
+        second finger has left if `second` is true, else the first one. ``moved(x_um, slack_um)``:
+        new estimate of the second finger, while the first one rests.
     """
 
     def __init__(self, sink):
@@ -277,7 +277,7 @@ class ContactTracker:
         brightness : int
             Brightness in Q20 of log2.
         t : int
-            Time in ticks.
+            Time in ticks of `TICK_US`.
         """
         s = self._s
         if flags & LED_OFF:

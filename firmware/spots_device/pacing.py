@@ -1,4 +1,4 @@
-"""Schedules the polls of the sensor, so that one burst read finds one new sample.
+"""Schedules the polls of the sensor, so that each poll finds one new sample.
 
 The chip has its own oscillator, which deviates from the board's clock by some per cent. A poll that
 is too early and the next poll, which finds the sample, bracket the end of this sample. Two brackets

@@ -180,8 +180,6 @@ def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | No
 
     The setting is gain code, exposure in us and LED current in mA; None if the light is too weak at
     every setting.
-
-    None if the light is too weak at every setting.
     """
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)

@@ -172,7 +172,7 @@ def read_pieces(
     reader : SpectrumReader
         Reads the board.
     ask : callable
-        ``ask(text)`` shows a request, and returns when the user has done what it asks.
+        ``ask(text)`` shows a request to the user, and returns when the user has confirmed it.
     dark : callable
         Takes a dark frame; called only if the LED is always on.
 

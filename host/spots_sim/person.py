@@ -173,8 +173,8 @@ def follow(held: Held, way: Way) -> None:
     held : Held
         Finger of the stage.
     way : list of tuple
-        Pieces of the path, each a tuple: start and end in s after the start of the movement, and
-        the `Press` between them.
+        Parts of the path. Each part is a tuple: its start and its end, in s after the start of the
+        movement, and the `Press` during this part.
     """
     began: list[float] = []
 

@@ -36,9 +36,6 @@ def passes(request: bytes) -> tuple[int, int]:
     Before: 1 for a read of the sensor's data registers. After: the number of samples that a read of
     the sensor's FIFO returns, because each pass takes one of them. A read of the FIFO's level does
     not count, because another read follows in the same pass.
-
-    A pass reads registers, or takes a sample of a burst that was read from the chip's FIFO. A read
-    of the FIFO's level is not counted, because the same pass reads again.
     """
     if request[0] != protocol.READ or request[2] == _LEVEL:
         return 0, 0

@@ -55,7 +55,7 @@ def _optics(sensor: SensorFile) -> Callable[[Change, float], Optics]:
 
 
 class World:
-    """What a simulated chip measures: the light of a strip with LED, fingers and ambient light.
+    """The light that a simulated chip receives: from the LED through the strip, and ambient light.
 
     Parameters
     ----------

@@ -73,8 +73,8 @@ class Bench:
     path : Path
         Calibration file of the strip.
     spent : int
-        Number of requested presses, without those that the session stores as presses by hand; a
-        session by hand counts them as part of its limit.
+        Number of requested presses that do not become presses by hand in the session, such as
+        refused ones. A session by hand counts them as part of its limit.
     trace : list of tuple of float
         All readings of the present press: time in s, then the six counts.
     holds : list of (float, float)

@@ -45,7 +45,7 @@ class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Residual(_Struct, kw_only=True):
-    """Errors of the calibration at its own presses, for one strain of the strip.
+    """Errors of the board's positions and forces at the presses of the calibration, for one strain.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ class Choice:
         Least possible standard deviation of the position from one sample with this plan, in um,
         averaged over the strip.
     present_sigma_um : float
-        The same with the plan of the first pass; infinite if one of its channels is unusable.
+        The same with the first plan of `passes`; infinite if one of its channels is unusable.
     """
 
     plan: tuple[str, ...]

@@ -1,9 +1,9 @@
 """Fits the board's compensation of hysteresis and creep to a recording of known forces.
 
-The compensated force is the gain times the force that the board read without compensation, minus
-play operators of that force times weights (hysteresis), minus low-pass filters of the true force
-times shares (creep). The force is linear in the gain, the weights and the shares, which are fitted.
-See `spots_device.silicone`.
+The compensated force is a gain times the force that the board reads without compensation, minus
+hysteresis and creep. Hysteresis is a weighted sum of play operators of the force read. Creep is a
+sum of low-pass filters of the true force, times their shares. The force is linear in the gain, the
+weights and the shares, which are fitted. See `spots_device.silicone`.
 """
 
 from __future__ import annotations

@@ -185,7 +185,8 @@ def _curve(path: Path) -> dict:
     -------
     dict
         ``name``; ``points``: at most `_POINTS` lists of time in s, position in um and force in mN,
-        both null without a press; ``cut``: whether the recording is longer than what was read.
+        both null without a press; ``cut``: whether the recording has more than `_READ_MAX`
+        readings.
     """
     parts, count = [], 0
     for block in RecordingBlocks(path):
