@@ -215,8 +215,6 @@ class AS7341:
         """Return the fixed time of the last FIFO read, in us, at least 1.
 
         A FIFO read takes this time, plus a time that is proportional to the number of samples.
-
-        This part of the last burst does not depend on the number of samples.
         """
         # The level of the FIFO is one byte. Its transfer takes about as long as the overhead of the
         # next transfer, which reads the samples.

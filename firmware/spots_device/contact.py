@@ -19,8 +19,8 @@ TWO   DOWN   the first finger lifts, and the position has almost reached the sec
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
 TWO   TWO    the first finger rests, and readings agree on the position of the second finger
              (second.py), even if the light of the first finger is unknown
-TWO   TWO    the second finger slides, 0.1 s after this state began or later: the first one rests,
-             and could not cause this by lifting
+TWO   TWO    the second finger slides, at least 0.1 s after this state began: the first finger
+             rests, and if it lifted, the readings would be different
 TWO   DOWN   one of two known fingers has left: one reading shows which
 TWO   TWO    two known fingers rest, and readings agree on the position of a third finger
 TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is now the first
@@ -896,7 +896,10 @@ class ContactTracker:
         return away_um > (abs(off_um) >> 5) * ((light_first << 4) // (peak + 1)) // 10
 
     def noise_um(self, brightness):
-        """Return an upper limit of a position's standard deviation due to ADC noise, in um."""
+        """Return an upper limit of a position's standard deviation due to ADC noise, in um.
+
+        `brightness` is that of the reading, in Q20 of log2.
+        """
         return noise(self._s[_NOISE_PRODUCT], brightness)
 
     def _slack_um(self, brightness):

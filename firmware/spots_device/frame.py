@@ -132,9 +132,9 @@ class Framer:
         return self._send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self._encoded), 0)
 
     def key(self, sensor, page, usage, modifiers, pressed):
-        """Send a key event of a sensor as a KEY frame, see `uses.Uses.key`.
+        """Send a key event of a sensor as a KEY frame; return whether it was sent.
 
-        Return if it was sent.
+        The other arguments are those of `uses.Uses.key`.
         """
         pack_into(KEY_BODY, self._payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)

@@ -45,7 +45,9 @@ def demo(parser: Parser):
     )
     parser.add_argument("--json", action="store_true", help="print only the results, as JSON")
     parser.add_argument("--fast", action="store_true", help="simulated time: same output each run")
-    parser.add_argument("--page", action="store_true", help="show the web UI, until Ctrl-C")
+    parser.add_argument(
+        "--page", action="store_true", help="open the web UI in a browser, until Ctrl-C"
+    )
     parser.add_argument(
         "--use", help="application to run: strip, keyboard, controller, wearable or fivebar"
     )

@@ -1,7 +1,8 @@
 """Processor time of the firmware on a real board, as measured; `data/cpus.toml` has the figures.
 
-A virtual board with a `Cpu` spends a function's time at the end of each of its calls, in simulated
-time. So each event within a pass of the firmware's loop is as late as on the real board.
+On a virtual board with a `Cpu`, simulated time advances at the end of each function call, by the
+time of this function. So each event within a pass of the firmware's loop is as late as on the real
+board.
 """
 
 from __future__ import annotations

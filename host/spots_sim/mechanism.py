@@ -49,7 +49,10 @@ class Motion:
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return the end point's x and y in mm at times in s, at rest outside the motion."""
+        """Return x and y of the end point in mm at times in s.
+
+        Before and after the motion, the end point rests.
+        """
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 

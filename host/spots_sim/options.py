@@ -24,4 +24,6 @@ def add_linkage(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--exposure-us", type=arguments.exposure_us, help="integration time of both strips in us"
     )
-    group.add_argument("--picture", metavar="FILE.png", help="draw the true and the estimated path")
+    group.add_argument(
+        "--picture", metavar="FILE.png", help="draw the true and the estimated path into this file"
+    )

@@ -31,11 +31,13 @@ def is_reset(request: bytes) -> bool:
 
 
 def passes(request: bytes) -> tuple[int, int]:
-    """Return how many passes of the firmware's loop belong before and after a requested transfer.
+    """Return the number of loop passes whose processor time falls before and after a transfer.
 
-    Before: 1 for a read of the sensor's data registers. After: the number of samples that a read of
-    the sensor's FIFO returns, because each pass takes one of them. A read of the FIFO's level does
-    not count, because another read follows in the same pass.
+    The transfer is that of `request`. Before: 1 for a read of the sensor's data registers. After:
+    the number of samples that a read of the sensor's FIFO returns, because each loop pass processes
+    one of them.
+
+    A read of the FIFO's level does not count, because another read follows in the same pass.
     """
     if request[0] != protocol.READ or request[2] == _LEVEL:
         return 0, 0

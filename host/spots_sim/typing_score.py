@@ -46,7 +46,7 @@ def strokes(
     Parameters
     ----------
     file : ScenarioFile
-        Scenario; it repeats.
+        Scenario, which is repeated without end.
     layout : KeyLayout
         Keys of the strip.
     length_mm : float

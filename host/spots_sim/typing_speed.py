@@ -101,7 +101,9 @@ def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words_per_min", type=float, nargs="+")
-    parser.add_argument("--touches", type=int, default=150, help="touches of each run (150)")
+    parser.add_argument(
+        "--touches", type=int, default=150, help="number of touches in each run (150)"
+    )
     parser.add_argument("--seeds", type=int, default=10, help="number of texts (10)")
     parser.add_argument("--first-seed", type=int, default=0, help="seed of the first text (0)")
     parser.add_argument("--exposure-us", type=int, help="exposure, in place of the sensor's")

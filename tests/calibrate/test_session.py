@@ -295,7 +295,7 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["strain"], "--strain-percent: give it with 'strain'"),
+        (["strain"], "give --strain-percent together with 'strain'"),
         (["position", "--strain-percent", 5], "only with 'strain'"),
         (["position", "--places", 5], "position needs 12 or more"),
         (["force", "--places", 5], "force needs 14 or more"),

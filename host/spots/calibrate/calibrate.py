@@ -29,7 +29,9 @@ def calibrate_command(options: argparse.Namespace) -> None:
     if count < least:
         raise SpotsError(f"--places: {kind} needs {least} or more")
     if (kind == "strain") != (options.strain_percent is not None):
-        raise SpotsError("--strain-percent: give it with 'strain', and only with 'strain'")
+        raise SpotsError(
+            "give --strain-percent together with 'strain': neither works without the other"
+        )
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
     if out.resolve() == session.path.resolve():

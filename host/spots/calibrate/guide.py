@@ -154,7 +154,7 @@ class Guide:
         if self._live is not None:
             self._live.start()
         if not line:
-            raise SpotsError("standard input is closed: run this in a terminal")
+            raise SpotsError("standard input is closed: run this command in a terminal")
         if line.strip().lower() == "undo":
             raise UndoError
         return line.strip()

@@ -207,7 +207,10 @@ def _evidence(prior: np.ndarray, information: np.ndarray, values: np.ndarray) ->
 
 
 def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
-    """Return the terms of the force without their gain, weights and shares, shape (n, 7).
+    """Return the columns of the least-squares fit for each reading, shape (n, 7).
+
+    The columns are: the force that the board read, three play operators of it (hysteresis), and
+    three low-pass filters of the true force (creep).
 
     The arguments are those of `fit_silicone`.
     """

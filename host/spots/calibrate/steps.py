@@ -121,7 +121,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
 
 
 def missing_step(session: Session) -> str | None:
-    """Return the command that takes the presses still needed for a calibration, or None."""
+    """Return the command for the presses that a calibration still needs; None if it needs none."""
     if len(session.of("hand")) >= COUNTS["rough"][1]:
         return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):
@@ -242,7 +242,7 @@ class _Steps:
         self._series(title, row, length_um)
 
     def forces(self, count: int) -> None:
-        """Take presses with different forces at a few positions."""
+        """Take presses with `count` different forces at each of a few positions."""
         guide, length_um = self.bench.guide, self.bench.length_um
         places_um = [round(share * length_um, -2) for share in sorted(FORCE_PLACES, reverse=True)]
         # The first press of a session has the least force, at the dimmest place.
@@ -288,7 +288,10 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take presses at angles of a joint, upwards and then downwards; calibrate the joint."""
+        """Take presses at `count` angles of a joint upwards, then downwards.
+
+        Calibrate the joint.
+        """
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board

@@ -145,7 +145,7 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the standard deviation of the angle from one reading, in degrees.
+        """Return the standard deviation of the angle at a position, from one reading, in degrees.
 
         The noise grows exponentially with the distance from the sensor.
         """

@@ -49,7 +49,10 @@ class TwoFingers:
         self.both = False
 
     def take(self, touch: Touch) -> tuple[str, float, int, int] | None:
-        """Add a reading; return name, confidence, position and distance in um of a gesture."""
+        """Add a reading; return the gesture that is now complete, or None.
+
+        A gesture is a tuple: name, confidence, position in um, distance in um.
+        """
         contacts = self._finder.take(touch)
         there = [one for one in contacts if not one.ended]
         pair = self._pair
