@@ -105,7 +105,7 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = CONTINUES,
     ) -> Reading:
-        """Ask for a press until the press is valid; on return, the strip is still pressed.
+        """Repeat the request for a press until it is valid; on return, the strip is still pressed.
 
         Parameters
         ----------

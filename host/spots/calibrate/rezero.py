@@ -51,7 +51,7 @@ def rezero(
     force_mN: float | None = None,
     joint: bool = False,
 ) -> file.CalibrationFile:
-    """Ask for presses at the marks, and return the corrected calibration; write no file.
+    """Ask for presses at the marks, and return the corrected calibration without writing a file.
 
     Parameters
     ----------

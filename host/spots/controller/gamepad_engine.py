@@ -214,7 +214,7 @@ class _Axis:
     def take_position(self, position_um: float, dt_s: float) -> None:
         """Move the axis to `position_um`, `dt_s` after the last value.
 
-        Do nothing if it follows force.
+        Do nothing if the axis follows the force.
         """
         if self._field == "position_um":
             self._move(position_um, dt_s)
@@ -295,7 +295,7 @@ class _Button:
     def begin(self, mine: bool) -> None:
         """Handle the start of a touch; `mine` is true if the touch may press this button.
 
-        It may if it began in the button's zone, and this was measured.
+        That is the case if the start of the touch was measured, and is in the button's zone.
         """
         self._mine = mine
 

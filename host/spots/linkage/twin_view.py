@@ -79,7 +79,7 @@ class TwinView:
         return text
 
     def _cells(self, *lines: np.ndarray) -> np.ndarray:
-        """Plot arrays of points in mm; return the braille dots to set in each character."""
+        """Plot lines, each an array of points in mm; return the braille dots of each character."""
         dots = np.zeros(_LAST_DOT + 1, int)
         for points in lines:
             if len(points):

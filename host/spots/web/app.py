@@ -1,4 +1,4 @@
-"""The web application: static files, a WebSocket for the state, and requests that change it.
+"""The web application: static files, a WebSocket for the state, and requests for changes.
 
 Messages that a browser sends on the WebSocket only acknowledge the server's messages. A request
 that changes something is a POST, and needs the access token. A browser acknowledges each message

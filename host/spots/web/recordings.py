@@ -65,7 +65,7 @@ class Recordings(Orders):
         return body.decode()
 
     def submit(self, request: str) -> Future:
-        """Answer a request that only reads recordings in a separate thread; queue any other one."""
+        """Queue a request; but if it only reads recordings, answer it in a separate thread."""
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)
