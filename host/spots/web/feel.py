@@ -103,7 +103,7 @@ class Feel:
         self._show()
 
     def _try(self) -> None:
-        """Compute keys with the present draft of a layout too; without a draft, stop doing this."""
+        """Compute keys also with the draft of the layout that a browser edits, if there is one."""
         length_um, decay = self._sizes
         draft = self._draft() if length_um else None
         if draft is not self._tried:
