@@ -44,7 +44,11 @@ def demo(parser: Parser):
         parser, "stop after this time in seconds; 10 if the output is not a terminal"
     )
     parser.add_argument("--json", action="store_true", help="print only the results, as JSON")
-    parser.add_argument("--fast", action="store_true", help="simulated time: same output each run")
+    parser.add_argument(
+        "--fast",
+        action="store_true",
+        help="run in simulated time: the output is the same in each run",
+    )
     parser.add_argument(
         "--page", action="store_true", help="open the web UI in a browser, until Ctrl-C"
     )
@@ -79,7 +83,12 @@ def characterize(parser: Parser):
       spots characterize --sensor long_200mm --exposure-us 10000
       spots characterize --change phosphor --rezero 3
     """
-    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument(
+        "--sensor",
+        default="default",
+        metavar="FILE",
+        help="sensor: a .toml file, or a name such as default",
+    )
     parser.add_argument("--seed", type=arguments.seed, default=0, help="random seed of the noise")
     parser.add_argument(
         "--exposure-us",

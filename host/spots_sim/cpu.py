@@ -85,7 +85,7 @@ def load(name: str, board: str) -> Cpu:
         raise SpotsError(f"there is no processor '{name}': use one of {', '.join(known)}")
     if device_of(board).runtime != "micropython":
         raise SpotsError(
-            f"the times of '{name}' are those of MicroPython: leave out the processor, or use the "
+            f"the processor '{name}' has times of MicroPython only: leave it out, or use the "
             "board 'virtual'"
         )
     cpu = known[name]

@@ -125,7 +125,7 @@ def rezero(parser: Parser):
         nargs="?",
         default="calibration.toml",
         metavar="FILE.toml",
-        help="the calibration to correct; calibration.toml if not given",
+        help="calibration file to correct; calibration.toml if not given",
     )
     arguments.add_port(parser)
     parser.flag("--quick", "press only the middle mark; this cannot correct a bleached dye")

@@ -74,7 +74,9 @@ def command(parser: Parser):
     _, *texts = (inspect.getdoc(Commands) or "").split("\n\n")
     parser.description += "\n\n".join(["", *texts[:1]])
     arguments.add_port(parser)
-    parser.add_argument("line", nargs="+", metavar="LINE", help="one of the commands above")
+    parser.add_argument(
+        "line", nargs="+", metavar="LINE", help="a command of the board, see the list above"
+    )
     return _command
 
 
