@@ -187,7 +187,7 @@ def _add_change(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--change",
         metavar="FILE",
-        help="change of the sensor since its calibration: a file or a name",
+        help="change of the sensor since its calibration: a .toml file, or a name such as warm",
     )
 
 

@@ -22,7 +22,9 @@ def add_board(parser: argparse.ArgumentParser) -> None:
 def add_linkage(parser: argparse.ArgumentParser) -> None:
     """Add the options of a simulated linkage; the caller sets their defaults in the parser."""
     group = parser.add_argument_group("simulated linkage")
-    group.add_argument("--path", metavar="FILE", help="path of the end point: a file or a name")
+    group.add_argument(
+        "--path", metavar="FILE", help="path of the end point: a .toml file, or a name such as sust"
+    )
     group.add_argument(
         "--sensor", metavar="FILE", help="sensor: a .toml file, or a name such as default"
     )

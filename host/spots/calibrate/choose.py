@@ -102,10 +102,10 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Merge the readings of both passes along the strip; the arguments are those of `choose`.
+    """Merge the readings of both passes (presses along the whole strip with one plan each).
 
-    Returns the names of the usable diodes, the positions in um, and log2 of the counts of these
-    diodes.
+    The arguments are those of `choose`. Returns the names of the usable diodes, the positions in
+    um, and log2 of the counts of these diodes.
 
     The counts of the second pass are scaled to the force of the first pass.
     """

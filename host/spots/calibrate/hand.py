@@ -55,8 +55,8 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     session : Session
         Presses taken so far; the new presses are added.
     count, least : int
-        `count` presses by hand are enough; repeated presses reduce this number, but not below
-        `least`.
+        Number of presses by hand to take, and its lower limit. Repeated and refused presses reduce
+        the number, because they also cost the person time.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
 

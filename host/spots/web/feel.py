@@ -127,7 +127,7 @@ class Feel:
         self._show()
 
     def silence(self, sentence: str) -> None:
-        """Show why no readings arrive from the strip, until the next reading."""
+        """Show until the next reading why no readings arrive from the strip: `sentence`."""
         if not self._silent:
             self.release()
             self._silent = sentence
