@@ -56,7 +56,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
         Presses taken so far; the new presses are added.
     count, least : int
         Number of presses by hand to take, and its lower limit. Repeated and refused presses reduce
-        the number, because they also cost the person time.
+        the number, so that the total does not grow.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
 
