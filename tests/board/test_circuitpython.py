@@ -126,7 +126,7 @@ def test_a_bus_without_pull_ups_is_told_once_and_tried_again(sensor, tmp_path):
         state = board.command("get")
     assert state["fault"] is None
     assert state["faults"] == 1
-    assert [line["text"] for line in board.log][-1] == "the sensor is back"
+    assert [line["text"] for line in board.log][-1] == "the sensor answers"
 
 
 @pytest.fixture
