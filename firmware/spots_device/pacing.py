@@ -1,15 +1,17 @@
 """Schedules the polls of the sensor, so that each poll finds one new sample.
 
-The chip has its own oscillator, which deviates from the board's clock by some per cent. A poll that
-is too early and the next poll, which finds the sample, bracket the end of this sample. Two brackets
-n samples apart give a lower bound of the period. Each poll is scheduled slightly earlier than this
-bound predicts: no poll is late, and about one in twenty is early. Integers only; allocates nothing.
+The chip has its own oscillator, which deviates from the board's clock by some per cent. A sample
+ends between a poll that is too early and the next poll, which finds the sample. Two such pairs of
+polls, n samples apart, give a lower bound of the sample period. Each poll is scheduled slightly
+earlier than this bound predicts: no poll is late, and about one in twenty is early. Integers only;
+allocates nothing.
 
-A loop that is slower than the sensor never polls early, so there is no bracket. The sample that
-such a loop finds ended within the last period; the sample is used with this uncertainty of its
+A loop that is slower than the sensor never polls early, so it has no such pairs of polls. The
+sample that it finds ended within the last period; the sample is used with this uncertainty of its
 time. Missed samples are counted with the last measured period of the chip, scaled to the exposure.
 
-Samples in the chip's FIFO are not lost while the loop stalls: their times follow from their number.
+Samples in the chip's FIFO are not lost while the loop stalls. The time of each follows from its
+place in the FIFO.
 """
 
 from micropython import const

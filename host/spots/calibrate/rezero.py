@@ -157,9 +157,9 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the shifts of three marks, corrected for presses that missed their mark.
 
-    The arguments are those of `drift.described`. A drift of LED, filters or dye changes the counts
-    as if the marks had moved by distances that depend linearly on their positions. Any other
-    movement of the marks is an error of the presses.
+    The arguments are those of `drift.described`. A drift of LED, filters or dye has the same effect
+    as a movement of the marks, by distances that are a linear function of their positions. So any
+    other apparent movement is an error of the presses, and is removed.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]
