@@ -135,7 +135,7 @@ async def calibration(browser: Browser) -> None:
 
 
 async def editor(browser: Browser) -> None:
-    """Take screenshots of the layout editor and the controller settings while a finger plays."""
+    """Take screenshots of the layout editor and the controller settings while a finger touches."""
     with TemporaryDirectory() as folder:
         state, layout = PageState(), load("mini")
         orders = {

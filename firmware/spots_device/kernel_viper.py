@@ -4,9 +4,10 @@ Literals replace the constants of decode.py and kernel.py, because a name costs 
 at the start of each function names the constants.
 
 The code is correct with words of 32 bits and of 64 bits. With 64 bits, ``ptr32`` loads unsigned
-values: a negative number is then too large by 2**32, and results by multiples of 2**32.
-``ptr32`` stores the lower 32 bits, which are always correct. Where the sign matters, ``(x ^ sign) -
-sign`` corrects a number just loaded, with ``sign = 1 << 31``; with 32 bits it changes nothing.
+values: a negative number is then too large by 2**32, and results are too large by multiples of
+2**32. ``ptr32`` stores the lower 32 bits, which are always correct. Where the sign matters, ``(x ^
+sign) - sign`` corrects a number just loaded, with ``sign = 1 << 31``; with 32 bits it changes
+nothing.
 
 No index and no argument is checked. A call takes as long as about fifty additions, and the look-up
 of a name or attribute takes as long as twenty. So each step of a sample is one function that uses

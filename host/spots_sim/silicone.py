@@ -118,7 +118,10 @@ class _Spectrum:
 
 
 class _Power:
-    """Model ``power`` of one cell; computing time grows with the number of changes of the force."""
+    """Model ``power`` of one cell (a short piece of the strip), see the module docstring.
+
+    The computing time grows with the number of changes of the force.
+    """
 
     def __init__(self, silicone: Silicone):
         whole = (1 + _HELD_S / _SOONEST_S) ** _POWER - 1

@@ -28,7 +28,7 @@ from spots_device.decode import DROPPED
 
 
 class StandIn:
-    """A link to a board of a few lines, in a time of its own; a reading every 10 ms."""
+    """A link to a minimal substitute board in simulated time, with a reading every 10 ms."""
 
     name = "stand-in"
 
@@ -83,11 +83,11 @@ class StandIn:
         self.streams, self.sequence, self.booted_s = [], 0, self.time_s
 
     def complain(self):
-        """Say something unasked, as a board may at its start."""
+        """Send a log line, as a board may do at its start."""
         self._due += self._frame(3, b'{"log": "error", "text": "stored settings are not used"}')
 
     def lose(self, frames):
-        """Number so many frames that nobody gets."""
+        """Skip as many sequence numbers as if `frames` frames were lost."""
         self.sequence = (self.sequence + frames) % 65_536
 
     def close(self):

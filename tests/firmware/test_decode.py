@@ -128,7 +128,7 @@ def test_one_channel_no_brighter_than_its_dark_ends_the_touch(decoder, channel):
 
 
 def shifted(made, misfit):
-    """Give `LIT` a misfit (Q12) of which the calibration knows nothing."""
+    """Shift the misfits that a calibration expects, so that `LIT` has the misfit `misfit` (Q12)."""
     for segment in made.calibration.segments:
         for i in range(len(segment.fits)):
             segment.fits[i] -= misfit

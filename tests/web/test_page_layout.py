@@ -73,14 +73,14 @@ def open_editor(page):
 
 
 def choose(page, name, typed):
-    """Choose an action by search, with the keyboard alone."""
+    """Choose an action by search, using only the keyboard."""
     field = page.get_by_role("combobox", name=name, exact=True)
     field.fill(typed)
     field.press("Enter")
 
 
 def fill_keys(page, keys):
-    """Give the zones of a layer the actions of a layout file."""
+    """Set the actions of all zones of a layer to those of a layout file."""
     for _ in keys[1:]:
         page.get_by_role("button", name="Add a zone").click()
     for i, key in enumerate(keys):

@@ -116,7 +116,8 @@ def play(
 def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     """Return a controller for the strip of a board.
 
-    If necessary, ``release_ms`` is increased, so that one failed reading does not end a touch.
+    If necessary, ``release_ms`` is increased, so that a single reading that is too dark does not
+    end a touch.
 
     Parameters
     ----------

@@ -144,7 +144,10 @@ class Controller:
             self._end(now_s)
 
     def _stays(self, contacts: list[Contact]) -> bool:
-        """Return whether the anchor still rests, after a reading with these contacts."""
+        """Return whether the anchor still rests; `contacts` are the fingers in the latest reading.
+
+        The anchor is the first finger, if it touched in the zone of an `Anchored` button.
+        """
         if self._anchor_id is None:
             self._anchor_id = next((one.id for one in contacts if not one.ended), None)
             return True
@@ -209,7 +212,10 @@ class _Axis:
         self._move(getattr(touch, self._field), dt_s)
 
     def take_position(self, position_um: float, dt_s: float) -> None:
-        """Follow a position, unless the axis follows the force."""
+        """Move the axis to `position_um`, `dt_s` after the last value.
+
+        Do nothing if the axis follows the force.
+        """
         if self._field == "position_um":
             self._move(position_um, dt_s)
 
@@ -287,7 +293,10 @@ class _Button:
         return self._zone_um[0] <= position_um <= self._zone_um[1]
 
     def begin(self, mine: bool) -> None:
-        """Handle the start of a touch; `mine` is true if the touch may press this button."""
+        """Handle the start of a touch; `mine` is true if the touch may press this button.
+
+        That is the case if the start of the touch was measured, and is in the button's zone.
+        """
         self._mine = mine
 
     def take(self, force_mN: float) -> None:

@@ -288,7 +288,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, value: str) -> str:
-    """Return where a TOML text contains a string value, as ``, line 7``; empty if nowhere."""
+    """Return the place of a string value in a TOML text as ``, line 7``; empty if not found."""
     for number, line in enumerate(text.splitlines(), 1):
         if f'"{value}"' in line or f"'{value}'" in line:
             return f", line {number}"
@@ -296,7 +296,7 @@ def _line_of(text: str, value: str) -> str:
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return where a text has the TOML key of a msgspec error, as ``, line 7``; else empty."""
+    """Return the place of the TOML key that a msgspec error names, as ``, line 7``; else empty."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
     for name in (part for pair in reversed(names) for part in pair if part):
         for number, line in enumerate(text.splitlines(), 1):

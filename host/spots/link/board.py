@@ -52,14 +52,14 @@ _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
 
 
 def of_sensor(line: str, sensor: int) -> str:
-    """Return a command for one sensor of a board.
+    """Append ``sensor=N`` to a command, unless N is 0.
 
     Parameters
     ----------
     line : str
         The command.
     sensor : int
-        Number of the sensor; more than 0 only on a board with several strips.
+        Number N of the sensor; more than 0 only on a board with several strips.
 
     Returns
     -------
@@ -105,8 +105,9 @@ class Board:
     link : serial_link.Link
         Link to the board; `close` closes it.
     only : int, optional
-        Number of a sensor: this object then is the board of this strip alone. Its commands go to
-        this sensor, and frames of other sensors are dropped; in its frames, `sensor` is 0.
+        Number of a sensor, on a board with several strips. The object then represents this strip
+        only: its commands go to this sensor, and frames of other sensors are dropped. In its
+        frames, `sensor` is 0.
 
     Attributes
     ----------

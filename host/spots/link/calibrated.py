@@ -82,7 +82,7 @@ def request_baseline(board: Board) -> None:
 def ticks(
     board: Board, seconds: float | None, tick_s: float, forget: Callable[[], None]
 ) -> Iterator[Iterator[Touch]]:
-    """Turn on baseline tracking; divide time into ticks, and yield the readings of each tick.
+    """Yield the readings of successive time intervals (ticks), with baseline tracking on.
 
     The setting ``baseline=1`` is sent again after a restart of the board. When this process is
     resumed after Ctrl-Z, older readings are dropped. When all readings become untrusted, the cause

@@ -1,8 +1,9 @@
-"""The web application: static files, a WebSocket for the state, and requests if allowed.
+"""The web application: static files, a WebSocket for the state, and requests for changes.
 
-Messages that a browser sends on the WebSocket only acknowledge the server's messages. A request to
-change something is a POST, and needs the access token. A browser acknowledges each message after
-drawing it, and then gets the newest state. So old states never wait in a queue or in a socket.
+Messages that a browser sends on the WebSocket only acknowledge the server's messages. A request
+that changes something is a POST, and needs the access token. A browser acknowledges each message
+after drawing it, and then gets the newest state. So old states never wait in a queue or in a
+socket.
 """
 
 import asyncio

@@ -103,7 +103,7 @@ class Feel:
         self._show()
 
     def _try(self) -> None:
-        """Start to try the present draft if it has been replaced; stop if there is none."""
+        """Compute keys also with the draft of the layout that a browser edits, if there is one."""
         length_um, decay = self._sizes
         draft = self._draft() if length_um else None
         if draft is not self._tried:
@@ -127,14 +127,14 @@ class Feel:
         self._show()
 
     def silence(self, sentence: str) -> None:
-        """Show why no readings arrive from the strip, until the next reading."""
+        """Show until the next reading why no readings arrive from the strip: `sentence`."""
         if not self._silent:
             self.release()
             self._silent = sentence
             self._show()
 
     def release(self) -> None:
-        """Release all keys and the gamepad; call this when the present touch becomes unknown."""
+        """Release all keys and the gamepad; call this when the finger's state becomes unknown."""
         if self._engine:
             self._engine.release()
         if self._own:

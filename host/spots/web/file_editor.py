@@ -109,11 +109,11 @@ class FileEditor(Orders):
         raise NotImplementedError
 
     def _check(self, request: Check) -> dict[str, Any]:
-        """Return the answer to a `Check`."""
+        """Validate the text in a `Check`, and return the answer."""
         raise NotImplementedError
 
     def _store(self, request: Any, board: Board) -> dict[str, Any] | None:
-        """Handle any other request, and return its answer."""
+        """Handle a request that is not a `Check`, on a board, and return its answer."""
         raise NotImplementedError
 
     def _shown(self, info: Any) -> dict[str, Any]:

@@ -65,7 +65,7 @@ class Recordings(Orders):
         return body.decode()
 
     def submit(self, request: str) -> Future:
-        """Answer a request that only reads recordings in a separate thread; queue any other one."""
+        """Queue a request; but if it only reads recordings, answer it in a separate thread."""
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)
@@ -185,7 +185,8 @@ def _curve(path: Path) -> dict:
     -------
     dict
         ``name``; ``points``: at most `_POINTS` lists of time in s, position in um and force in mN,
-        both null without a press; ``cut``: whether the recording is longer than what was read.
+        both null without a press; ``cut``: whether the recording has more than `_READ_MAX`
+        readings.
     """
     parts, count = [], 0
     for block in RecordingBlocks(path):
