@@ -27,6 +27,10 @@ class Check(msgspec.Struct, tag_field="do", tag="check", forbid_unknown_fields=T
 class FileEditor(Orders):
     """Validates texts of a TOML file from browsers; a subclass stores them.
 
+    A subclass also has the methods ``_check(request)``, which returns the answer to a `Check`, and
+    ``_shown(info)``, which returns further values for the web UI; `info` is the board's ``hello``
+    reply, or None.
+
     Parameters
     ----------
     path : Path
@@ -38,6 +42,11 @@ class FileEditor(Orders):
     state : PageState
         State of the web UI; contains this part.
 
+    Attributes
+    ----------
+    text : str
+        Present text of the file.
+
     Raises
     ------
     SpotsError
@@ -45,20 +54,16 @@ class FileEditor(Orders):
     """
 
     request_max = 2 * _TEXT_MAX
-    requests: Any = Check  # a union of structs
+    _changes_board = True
 
     def __init__(self, path: Path, kind: str, part: str, state: PageState):
-        super().__init__(f"there is no board for the {kind}: plug one in")
+        super().__init__()
+        self.nobody = f"there is no board for the {kind}: plug one in"
         if path.suffix != ".toml":
             raise SpotsError(f"'{path}' is not a {kind} file: give a name that ends in .toml")
         self._path, self._kind = path, kind
         self._part, self._state = part, state
         self._shown_for: str | None = None  # id of the strip for which the part was computed
-        self._decoder = msgspec.json.Decoder(self.requests)
-
-    def decode(self, body: bytes) -> Any:
-        """Return the request in a browser's message; raise a ValueError if invalid."""
-        return self._decoder.decode(body)
 
     def submit(self, request: Any) -> Future:
         """Answer a `Check` at once, without a board; queue any other request."""
@@ -70,16 +75,10 @@ class FileEditor(Orders):
 
     def attend(self, board: Board) -> bool:
         """Handle all waiting requests; return whether something was stored."""
-        self._attended = True
         if board.info["id"] != self._shown_for:
             self._shown_for = board.info["id"]
             self._show(board.info)
-        changed = False
-        while asked := self._next():
-            request, answer = asked
-            self._answer(answer, self._store, request, board)
-            changed = True
-        return changed
+        return super().attend(board)
 
     def leave(self) -> None:
         """Handle the loss of the board: refuse all waiting requests."""
@@ -100,22 +99,3 @@ class FileEditor(Orders):
         """Show the file in the web UI; `info` is the board's ``hello`` reply, or None."""
         shown = {"file": self._path.name, "text": self.text, "base": self.base}
         self._state.put(self._part, {**shown, **self._shown(info)})
-
-    # In a subclass:
-
-    @property
-    def text(self) -> str:
-        """Present text of the file."""
-        raise NotImplementedError
-
-    def _check(self, request: Check) -> dict[str, Any]:
-        """Return the answer to a `Check`."""
-        raise NotImplementedError
-
-    def _store(self, request: Any, board: Board) -> dict[str, Any] | None:
-        """Handle any other request, and return its answer."""
-        raise NotImplementedError
-
-    def _shown(self, info: Any) -> dict[str, Any]:
-        """Return further values for the web UI; `info` is the board's ``hello`` reply, or None."""
-        raise NotImplementedError

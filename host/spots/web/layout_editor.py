@@ -62,13 +62,8 @@ class LayoutEditor(FileEditor):
         self._use(load(path) if path.exists() else usual)
         self._show(None)
 
-    @property
-    def text(self) -> str:
-        """Text of the layout."""
-        return self._layout.text
-
     def _use(self, layout: KeyLayout) -> None:
-        self._layout, self._draft = layout, None
+        self._layout, self._draft, self.text = layout, None, layout.text
         self.feel = {"layout": layout, "draft": lambda: self._draft}
 
     def _check(self, request: Check) -> dict[str, Any]:
@@ -76,7 +71,7 @@ class LayoutEditor(FileEditor):
         self._draft = None if layout.lines == self._layout.lines else layout
         return {"content": layout.content, "loses": self._lost(layout)}
 
-    def _store(self, request: Push | Clear, board: Board) -> dict[str, Any] | None:
+    def _handle(self, board: Board, request: Push | Clear) -> dict[str, Any] | None:
         if isinstance(request, Push):
             return self._push(request, board)
         board.command("layout clear")

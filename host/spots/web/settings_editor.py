@@ -89,24 +89,19 @@ class SettingsEditor(FileEditor):
         self._is = KINDS[name]
         super().__init__(path, self._is.words, name, state)
         begin = path if path.exists() else self._is.usual
-        _, self._text = toml.find(begin, begin.parent, self._is.words)
+        _, self.text = toml.find(begin, begin.parent, self._is.words)
         self.feel = {name: self._is.read(self.text, path)}
         self._show(None)
-
-    @property
-    def text(self) -> str:
-        """Text of the settings file."""
-        return self._text
 
     def _check(self, request: Check) -> dict[str, Any]:
         self._is.read(request.text, Path(self._path.name))
         return {"content": toml.loads(request.text)}
 
-    def _store(self, request: Save, board: Board) -> None:
+    def _handle(self, board: Board, request: Save) -> None:
         self._check_base(request.base)
         found = self._is.read(request.text, Path(self._path.name))
         write_text(request.text, self._path)
-        self._text, self.feel = request.text, {self._part: found}
+        self.text, self.feel = request.text, {self._part: found}
         self._show(board.info)
 
     def _shown(self, info: Any) -> dict[str, Any]:
