@@ -54,6 +54,8 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
+    rests = 0  # a controller asks for no baseline, see `link.calibrated.fed`
+
     def __init__(self, settings: ControllerSettings, length_um: float, decay: int | None = None):
         self.length_um = length_um
         self._hold_s = settings.hold_ms / 1000
