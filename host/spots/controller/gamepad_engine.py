@@ -298,14 +298,14 @@ class _Button:
     def tick(self, now_s: float) -> None:
         pass
 
+    def end(self, lasted_ms: float, now_s: float) -> None:
+        self.down = False
+
 
 class _PressedButton(_Button):
     def take(self, force_mN: float) -> None:
         least_mN = self._settings.release_mN if self.down else self._settings.press_mN
         self.down = self._mine and force_mN >= least_mN
-
-    def end(self, lasted_ms: float, now_s: float) -> None:
-        self.down = False
 
 
 class _TappedButton(_Button):
@@ -323,9 +323,6 @@ class _TappedButton(_Button):
 class _AnchoredButton(_Button):
     def take(self, force_mN: float) -> None:
         self.down = self._mine
-
-    def end(self, lasted_ms: float, now_s: float) -> None:
-        self.down = False
 
 
 _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton, Anchored: _AnchoredButton}

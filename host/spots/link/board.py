@@ -784,7 +784,14 @@ class Board:
             loss.tries += 1
             if reply is None and loss.tries < WHO_TRIES:
                 return  # its firmware may be starting
-            self.info = self._recognised(self._checked(reply))
+            info, known = self._checked(reply), self.info.get("id")
+            if info.get("id") != known:
+                self._link.close_port()
+                raise RefusedError(
+                    f"{self.port} now has board {info.get('id')} instead of {known}: plug in board "
+                    f"{known} again"
+                )
+            self.info = info
             self._take_settings(self.info)
         except SpotsError as error:
             if loss.unplugged_for_s(self.now_s()) >= self.patience_s:
@@ -793,15 +800,6 @@ class Board:
                 self.log.append({"log": "error", "text": str(error)})
             return
         loss.plug(self.now_s())
-
-    def _recognised(self, info: Hello) -> Hello:
-        if info.get("id") != self.info.get("id"):
-            self._link.close_port()
-            raise RefusedError(
-                f"{self.port} now has board {info.get('id')} instead of "
-                f"{self.info.get('id')}: plug in board {self.info.get('id')} again"
-            )
-        return info
 
     def _resume(self) -> None:
         # Ask a silent board for its streams. A board without streams has restarted.
