@@ -15,7 +15,9 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
-def did_you_mean(word: str, known: Iterable[str], otherwise: str = "") -> str:
+def did_you_mean(
+    word: str, known: Iterable[str], otherwise: str = "", meant: Mapping[str, str] | None = None
+) -> str:
     """Return the advice for an error message about an unknown name.
 
     Parameters
@@ -23,17 +25,18 @@ def did_you_mean(word: str, known: Iterable[str], otherwise: str = "") -> str:
     word : str
         The unknown name. Its case is ignored.
     known : iterable of str
-        The names that exist. A mapping has other spellings, too: the name for each spelling.
+        The names that exist.
     otherwise : str, optional
         Advice if no name is similar.
+    meant : mapping, optional
+        What to suggest in place of some of these names.
 
     Returns
     -------
     str
         "did you mean ...?" with the similar names; else `otherwise`, or a list of all names.
     """
-    names = known if isinstance(known, Mapping) else {name: name for name in known}
-    by_case = {spelling.lower(): name for spelling, name in names.items()}
+    by_case = {name.lower(): (meant or {}).get(name, name) for name in known}
     found = difflib.get_close_matches(word.lower(), by_case, n=3, cutoff=0.7)
     if found:
         return f"did you mean {' or '.join(dict.fromkeys(by_case[one] for one in found))}?"

@@ -115,7 +115,7 @@ class StripShape:
         if self.breakout not in BREAKOUTS:
             raise SpotsError(
                 f"--breakout: there is no '{self.breakout}': "
-                f"{did_you_mean(self.breakout, list(BREAKOUTS))}"
+                f"{did_you_mean(self.breakout, BREAKOUTS)}"
             )
 
     @property

@@ -43,8 +43,8 @@ def known() -> str:
 
 def no_port(port: str) -> str:
     """Return the error message for a port that does not exist; suggest a similar scheme."""
-    forms = {entry.name: _FORMS.get(entry.name, entry.name) for entry in entry_points(group=GROUP)}
-    hint = did_you_mean(port.partition(":")[0], forms, "'spots ports' lists the ports")
+    names = (entry.name for entry in entry_points(group=GROUP))
+    hint = did_you_mean(port.partition(":")[0], names, "'spots ports' lists the ports", _FORMS)
     return f"there is no port {port}: {hint}"
 
 

@@ -79,7 +79,7 @@ def usage_of(name: str) -> tuple[int, int]:
     """
     found = _BY_NAME.get(name.upper()) or _BY_CHARACTER.get(name.lower())
     if found is None:
-        hint = did_you_mean(name, _SIMILAR, "use a name such as ENTER or F5")
+        hint = did_you_mean(name, _SIMILAR, "use a name such as ENTER or F5", _SIMILAR)
         raise SpotsError(f"there is no key '{name}': {hint}")
     return found.page, found.usage
 
