@@ -608,7 +608,11 @@ class Board:
 
     def _advance(self, timeout_s: float) -> None:
         self._pump_or_resume(timeout_s)
-        self._report_state()
+        state = self.state
+        if state != self._reported_state:
+            self._reported_state = state
+            for action in list(self._on_state):
+                action(state)
 
     def record(
         self, path: str | Path, *, rotate_bytes: int | None = None
@@ -722,7 +726,9 @@ class Board:
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
-            self._idle(spread_s(i))
+            end_s = self.now_s() + spread_s(i)
+            while self.now_s() < end_s:
+                self._pump(end_s - self.now_s())
             self._sync()
         self._clocks.keep(self.now_s())
 
@@ -756,13 +762,6 @@ class Board:
             if not self._streams:
                 raise
             self._loss.unplug(self.now_s())
-
-    def _report_state(self) -> None:
-        state = self.state
-        if state != self._reported_state:
-            self._reported_state = state
-            for action in list(self._on_state):
-                action(state)
 
     def _ask_time(self) -> None:
         if question := self._clocks.ask(self.now_s()):
@@ -832,11 +831,6 @@ class Board:
         self._decoder.restarted(self.stats.restarts)
         self._clocks.restart(sent_s, t_us, self.now_s())
         self._loss.ask_s = self.now_s()
-
-    def _idle(self, seconds: float) -> None:
-        end_s = self.now_s() + seconds
-        while self.now_s() < end_s:
-            self._pump(end_s - self.now_s())
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
         self._check_open()
