@@ -17,7 +17,7 @@ from spots.errors import PortLostError, SpotsError
 from spots.link import board as module
 from spots.link import readers
 from spots.link.board import Board
-from spots.link.calibrated import ticks
+from spots.link.calibrated import fed
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, SEARCH_S, STALLED
 from spots.recording import replay
@@ -298,9 +298,9 @@ def test_a_board_that_restarts_is_told_again_to_follow_its_untouched_strip():
     link = StandIn(0)
     board = Board(link)
     told = []
-    for i, touches in enumerate(ticks(board, 6.0, 0.02, pytest.fail)):
-        for _ in touches:
-            pass
+    engine = SimpleNamespace(take=print, tick=print, release=pytest.fail, rests=0)
+    ticks = (touch for touch, _ in fed(board, engine, 6.0, 0.02) if touch is None)
+    for i, _ in enumerate(ticks):
         if i == 20:
             link.deaf = {"set"}
             link.restart()

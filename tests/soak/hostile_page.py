@@ -24,7 +24,7 @@ from pathlib import Path
 import aiohttp
 import msgspec
 
-from spots.web.calibration import DECODER
+from spots.web.calibration import PageCalibration
 from spots_sim.virtual import start_simulator
 
 _CLIENTS = 24
@@ -110,7 +110,7 @@ def _damaged(choice: random.Random) -> bytes:
             at = choice.randrange(len(body))
             body[at : at + choice.randrange(2)] = choice.randbytes(choice.randrange(3))
         try:
-            DECODER.decode(bytes(body))
+            msgspec.json.decode(bytes(body), type=PageCalibration.requests)
         except (ValueError, msgspec.DecodeError):
             return bytes(body)
 

@@ -15,10 +15,9 @@ from spots.link.connect import prepare
 from spots.web.app import NOTHING
 from spots.web.board_feed import BoardReader
 from spots.web.calibration import PageCalibration
-from spots.web.layout_editor import LayoutEditor
+from spots.web.editors import LayoutEditor, SettingsEditor
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
-from spots.web.settings_editor import SettingsEditor
 from spots.web.state import PageState
 from spots.web.strip_choice import StripChoice
 from spots_sim.lockstep import LockstepLink

@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from serving import Bench, until
 from spots.link.board import Board
 from spots.web.board_feed import _NEXT
-from spots.web.settings_editor import KINDS
+from spots.web.editors import KINDS
 from spots.web.state import PageState
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press

@@ -17,7 +17,7 @@ from serving import eventually, until
 from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
 from spots.web.board_feed import BoardReader
-from spots.web.layout_editor import LayoutEditor
+from spots.web.editors import LayoutEditor
 from spots.web.state import Cursor, PageState
 from spots_sim.demo import open_fast
 from spots_sim.files import ScenarioFile

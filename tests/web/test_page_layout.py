@@ -13,7 +13,7 @@ from fuzzing import fuzz_change_nothing
 from serving import Bench, Serving, apart, eventually, send_from_other_site, until
 from spots.errors import SpotsError
 from spots.keyboard.layout import compiled, load
-from spots.web.layout_editor import LayoutEditor
+from spots.web.editors import LayoutEditor
 from spots.web.state import PageState
 from spots_device.settings import checksum
 from spots_sim.scenario import Held, Press

@@ -18,7 +18,7 @@ from spots.controller.controller_settings import load
 from spots.controller.one_euro import OneEuro
 from spots.controller.shaping import deflection, shaped
 from spots.wearable import wearable
-from spots.web.settings_editor import KINDS, SettingsEditor
+from spots.web.editors import KINDS, SettingsEditor
 from spots.web.state import PageState
 from spots_sim.scenario import Held, Press
 from test_page_recording import post, token_of

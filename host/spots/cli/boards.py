@@ -193,16 +193,9 @@ def _boards(options: argparse.Namespace) -> None:
     from ..deploy.staging import board_names, device_of
 
     rows = [
-        {
-            "name": device.name,
-            "title": device.title,
-            "runtime": device.runtime,
-            "arch": device.march,
-            "sda": device.wiring.get("sda"),
-            "scl": device.wiring.get("scl"),
-            "led": device.wiring.get("led"),
-        }
-        for device in map(device_of, board_names())
+        {"name": one.name, "title": one.title, "runtime": one.runtime, "arch": one.march}
+        | {wire: one.wiring.get(wire) for wire in ("sda", "scl", "led")}
+        for one in map(device_of, board_names())
     ]
     if options.json:
         print(json.dumps(rows))

@@ -54,6 +54,8 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
+    rests = 0  # a controller asks for no baseline, see `link.calibrated.fed`
+
     def __init__(self, settings: ControllerSettings, length_um: float, decay: int | None = None):
         self.length_um = length_um
         self._hold_s = settings.hold_ms / 1000
@@ -305,14 +307,14 @@ class _Button:
     def tick(self, now_s: float) -> None:
         pass
 
+    def end(self, lasted_ms: float, now_s: float) -> None:
+        self.down = False
+
 
 class _PressedButton(_Button):
     def take(self, force_mN: float) -> None:
         least_mN = self._settings.release_mN if self.down else self._settings.press_mN
         self.down = self._mine and force_mN >= least_mN
-
-    def end(self, lasted_ms: float, now_s: float) -> None:
-        self.down = False
 
 
 class _TappedButton(_Button):
@@ -330,9 +332,6 @@ class _TappedButton(_Button):
 class _AnchoredButton(_Button):
     def take(self, force_mN: float) -> None:
         self.down = self._mine
-
-    def end(self, lasted_ms: float, now_s: float) -> None:
-        self.down = False
 
 
 _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton, Anchored: _AnchoredButton}

@@ -611,7 +611,11 @@ class Board:
 
     def _advance(self, timeout_s: float) -> None:
         self._pump_or_resume(timeout_s)
-        self._report_state()
+        state = self.state
+        if state != self._reported_state:
+            self._reported_state = state
+            for action in list(self._on_state):
+                action(state)
 
     def record(
         self, path: str | Path, *, rotate_bytes: int | None = None
@@ -725,7 +729,9 @@ class Board:
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
-            self._idle(spread_s(i))
+            end_s = self.now_s() + spread_s(i)
+            while self.now_s() < end_s:
+                self._pump(end_s - self.now_s())
             self._sync()
         self._clocks.keep(self.now_s())
 
@@ -760,13 +766,6 @@ class Board:
                 raise
             self._loss.unplug(self.now_s())
 
-    def _report_state(self) -> None:
-        state = self.state
-        if state != self._reported_state:
-            self._reported_state = state
-            for action in list(self._on_state):
-                action(state)
-
     def _ask_time(self) -> None:
         if question := self._clocks.ask(self.now_s()):
             self._link.write(question)
@@ -787,7 +786,14 @@ class Board:
             loss.tries += 1
             if reply is None and loss.tries < WHO_TRIES:
                 return  # its firmware may be starting
-            self.info = self._recognised(self._checked(reply))
+            info, known = self._checked(reply), self.info.get("id")
+            if info.get("id") != known:
+                self._link.close_port()
+                raise RefusedError(
+                    f"{self.port} now has board {info.get('id')} instead of {known}: plug in board "
+                    f"{known} again"
+                )
+            self.info = info
             self._take_settings(self.info)
         except SpotsError as error:
             if loss.unplugged_for_s(self.now_s()) >= self.patience_s:
@@ -796,15 +802,6 @@ class Board:
                 self.log.append({"log": "error", "text": str(error)})
             return
         loss.plug(self.now_s())
-
-    def _recognised(self, info: Hello) -> Hello:
-        if info.get("id") != self.info.get("id"):
-            self._link.close_port()
-            raise RefusedError(
-                f"{self.port} now has board {info.get('id')} instead of "
-                f"{self.info.get('id')}: plug in board {self.info.get('id')} again"
-            )
-        return info
 
     def _resume(self) -> None:
         # Ask a silent board for its streams. A board without streams has restarted.
@@ -838,11 +835,6 @@ class Board:
         self._decoder.restarted(self.stats.restarts)
         self._clocks.restart(sent_s, t_us, self.now_s())
         self._loss.ask_s = self.now_s()
-
-    def _idle(self, seconds: float) -> None:
-        end_s = self.now_s() + seconds
-        while self.now_s() < end_s:
-            self._pump(end_s - self.now_s())
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
         self._check_open()

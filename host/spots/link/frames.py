@@ -395,13 +395,8 @@ class Decoder:
                 self.stats.bad_crc += 1
             else:
                 frames.append(found)
-                if isinstance(found, Note):
-                    self._noted(found.content)
-
-    def _noted(self, content: dict[str, Any]) -> None:
-        restarts = content.get("restarts")
-        if isinstance(restarts, int):
-            self.restarted(restarts)
+                if isinstance(found, Note) and isinstance(found.content.get("restarts"), int):
+                    self.restarted(found.content["restarts"])
 
     def _count(self, sequence: int) -> None:
         if self._expected is not None:

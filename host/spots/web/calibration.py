@@ -64,9 +64,6 @@ class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields
     """Request of a browser: end the session; its presses are stored."""
 
 
-DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
-
-
 class PageCalibration(Orders):
     """Runs calibration sessions for browsers, one at a time, in the thread that reads the board.
 
@@ -84,8 +81,11 @@ class PageCalibration(Orders):
         If the session file is damaged.
     """
 
+    nobody = "there is no board to calibrate: plug one in"
+    requests = Start | Answer | Undo | Cancel
+
     def __init__(self, path: Path, state: PageState):
-        super().__init__("there is no board to calibrate: plug one in")
+        super().__init__()
         self._first, self._state = path, state
         self._step = 0
         self._shown = {"running": False}
@@ -97,10 +97,6 @@ class PageCalibration(Orders):
         self._session = Session(path)
         if self._session.length_um:
             self._show(length_um=self._session.length_um)
-
-    def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
-        """Return the request in a browser's message; raise a ValueError if invalid."""
-        return DECODER.decode(body)
 
     def attend(self, board: Board | OneStrip) -> bool:
         """Run a session to its end if a browser has requested one; return whether a session ran."""

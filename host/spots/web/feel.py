@@ -70,7 +70,7 @@ class Feel:
                 self._buttons = max((one.number for one in settings.button), default=0)
                 self._controller = controller_for(board, settings)
             if not info["keys"] or _is_on(info, layout):
-                sink = SimpleNamespace(key=_ignored) if info["keys"] else self
+                sink = SimpleNamespace(key=lambda *event: None) if info["keys"] else self
                 self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
         engines = self._engine, self._gestures, self._controller
         self._engines = self._untried = [one for one in engines if one is not None]
@@ -202,10 +202,6 @@ class Feel:
 
 def _name(page: int, usage: int) -> str:
     return typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
-
-
-def _ignored(*event) -> None:
-    pass
 
 
 def stored_layout(info: Mapping, layout: KeyLayout) -> str:
