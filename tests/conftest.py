@@ -15,7 +15,7 @@ import pytest
 from hypothesis import settings
 
 from spots_sim.files import SensorFile, load
-from spots_sim.kept import FOLDER
+from spots_sim.kept_folder import FOLDER
 from spots_sim.stage import calibrate
 
 # A loaded machine is slow, not wrong.

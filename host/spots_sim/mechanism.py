@@ -224,6 +224,10 @@ class JointScenario:
     def change(self, time_s: float) -> Change:
         return NONE
 
+    def is_dark(self, start_s: float, end_s: float) -> bool:
+        """Return False: the indenter presses in any interval."""
+        return False
+
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         """Return 0: no ambient light enters a joint in any interval."""
         return 0.0

@@ -122,7 +122,7 @@ def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
 
 def test_a_failure_leaves_the_old_build(tmp_path, monkeypatch):
     before = files_of(build("virtual", tmp_path))
-    monkeypatch.setattr(builder, "_mpy_cross", lambda: ["false"])
+    monkeypatch.setattr(builder, "mpy_cross_command", lambda: ["false"])
     with pytest.raises(SpotsError, match="mpy-cross refuses "):
         build("virtual", tmp_path)
     assert files_of(tmp_path / "virtual") == before
