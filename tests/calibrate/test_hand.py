@@ -135,7 +135,7 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     path = tmp_path / "a.jsonl"
     with Stage(msgspec.structs.replace(sensor, length_mm=60.0), seed=3) as stage:
         room = Room(stage, Habits(place_mm=0.3, slips=0))
-        room.answers = ["again", "", "40", "300N", "9g", "80mm", *[""] * 10, "57mm", "", "undo"]
+        room.answers = ["again", "", "40", "300N", "9g", "80mm", *[""] * 10, "25mm", "", "undo"]
         made = calibrate(room, path, "fine", 20)
         assert np.abs(errors_um(stage, made)).mean() < 300
     said = room.getvalue()
@@ -143,7 +143,7 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     assert "300N is not a possible force of a finger: did you mean 300 g?" in said
     assert "9g is not a possible force of a finger: did you mean 9 N?" in said
     assert "80mm is beyond the end of the strip at 60 mm" in said
-    assert "57.0 mm with" in said
+    assert "25.0 mm with" in said
     assert said.count("is removed: its light is that of") == 1
     assert said.count("undone: ") == 1
     assert room.person.presses == 20 + 6

@@ -225,10 +225,10 @@ def _next(
         share, force_mN = first[min(len(known), len(first) - 1)]
         place_um = share * length_um
     elif rough:  # without a scale, only the place can be chosen
-        places_um, sigma_um = surface.errors()[0]
+        places_um, sigma_um = surface.bent.errors()[0]
         place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
     else:
-        place_um, force_mN = surface.next_press(dark_mN)
+        place_um, force_mN = surface.bent.next_press(dark_mN)
     place_um = np.clip(round(place_um, -3), _END_UM, length_um - _END_UM)
     load = _load(session, surface, place_um) if loads and surface else None
     return _wanted(place_um, *(load or (force_mN,)))
