@@ -155,7 +155,7 @@ class Board:
         self._streams: dict[int, list[str]] = {}  # streams that should be on, by sensor
         self._chosen = False  # whether `command` chose the streams
         self._loss = LinkLoss(link.now_s())
-        self._resuming = False
+        self._stopped: set[int] = set()  # sensors whose streams ended with a restart of the board
         self._late = False  # whether the reply to an earlier command may still arrive
         self._closed = False
         self._times_us: deque[int] = deque(maxlen=_RATE_READINGS)
@@ -319,7 +319,8 @@ class Board:
         with self._turn:
             if self._late:
                 # The board replies in order, so no late reply follows the reply to this `hello`.
-                self._late = self._exchange("hello", _HELLO_TIMEOUT_S) is None
+                hello_s = min(timeout_s, _HELLO_TIMEOUT_S)
+                self._late = self._exchange("hello", hello_s) is None
             reply = self._exchange(line, timeout_s)
             if reply is None:
                 self._late = True
@@ -335,6 +336,7 @@ class Board:
             sensor = number if isinstance(number, int) and self._only is None else 0
             if content["re"] == "stream":
                 self._streams.pop(sensor, None)
+                self._stopped.discard(sensor)
                 if kinds := [kind for kind in content["stream"] if kind != "off"]:
                     self._streams[sensor] = kinds
                 self._loss.expect(self.now_s() if self._streams else None)
@@ -814,21 +816,22 @@ class Board:
             loss.unanswered(self.now_s())
             return
         known = self._validated(reply)
-        if known["stream"] != []:
+        if known["stream"] != [] and not self._stopped:
             return  # it still streams, or its firmware does not report its streams
-        if not self._resuming:
+        if not self._stopped:
             # The reply may answer any of the questions asked since the first one.
             self._restarted(loss.first_asked_s, known["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
-                for sensor, kinds in list(self._streams.items()):
-                    self._command(of_sensor("stream " + " ".join(kinds), sensor), ANSWER_S)
+                for sensor in sorted(self._stopped):
+                    kinds = " ".join(self._streams[sensor])
+                    self._command(of_sensor("stream " + kinds, sensor), ANSWER_S)
                 return
             except SpotsError:
                 loss.ask_s = self.now_s()  # the command or its reply was damaged
 
     def _restarted(self, sent_s: float, t_us: int) -> None:
-        self._resuming = bool(self._streams)
+        self._stopped = set(self._streams)
         self.stats.restarts += 1
         self._times_us.clear()
         self._decoder.restarted(self.stats.restarts)
@@ -863,7 +866,7 @@ class Board:
         self._check_open()
         frames = self._decoded(self._link.read(timeout_s))
         arrived_s = self.now_s()
-        if frames:
+        if frames and not self._stopped:
             self._loss.heard(arrived_s)
         for frame in frames:
             if not isinstance(frame, Note):
@@ -895,7 +898,6 @@ class Board:
             if frame.sensor != self._only:
                 return
             frame = frame._replace(sensor=0)
-        self._resuming = False
         self._loss.expect(self.now_s())
         if isinstance(frame, Touch) and frame.sensor == 0:
             self._times_us.append(frame.t_us)
