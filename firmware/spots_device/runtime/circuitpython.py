@@ -18,8 +18,21 @@ import usb_cdc
 from adafruit_bus_device.i2c_device import I2CDevice
 from micropython import const
 
-from .. import kernel
+from .. import frame, kernel
 from ..as7341 import AS7341, SensorError
+from ..decode import (
+    BRIGHTNESS,
+    CONTRAST,
+    CRC_SIZE,
+    FLAGS,
+    FORCE_MN,
+    GAP,
+    KIND,
+    POSITION_UM,
+    SEQUENCE,
+    TIME_HIGH,
+    TIME_LOW,
+)
 from ..settings import BoardSettings, load_lines
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
 from .stay import must_stay
@@ -30,6 +43,9 @@ _HALF_PERIOD_US = const(1 << 28)
 _HIGH = const((1 << 13) - 1)  # upper digit of the largest ticks
 _FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
 _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
+_TOUCH_SIZE = kernel.TOUCH_SIZE + CRC_SIZE  # bytes of a TOUCH frame before its encoding
+_TOUCH_COPY = "%ds" % _TOUCH_SIZE
+_ZERO = b"\0"
 
 
 class BusioBus:
@@ -212,6 +228,44 @@ def fast_crc32(data, size, crc):
     crc[1] ^= 0xFFFF
 
 
+def fast_touch(head, payload, state, encoded):
+    """Replace `kernel.touch`; arguments and result are the same. Takes 0.5 ms instead of 1.3 ms."""
+    sequence = head[SEQUENCE]
+    head[SEQUENCE] = (sequence + 1) & 0xFFFF
+    pack_into(
+        "<BHHHBiiiH",
+        payload,
+        0,
+        head[KIND],
+        sequence,
+        head[TIME_LOW],
+        head[TIME_HIGH],
+        state[FLAGS] | head[GAP],
+        state[CONTRAST],
+        state[BRIGHTNESS],
+        state[POSITION_UM],
+        state[FORCE_MN],
+    )
+    pack_into("<I", payload, kernel.TOUCH_SIZE, crc32(view_of(payload, kernel.TOUCH_SIZE)))
+    # COBS of fewer than 255 bytes: a copy in which each zero byte gives the place of the next one.
+    pack_into(_TOUCH_COPY, encoded, 1, payload)
+    at = 0
+    zero = payload.find(_ZERO, 0, _TOUCH_SIZE)
+    while zero >= 0:
+        encoded[at] = zero + 1 - at
+        at = zero + 1
+        zero = payload.find(_ZERO, at, _TOUCH_SIZE)
+    encoded[at] = _TOUCH_SIZE + 1 - at
+    encoded[_TOUCH_SIZE + 1] = 0
+    return _TOUCH_SIZE + 2
+
+
+def speed_up():
+    """Replace functions of the sample's path by functions that use CircuitPython's C modules."""
+    kernel.crc32 = fast_crc32
+    kernel.touch = frame.touch = fast_touch
+
+
 class CdcSerial:
     """The USB serial port for frames and commands; the console is a separate port.
 
@@ -337,7 +391,7 @@ def main():
         print("no port for data, so the application was not started: press reset, not the button")
         return
 
-    kernel.crc32 = fast_crc32
+    speed_up()
     clock = MonotonicClock
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
