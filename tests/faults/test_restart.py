@@ -17,7 +17,7 @@ from spots.errors import PortLostError, SpotsError
 from spots.link import board as module
 from spots.link import readers
 from spots.link.board import Board
-from spots.link.calibrated import ticks
+from spots.link.calibrated import fed
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, SEARCH_S, STALLED
 from spots.recording import replay
@@ -28,7 +28,7 @@ from spots_device.decode import DROPPED
 
 
 class StandIn:
-    """A link to a board of a few lines, in a time of its own; a reading every 10 ms."""
+    """A link to a minimal substitute board in simulated time, with a reading every 10 ms."""
 
     name = "stand-in"
 
@@ -83,11 +83,11 @@ class StandIn:
         self.streams, self.sequence, self.booted_s = [], 0, self.time_s
 
     def complain(self):
-        """Say something unasked, as a board may at its start."""
+        """Send a log line, as a board may do at its start."""
         self._due += self._frame(3, b'{"log": "error", "text": "stored settings are not used"}')
 
     def lose(self, frames):
-        """Number so many frames that nobody gets."""
+        """Skip as many sequence numbers as if `frames` frames were lost."""
         self.sequence = (self.sequence + frames) % 65_536
 
     def close(self):
@@ -298,9 +298,9 @@ def test_a_board_that_restarts_is_told_again_to_follow_its_untouched_strip():
     link = StandIn(0)
     board = Board(link)
     told = []
-    for i, touches in enumerate(ticks(board, 6.0, 0.02, pytest.fail)):
-        for _ in touches:
-            pass
+    engine = SimpleNamespace(take=print, tick=print, release=pytest.fail, rests=0)
+    ticks = (touch for touch, _ in fed(board, engine, 6.0, 0.02) if touch is None)
+    for i, _ in enumerate(ticks):
         if i == 20:
             link.deaf = {"set"}
             link.restart()

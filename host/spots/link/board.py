@@ -52,14 +52,14 @@ _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
 
 
 def of_sensor(line: str, sensor: int) -> str:
-    """Return a command for one sensor of a board.
+    """Append ``sensor=N`` to a command, unless N is 0.
 
     Parameters
     ----------
     line : str
         The command.
     sensor : int
-        Number of the sensor; more than 0 only on a board with several strips.
+        Number N of the sensor; more than 0 only on a board with several strips.
 
     Returns
     -------
@@ -105,8 +105,9 @@ class Board:
     link : serial_link.Link
         Link to the board; `close` closes it.
     only : int, optional
-        Number of a sensor: this object then is the board of this strip alone. Its commands go to
-        this sensor, and frames of other sensors are dropped; in its frames, `sensor` is 0.
+        Number of a sensor, on a board with several strips. The object then represents this strip
+        only: its commands go to this sensor, and frames of other sensors are dropped. In its
+        frames, `sensor` is 0.
 
     Attributes
     ----------
@@ -610,7 +611,11 @@ class Board:
 
     def _advance(self, timeout_s: float) -> None:
         self._pump_or_resume(timeout_s)
-        self._report_state()
+        state = self.state
+        if state != self._reported_state:
+            self._reported_state = state
+            for action in list(self._on_state):
+                action(state)
 
     def record(
         self, path: str | Path, *, rotate_bytes: int | None = None
@@ -724,7 +729,9 @@ class Board:
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
-            self._idle(spread_s(i))
+            end_s = self.now_s() + spread_s(i)
+            while self.now_s() < end_s:
+                self._pump(end_s - self.now_s())
             self._sync()
         self._clocks.keep(self.now_s())
 
@@ -759,13 +766,6 @@ class Board:
                 raise
             self._loss.unplug(self.now_s())
 
-    def _report_state(self) -> None:
-        state = self.state
-        if state != self._reported_state:
-            self._reported_state = state
-            for action in list(self._on_state):
-                action(state)
-
     def _ask_time(self) -> None:
         if question := self._clocks.ask(self.now_s()):
             self._link.write(question)
@@ -786,7 +786,14 @@ class Board:
             loss.tries += 1
             if reply is None and loss.tries < WHO_TRIES:
                 return  # its firmware may be starting
-            self.info = self._recognised(self._checked(reply))
+            info, known = self._checked(reply), self.info.get("id")
+            if info.get("id") != known:
+                self._link.close_port()
+                raise RefusedError(
+                    f"{self.port} now has board {info.get('id')} instead of {known}: plug in board "
+                    f"{known} again"
+                )
+            self.info = info
             self._take_settings(self.info)
         except SpotsError as error:
             if loss.unplugged_for_s(self.now_s()) >= self.patience_s:
@@ -795,15 +802,6 @@ class Board:
                 self.log.append({"log": "error", "text": str(error)})
             return
         loss.plug(self.now_s())
-
-    def _recognised(self, info: Hello) -> Hello:
-        if info.get("id") != self.info.get("id"):
-            self._link.close_port()
-            raise RefusedError(
-                f"{self.port} now has board {info.get('id')} instead of "
-                f"{self.info.get('id')}: plug in board {self.info.get('id')} again"
-            )
-        return info
 
     def _resume(self) -> None:
         # Ask a silent board for its streams. A board without streams has restarted.
@@ -837,11 +835,6 @@ class Board:
         self._decoder.restarted(self.stats.restarts)
         self._clocks.restart(sent_s, t_us, self.now_s())
         self._loss.ask_s = self.now_s()
-
-    def _idle(self, seconds: float) -> None:
-        end_s = self.now_s() + seconds
-        while self.now_s() < end_s:
-            self._pump(end_s - self.now_s())
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
         self._check_open()
