@@ -203,9 +203,11 @@ def view_of(data, size):
 
 
 def fast_crc32(data, size, crc):
-    """Replace `kernel.crc32`, which takes 0.5 ms for a frame; this takes 0.05 ms and 32 bytes.
+    """Update a CRC-32 as `kernel.crc32` does, but ten times faster.
 
-    Arguments as for `kernel.crc32`, but the register must have its initial value.
+    For a frame it takes 0.05 ms instead of 0.5 ms, and allocates 32 bytes.
+
+    The arguments are those of `kernel.crc32`, but the register `crc` must have its initial value.
     """
     pack_into("<I", crc, 0, crc32(view_of(data, size)))
     crc[0] ^= 0xFFFF
