@@ -19,8 +19,8 @@ TWO   DOWN   the first finger lifts, and the position has almost reached the sec
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
 TWO   TWO    the first finger rests, and readings agree on the position of the second finger
              (second.py), even if the light of the first finger is unknown
-TWO   TWO    the second finger slides, 0.1 s after this state began or later: the first one rests,
-             and could not cause this by lifting
+TWO   TWO    the second finger slides, at least 0.1 s after this state began: the first finger
+             rests, and if it lifted, the readings would be different
 TWO   DOWN   one of two known fingers has left: one reading shows which
 TWO   TWO    two known fingers rest, and readings agree on the position of a third finger
 TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is now the first
@@ -28,8 +28,8 @@ TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
 When one finger is alone again, and a second finger had rested beside it but was not found, the
-second finger is estimated from the last readings of both fingers. A release is delayed by
-`release_ms` (release debounce). Integers only; allocates nothing.
+position of the second finger is estimated from the last readings of both fingers. A release is
+delayed by `release_ms` (release debounce). Integers only; allocates nothing.
 """
 
 try:
@@ -177,7 +177,10 @@ _SIZE = const(66)
 
 
 def elapsed(since, now):
-    """Return the ticks from the time `since` to the later time `now`; correct across a wrap."""
+    """Return the ticks from the time `since` to the later time `now`, both in ticks.
+
+    The result is correct if the counter has wrapped once in between.
+    """
     return (now - since) & (TICKS - 1)
 
 
@@ -187,19 +190,16 @@ class ContactTracker:
     Parameters
     ----------
     sink : object
-        Receiver with these methods; `t` is the time in ticks, `x_um` a position in um:
-        ``down(x_um, t)``: a finger touches.
-        ``at(x_um, t)``: new position of this finger, while it is alone.
-        ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
-        ``up(t)``: the finger has left.
-        ``next(x_um, t)``: the finger has left, and another one touches.
-        ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger.
-        If the strip length is known, also these methods:
-        ``second(x_um, slack_um, t) -> bool``: a second finger touches, at `x_um` +- `slack_um`.
-        Returns whether the sink uses this finger. If the sink already uses a second finger, this
-        is a third finger.
-        ``left(second, t)``: the second finger has left if `second` is true, else the first one.
-        ``moved(x_um, slack_um)``: new estimate of the second finger, while the first one rests.
+        Receiver with these methods; `t` is the time in ticks of `TICK_US`, `x_um` a position in um:
+        ``down(x_um, t)``: a finger touches. ``at(x_um, t)``: new position of this finger, while it
+        is alone. ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
+        ``up(t)``: the finger has left. ``next(x_um, t)``: the finger has left, and another one
+        touches. ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger. If
+        the strip length is known, also these methods: ``second(x_um, slack_um, t) -> bool``: a
+        second finger touches, at `x_um` +- `slack_um`. Returns whether the sink uses this finger.
+        If the sink already uses a second finger, this is a third finger. ``left(second, t)``: the
+        second finger has left if `second` is true, else the first one. ``moved(x_um, slack_um)``:
+        new estimate of the second finger, while the first one rests.
     """
 
     def __init__(self, sink):
@@ -277,7 +277,7 @@ class ContactTracker:
         brightness : int
             Brightness in Q20 of log2.
         t : int
-            Time in ticks.
+            Time in ticks of `TICK_US`.
         """
         s = self._s
         if flags & LED_OFF:
@@ -332,7 +332,7 @@ class ContactTracker:
     # State UP.
 
     def _approach(self, x_um, brightness, t):
-        """Record a reading as the first reading of a possible touch."""
+        """Record a reading that may be the first reading of a touch; arguments as in `_is_next`."""
         s = self._s
         s[_BEGAN] = s[_SINCE] = t
         s[_X_UM] = s[_X_SEEN_UM] = x_um
@@ -603,7 +603,10 @@ class ContactTracker:
             self._harden(force_mN, t)
 
     def _resolve(self, fits, x_um, force_mN, brightness, t):
-        """Update the light of two known fingers; return whether one of them has left."""
+        """Update the light of two known fingers; return whether one of them has left.
+
+        The arguments are a reading, as in `_is_next` and `take`.
+        """
         s = self._s
         if s[_IS_EVEN]:
             if self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
@@ -657,7 +660,11 @@ class ContactTracker:
         return True
 
     def _slides(self, fits, x_um, brightness):
-        """Follow the second finger unless the first one may be lifting; return whether it did."""
+        """Follow a sliding second finger; return whether its position was updated.
+
+        It is not updated if the first finger may be lifting, because that has a similar effect. The
+        arguments are those of `_is_next`.
+        """
         s = self._s
         if (
             elapsed(s[_BEGAN], s[_T]) < _SLIDES_T
@@ -680,9 +687,10 @@ class ContactTracker:
     def _find_third(self, x0_um, b0, fits, x_um, brightness):
         """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
 
-        This is the position of the second finger if the first one has left, or the common position
-        of both fingers. Returns the uncertainty of the third finger's position in um, or 0 until
-        two readings agree on this position. While the first finger lifts, readings do not agree.
+        `x0_um` is the position of the second finger if the first one has left; else the common
+        position of both fingers. The other arguments are those of `_is_next`. Returns the
+        uncertainty of the third finger's position in um, or 0 until two readings agree on this
+        position. While the first finger lifts, readings do not agree.
         """
         s = self._s
         agrees = s[_GUESSED]
@@ -699,10 +707,12 @@ class ContactTracker:
         return (s[_FOUND_SLACK_UM] * _SOON >> 3) + abs(last_um - at_um)
 
     def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate a finger beside another finger at `x1_um` from a reading, see `second.locate`.
+        """Estimate a finger beside another one, which has position `x1_um` and brightness `b1`.
 
-        Stores the result in the element `_FOUND_UM` of the state and in the next two. Returns
-        whether the estimate succeeds with a position on the strip.
+        The other arguments are a reading, see `second.locate`.
+
+        Stores the result in three elements of the state, from `_FOUND_UM` on. Returns whether there
+        is a solution with a position on the strip.
         """
         s = self._s
         return (
@@ -723,7 +733,10 @@ class ContactTracker:
         )
 
     def _guess(self, fits, x_um, brightness, t):
-        """Estimate a finger beside the resting first finger; report it if two readings agree."""
+        """Estimate a second finger while the first one rests; report it once two readings agree.
+
+        The arguments are those of `_is_next`.
+        """
         s = self._s
         if not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
             s[_GUESSED] = False
@@ -759,7 +772,11 @@ class ContactTracker:
         s[_B_SECOND] = b
 
     def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
-        """Estimate both fingers while the light of the first finger is unknown."""
+        """Estimate both fingers from two readings, if the light of the first finger is unknown.
+
+        The arguments are position and brightness of the last reading, and the present reading as in
+        `_is_next`.
+        """
         s = self._s
         if not s[_PAIR]:
             return
@@ -812,7 +829,10 @@ class ContactTracker:
         s[_B_SECOND] = s[_FOUND_B]
 
     def _recall(self, x_um, brightness, t):
-        """Report a second finger that was not detected until it left; the other is at `x_um`."""
+        """Report a second finger that was not found while two fingers touched.
+
+        One of the two fingers has left; the present reading is of the other one, at `x_um`.
+        """
         s = self._s
         if (
             s[_SECOND]
@@ -829,7 +849,10 @@ class ContactTracker:
             self.sink.left(True, t)
 
     def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left; the position now rests `off_um` um from it."""
+        """Return whether the first finger has left.
+
+        The measured position now rests, `off_um` um from the last position of the first finger.
+        """
         s = self._s
         if not s[_SECOND] and brightness > s[_B_SINCE] + _DIPPED:
             return True  # with two fingers, this change of force would move the position
@@ -873,7 +896,10 @@ class ContactTracker:
         return away_um > (abs(off_um) >> 5) * ((light_first << 4) // (peak + 1)) // 10
 
     def noise_um(self, brightness):
-        """Return an upper limit of a position's standard deviation due to ADC noise, in um."""
+        """Return an upper limit of a position's standard deviation due to ADC noise, in um.
+
+        `brightness` is that of the reading, in Q20 of log2.
+        """
         return noise(self._s[_NOISE_PRODUCT], brightness)
 
     def _slack_um(self, brightness):

@@ -243,7 +243,7 @@ class Keypad:
         pass
 
     def left(self, second, t):
-        """Release a finger's key: the second finger's if `second` is true, else the first one's."""
+        """Release the key of a finger that has left: the second one, if `second` is true."""
         if second:
             self._release_second()
             return

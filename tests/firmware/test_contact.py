@@ -168,7 +168,7 @@ def test_without_a_limit_a_finger_may_rest():
 
 
 def blend(first, second):
-    """Return where the light of two fingers (place in mm, force in mN) seems to come from."""
+    """Return the position where the light of two fingers (position in mm, force in mN) appears."""
     (a_mm, a_mN), (b_mm, b_mN) = first, second
     nepers = DECAY / 2**24 * 1000 * math.log(2) * (b_mm - a_mm)
     share = 1 / (1 + a_mN / b_mN * math.exp(nepers))
@@ -177,7 +177,7 @@ def blend(first, second):
 
 
 def together(desk, first, second, milliseconds, flags=TOUCHING):
-    """Hold two fingers (place in mm, force in mN): their light comes from between them."""
+    """Hold two fingers (position in mm, force in mN), whose light appears between them."""
     x_mm, force_mN = blend(first, second)
     desk.press(x_mm, milliseconds, force_mN, flags)
 
@@ -186,7 +186,7 @@ ROLLED = [(A, True), (C, True), (A, False), (C, False)]
 
 
 def rollover(desk, doubt=0):
-    """Let a second finger come before the first one leaves; return the place of the second one."""
+    """Press a second finger before the first one leaves; return the second finger's position."""
     # The spectrum of two fingers far from each other does not fit one press.
     a_mm, b_mm = (10, 80) if doubt else (28, 74)
     desk.press(a_mm, 60)

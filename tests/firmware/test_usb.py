@@ -22,7 +22,7 @@ GET_DESCRIPTOR, GET_REPORT, SET_REPORT = b"\x81\x06", b"\xa1\x01", b"\x21\x09"
 
 
 def fresh(monkeypatch, name, **modules):
-    """Import a module of the firmware with these modules of its runtime."""
+    """Import a new copy of a firmware module, with these substitutes for runtime modules."""
     for module, content in modules.items():
         stand_in = ModuleType(module)
         vars(stand_in).update(content)
@@ -114,7 +114,7 @@ class Substitute:
             interface.open = True
 
     def poll(self):
-        """Return the report that waits at the first interface."""
+        """Return the report that waits at the first interface, as the host's poll does."""
         report, self._interfaces[0].pending = bytes(self._interfaces[0].pending), None
         return report
 

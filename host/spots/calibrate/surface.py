@@ -164,7 +164,11 @@ class Surface:
         )
 
     def _rows(self, place_um, force_mN) -> np.ndarray:
-        """Return derivatives of log2(counts) by the coefficients, shape (n, 6, coefficients)."""
+        """Return derivatives of log2(counts) by the model's coefficients.
+
+        The arguments are positions in um and forces in mN of n presses; 0 is an unknown force. The
+        result has the shape (n, 6, number of coefficients).
+        """
         place = chebyshev.chebvander(2 * np.asarray(place_um) / self.length_um - 1, _PLACE - 1)
         force = chebyshev.chebvander(self._share(force_mN), _FORCE)[:, 1:]
         force *= (np.asarray(force_mN) > 0)[:, None]
@@ -182,14 +186,18 @@ class Surface:
         return chebyshev.chebval(share, chebyshev.chebder(series)).T * 2 / self.length_um
 
     def _rises(self, force_mN) -> np.ndarray:
-        """Return the derivatives of log2(counts) by the logarithm of the force, shape (n,)."""
+        """Return the derivatives of log2(counts) by the logarithm of n forces, shape (n,)."""
         series = np.concatenate([[0.0], self._mean[CHANNELS * _PLACE :]])
         rises = chebyshev.chebval(self._share(force_mN), chebyshev.chebder(series))
         lit = np.maximum(np.asarray(force_mN) - self._dark_mN, 1.0)
         return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
 
     def _own(self, place_um, force_mN, counts) -> np.ndarray:
-        """Return covariances of six log2(counts) due to errors of each press, shape (n, 6, 6)."""
+        """Return covariances of log2(counts) due to errors of each press itself, shape (n, 6, 6).
+
+        The arguments are positions in um, forces in mN and counts of n presses. The errors are
+        noise, misfit of the model, and errors of position and force.
+        """
         noise = self._noise.log_variance(counts) / self._samples
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         slopes = self._slopes(place_um) * self.sizes.place_um
@@ -294,7 +302,11 @@ class Surface:
         return Presses(place_um, force_mN, counts, self._noise.variance(counts), saturated)
 
     def _grid(self, places: int, dark_mN: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions in um and forces in mN of a grid of presses that light all channels."""
+        """Return positions in um and forces in mN of a grid of presses that light all channels.
+
+        The grid has `places` positions. `dark_mN` is the largest force so far at which a channel
+        had no light.
+        """
         low_mN = max(_LOWER * self.least_mN, _LEAST_MN, _ABOVE_DARK * dark_mN)
         forces_mN = np.geomspace(low_mN, FULL_MN, 12)
         far_um = np.full_like(forces_mN, _FAR * self.length_um)
@@ -305,7 +317,11 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return two matrices: from errors of the coefficients to errors of place, and of force."""
+        """Return two matrices: they convert coefficient errors to position and force errors.
+
+        The matrices have a row for each of the presses at the positions `place_um` with the forces
+        `force_mN`.
+        """
         rows = self._rows(place_um, force_mN)
         light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))
         light = (rows * light[:, :, None]).sum(axis=1) / self._rises(force_mN)[:, None]
