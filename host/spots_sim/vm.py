@@ -227,8 +227,9 @@ class MicroPythonProcess:
 def _shared_firmware(board: str, strips: int) -> Path | None:
     """Return a folder with a board's firmware as bytecode, made once for all processes.
 
-    A board starts from it in half the time: it neither copies nor compiles its modules. Main files
-    stay sources. Where nothing is kept (see `kept_folder`), this returns None.
+    With this folder, a board starts in half the time, because its modules are neither copied nor
+    compiled. Main files stay sources. Without a folder for stored files (see `kept_folder`), this
+    returns None.
     """
 
     def make(folder: Path) -> None:
