@@ -3,11 +3,11 @@
 The dark frame is the count of each channel while the LED is off. The baseline is the count of the
 untouched strip while the LED is on, minus the dark frame.
 
-A dark window has four samples. Their counts are integers, and the rounding error is up to three
-times the noise of the light. So the first 16 windows are averaged; then each new window has the
-weight 1/8. This average has the noise and the delay of a mean over 16 windows, but needs no memory
-for windows. If a window deviates too much from the mean, the ambient light has changed, and the
-mean restarts.
+A dark window is four samples with the LED off. Counts are integers, and their rounding error is up
+to three times the noise of the light. So the first 16 windows are averaged; then each new window
+has the weight 1/8. This average has the noise and the delay of a mean over 16 windows, but needs no
+memory for windows. If a window deviates too much from the mean, the ambient light has changed, and
+the mean restarts.
 """
 
 from array import array
@@ -63,7 +63,7 @@ class Dark:
         Time since the last window, and least time between two windows, in us. The age stops at
         `every_us`, so that it cannot overflow.
     exposure_us : int
-        Time in us that each sample adds to the age; 0 if the board cannot switch the LED.
+        Time in us by which each sample increases `age_us`; 0 if the board cannot switch the LED.
     always : bool
         True if single dark samples are taken, even while the strip is touched.
     """

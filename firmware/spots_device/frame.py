@@ -62,7 +62,10 @@ class Time32:
         self.head = array("i", bytes(4 * HEAD_SIZE))
 
     def set(self, ticks, less_us=0):
-        """Set the time to `less_us` us before `ticks`; thus the time can also move back."""
+        """Set the time to `less_us` us before `ticks`.
+
+        The new time may be earlier than the present one.
+        """
         low = self.low + self._diff(ticks, self._last) + self._less_us - less_us
         self._last = ticks
         self._less_us = less_us
@@ -129,7 +132,10 @@ class Framer:
         return self._send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self._encoded), 0)
 
     def key(self, sensor, page, usage, modifiers, pressed):
-        """Send a key event as a KEY frame, see `uses.Uses.key`; return whether it was sent."""
+        """Send a key event of a sensor as a KEY frame; return whether it was sent.
+
+        The other arguments are those of `uses.Uses.key`.
+        """
         pack_into(KEY_BODY, self._payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)
 

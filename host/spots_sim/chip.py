@@ -375,7 +375,7 @@ class AS7341:
         return least == 0 or self._outside >= least
 
     def _push(self, counts: list[int]) -> None:
-        """Append what FIFO_MAP selects, ASTATUS and counts, to the FIFO."""
+        """Append to the FIFO those of ASTATUS and the six counts that FIFO_MAP selects."""
         wanted = self._main[0xFC]
         entries = [
             _ENTRY.pack(value)

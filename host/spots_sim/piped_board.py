@@ -1,4 +1,7 @@
-"""A virtual board in MicroPython that waits for `step` at each transfer, sleep and USB report."""
+"""A virtual board in MicroPython that runs only while `PipedBoard.step` is called.
+
+The firmware stops at each transfer, sleep and USB report, until `step` answers this request.
+"""
 
 from __future__ import annotations
 
@@ -116,7 +119,7 @@ class PipedBoard:
             return sent
 
     def step(self) -> None:
-        """Answer the firmware's request (such as an I2C transfer); run it until its next one."""
+        """Answer the firmware's pending request, and run the firmware until its next request."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
             after_us = 0.0

@@ -129,7 +129,10 @@ class _Spectrum:
 
 
 class _Power:
-    """Model ``power`` of one cell; computing time grows with the number of changes of the force."""
+    """Model ``power`` of one cell (a short piece of the strip), see the module docstring.
+
+    The computing time grows with the number of changes of the force.
+    """
 
     def __init__(self, silicone: Silicone):
         whole = (1 + _HELD_S / _SOONEST_S) ** _POWER - 1
@@ -192,7 +195,7 @@ class Memory:
 
     @property
     def unloaded(self) -> bool:
-        """Whether no press is on the strip, since the last call of `effective_mN`."""
+        """Whether no press was on the strip at the last call of `effective_mN`."""
         return not self._pressed
 
     def effective_mN(self, presses, time_s: float) -> list[float]:

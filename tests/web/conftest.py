@@ -78,7 +78,7 @@ def browser(playing):
 
 @pytest.fixture
 def open_page(browser):
-    """Return a function that opens a URL; at the end no page may have had an error."""
+    """Return a function that opens a URL; after the test, no page may have reported an error."""
     contexts, errors = [], []
     accepted = list(_REFUSED)
 
@@ -133,7 +133,7 @@ def serve():
 
 @pytest.fixture
 def running():
-    """Return a function that starts readers, which end with the test."""
+    """Return a function that starts readers, which are stopped after the test."""
     started = []
 
     def start(readers):
@@ -162,7 +162,7 @@ def linkage_page(running, serve, open_page):
 
 @pytest.fixture
 def other_site():
-    """The port of a web site that is not ours."""
+    """The port of another web site."""
 
     class Other(BaseHTTPRequestHandler):
         def do_GET(self):
