@@ -42,7 +42,7 @@ class BusioBus:
         self.device = I2CDevice(i2c, ADDRESS, probe=False)
         self._register = bytearray(1)
 
-    def read_into(self, register, buffer):
+    def read_into(self, _, register, buffer):
         self._register[0] = register
         with self.device as device:
             device.write_then_readinto(self._register, buffer)
