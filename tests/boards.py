@@ -12,7 +12,7 @@ DEADLINE_S = 20.0
 
 @contextlib.contextmanager
 def running(folder, board=VIRTUAL):
-    """Start a virtual board on a file system folder as it is; give its ports."""
+    """Start a virtual board whose file system is `folder`; return its ports."""
     start, end = start_simulator("default", "demo", 0, str(folder), board)
     try:
         yield start
@@ -22,13 +22,13 @@ def running(folder, board=VIRTUAL):
 
 @contextlib.contextmanager
 def virtual_board(folder):
-    """As `running`; give the one port that it has."""
+    """Start a virtual board as `running` does; return its only port."""
     with running(folder) as start:
         yield start["port"]
 
 
 def until(link, wanted):
-    """Return what came until `wanted` did."""
+    """Read from a link until `wanted` has arrived; return all bytes read."""
     received = b""
     end_s = link.now_s() + DEADLINE_S
     while wanted not in received:
@@ -38,7 +38,7 @@ def until(link, wanted):
 
 
 def refused(capsys, *arguments):
-    """Run the command line; it must fail with one line, which is returned."""
+    """Run the command line, which must fail with one line; return this line."""
     assert main(list(arguments)) == 2
     error = capsys.readouterr().err
     assert error.startswith("spots: ")

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import settings
 
 from spots_sim.files import SensorFile, load
-from spots_sim.kept import FOLDER
+from spots_sim.kept_folder import FOLDER
 from spots_sim.stage import calibrate
 
 # A loaded machine is slow, not wrong.
@@ -38,7 +38,7 @@ def pytest_xdist_auto_num_workers():
 
 
 def pytest_runtest_setup(item):
-    """Keep what a test starts on one processor, if this process of the run has its own one."""
+    """Run a test and the processes that it starts on one processor, if this worker has its own."""
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw-1")
     everywhere = range(os.cpu_count())
     own = int(worker.removeprefix("gw"))
@@ -95,14 +95,14 @@ def kept_calibrations(shared_folder):
 
 @pytest.fixture(scope="session")
 def calibration(sensor, once):
-    """Lines of its calibration, from presses of the simulated stage."""
+    """Calibration lines of the default sensor, from presses of the simulated stage."""
     once("calibrated", lambda path: (calibrate(sensor), path.touch()))  # others read it
     return list(calibrate(sensor))
 
 
 @pytest.fixture(scope="session", autouse=True)
 def signals():
-    """Let programs that tests start get every signal, whatever nohup or a shell's & ignores.
+    """Let programs that tests start get every signal, even if nohup or a shell ignores it.
 
     A process inherits which signals are ignored, and a program of ours leaves those alone.
     """
@@ -121,7 +121,7 @@ def no_zenoh_configuration(monkeypatch):
 
 @pytest.fixture
 def full_disk():
-    """Return a context in which no file grows beyond so many bytes."""
+    """Return a context manager in which no file can grow beyond a given number of bytes."""
 
     @contextmanager
     def limit(file_bytes):
@@ -143,7 +143,7 @@ def _without(monkeypatch, *names):
 
 @pytest.fixture
 def evdev(monkeypatch):
-    """The stand-in for evdev, which is what ``import evdev`` finds."""
+    """Make ``import evdev`` import the substitute."""
     _without(monkeypatch, "evdev")
     monkeypatch.syspath_prepend(str(STAND_INS))
     import evdev
@@ -155,7 +155,7 @@ def evdev(monkeypatch):
 
 @pytest.fixture
 def pynput(monkeypatch):
-    """The stand-in for pynput's keyboard."""
+    """Make ``import pynput`` import the substitute."""
     _without(monkeypatch, "pynput")
     monkeypatch.syspath_prepend(str(STAND_INS))
     from pynput import keyboard
@@ -167,13 +167,13 @@ def pynput(monkeypatch):
 
 @pytest.fixture
 def environment():
-    """The environment of a process that finds the stand-ins."""
+    """The environment of a process that imports the substitutes."""
     path = os.pathsep.join([str(STAND_INS), *filter(None, sys.path)])
     return {**os.environ, "PYTHONPATH": path}
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Say what this machine could not be asked."""
+    """Print which checks could not run on this machine."""
     if not os.access("/dev/uinput", os.W_OK):
         terminalreporter.write_line(
             "not run: a real uinput keyboard read back, for /dev/uinput cannot be written here"

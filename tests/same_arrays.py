@@ -22,7 +22,7 @@ _COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "co
 
 
 def recording_of(path: Path, data: bytes, part: int = 0, restarts: int = 0) -> Path:
-    """Write bytes behind a header."""
+    """Write a recording with these bytes behind its header; return its path."""
     header = Header(
         recording=1,
         program="test",
@@ -39,7 +39,7 @@ def recording_of(path: Path, data: bytes, part: int = 0, restarts: int = 0) -> P
 
 
 def check(path: Path, block_bytes: int = arrays._BLOCK_BYTES) -> int:
-    """Return how many frames a recording has, all of them the same in both ways to read it.
+    """Check that both ways to read a recording give the same frames; return their number.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def _rows(table, kind):
 
 
 def _known(touch):
-    """Return a row of the wire as a reading: 0 is there where a place or a force is not known."""
+    """Return a `Touch` as in an array: 0 where position or force is unknown."""
     blind = touch.flags & (decode.NOT_CALIBRATED | decode.LED_OFF)
     if blind or not (touch.flags & decode.TOUCHING or touch.force_mN):
         touch = touch._replace(position_um=math.nan)

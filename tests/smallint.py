@@ -6,11 +6,11 @@ LOW, HIGH = -(1 << 30), (1 << 30) - 1
 
 
 class LeftSmallIntError(ArithmeticError):
-    """A value that would have been allocated on the heap."""
+    """Raised for a value beyond 31 bits, which a board would allocate on the heap."""
 
 
 class SmallInt(int):
-    """Every result of arithmetic is a SmallInt again, or an error."""
+    """An int within 31 bits: each arithmetic result is a SmallInt, or raises an error."""
 
     def __new__(cls, value):
         value = int(value)

@@ -1,6 +1,7 @@
 """Docstrings of the public API describe all parameters and results of the signatures (numpydoc).
 
-Of functions and methods that is all of `spots` and `spots_sim`; of classes, what `spots` exports.
+All functions and methods of `spots` and `spots_sim` are checked, and the classes that `spots`
+exports.
 """
 
 from __future__ import annotations
@@ -47,12 +48,12 @@ def sections(docstring):
 
 
 def named(section):
-    """Return the names that a section of a docstring has entries for."""
+    """Return the names of the entries in a section of a docstring."""
     return [name for item in ITEM.findall(section) for name in item.split(", ")]
 
 
 def parameters(function):
-    """Return the parameters of a function, without its object, as a docstring has them."""
+    """Return the names of a function's parameters as in a docstring, without self."""
     of = function.args
     names = [one.arg for one in of.posonlyargs + of.args]
     names += ["*" + of.vararg.arg] if of.vararg else []

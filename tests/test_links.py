@@ -23,7 +23,7 @@ def prose(path):
 
 
 def anchors(text):
-    """Return the anchors of a document's headings."""
+    """Return the anchors of a document's headings, as GitHub names them."""
     found = []
     for heading in HEADING.findall(text):
         words = re.sub(r"\]\([^)]*\)", "", heading)

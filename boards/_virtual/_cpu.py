@@ -40,11 +40,11 @@ class _Collector:
 
 
 def slow_down(package, times_us, spend_us):
-    """Let functions of the firmware spend time at the end of each call.
+    """Make functions of the firmware take additional time at the end of each call.
 
     `package` is the name of the firmware's package. `times_us` has the time of each function in
     whole us, by its name in the package, or a dict of times by kind; ``gc.collect`` stands for the
-    collections of all modules. ``spend_us(us)`` spends a time.
+    collections of all modules. ``spend_us(us)`` lets this time pass on the board's clock.
     """
     for name in times_us:
         time_us = times_us[name]

@@ -4,7 +4,8 @@ A request is an operation, three argument bytes, and the data if the operation i
 answer is an errno (0 for success), the simulator's clock in us (4 bytes, modulo `PERIOD_US`), and
 the data if the operation is in `READS`. Numbers of several bytes have the low byte first.
 
-A board with two strips has two buses: bit 7 of the argument marked (bus) selects the second one.
+A board with two strips has two buses. In requests for a bus, bit 7 of the argument that is marked
+(bus) selects the second bus.
 """
 
 READ = 0x52  # device address (bus), register, size

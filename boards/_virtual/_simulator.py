@@ -1,7 +1,7 @@
 """Sends requests to the simulator over a pipe; a second pipe returns answers with the time.
 
-`_protocol` describes the bytes of both. This module allocates nothing, so that tests can check that
-the firmware allocates nothing.
+`_protocol` describes the bytes of requests and answers. This module allocates nothing, so that
+tests can check that the firmware allocates nothing.
 """
 
 import gc

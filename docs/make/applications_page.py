@@ -30,10 +30,10 @@ of known positions, the marks; here each mark was pressed once, after the LED ha
 last column shows the time after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures
-of 10 ms. [typist.py](../host/spots_sim/typist.py) cites the publications
-of the statistics of these touches. "Errors" are wrong, missed and extra keys, and "no
+of 10 ms. The statistics of these touches are from publications, which
+[typist.py](../host/spots_sim/typist.py) cites. "Errors" are wrong, missed and extra keys, and "no
 finger" are key presses without a finger on the key, both in per cent of the touches. Latency is
-the time from the start of a touch to the report of the correct key; its percentiles p50 and p99 are
+the time from the start of a touch to the report of the correct key. Its percentiles p50 and p99 are
 those of the worst seed. In the rows `controller`, the simulated
 fingers of the demo move the axes of the game controller for {seconds:g} s;
 [controller.md](controller.md) explains the values. These commands measure the column of the real

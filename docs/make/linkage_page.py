@@ -121,10 +121,11 @@ spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
 Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
-the offsets and gains of the joints, and the position and rotation of the measuring grid.
-At some positions, the fit needs the encoders' angles and the coordinates of the end point on any
-grid. It reports standard errors, points that do not fit, and parameters that these positions cannot
-separate. For example, a picture of unknown scale determines only ratios of lengths.
+the offsets and gains of the joints, and the position and rotation of the measuring grid. The fit
+needs the encoders' angles and the coordinates of the end point at some positions; the coordinates
+may be those of any grid. The fit reports standard errors, points that do not fit, and parameters
+that these positions cannot separate. For example, a picture of unknown scale determines only ratios
+of lengths.
 `--place-sigma-mm` is the standard error of a measured coordinate. Another program may write
 `points.csv`: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and
 `sigma2_deg`; the angles are those of the joints' calibrations.
@@ -272,7 +273,7 @@ errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 The twin reports an expected error with each position. The Jacobian gives this error from the noise
 of the strips, the errors of the joint calibrations and the backlash. It does not include movements
 between two readings, or the error of the dark frame. The board takes no dark frame while the strip
-is pressed; in a joint, the indenter always presses, so the only dark frame is that of the start.
+is pressed. In a joint, the indenter always presses, so the only dark frame is that of the start.
 With a long exposure the noise is small, and the error of the dark frame is the largest error.
 
 ![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)

@@ -197,12 +197,35 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
     lines += [_row(head), _row(["---"] * len(head))]
     for what, section, published, ours, limit in rows(runs, departures_um):
         lines.append(_row([what, section, published, *ours, limit]))
+    lines.append(_resolutions([run.summary for run in runs], len(departures_um)))
     shown = runs[len(departures_um) - 1].summary["reading_ms"]
     lines.append("\n## Figures\n\nAll figures show the simulated default sensor ")
     lines.append(f"at {shown:.3g} ms a reading.\n\n")
     for name, text in _PICTURES.items():
         lines.append(f"![{text}](paper/{name}.png)\n\n{text}\n\n")
     return "".join(lines).rstrip() + "\n"
+
+
+def _resolutions(found: list[dict], exposures: int) -> str:
+    """Return a paragraph that compares both resolutions with the published ones.
+
+    `found` are summaries of the default strip for each of `exposures` exposures, then of `real`.
+    """
+    text = (
+        "\nThe paper states no integration time, no rate and no filter. If it measured both "
+        "resolutions with\nthe same duration of a reading, the published position resolution shows "
+        "which duration to compare with:\n\n"
+        "| duration of a reading | strip | position resolution | force resolution |\n"
+        "| --- | --- | --- | --- |\n"
+        "| not stated | paper | 7 µm | 5 mN |\n"
+    )
+    for i in range(exposures):
+        for strip, one in ("ours", found[i]), ("real strip", found[exposures + i]):
+            position, force = one["position"]["resolution_um"], one["force"]["resolution_mN"]
+            text += (
+                f"| {one['reading_ms']:.3g} ms | {strip} | {position:.1f} µm | {force:.1f} mN |\n"
+            )
+    return text
 
 
 def _row(cells: list[str]) -> str:

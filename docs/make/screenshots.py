@@ -14,9 +14,8 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.web.board_feed import BoardReader, finder
 from spots.web.calibration import PageCalibration
-from spots.web.layout_editor import LayoutEditor
+from spots.web.editors import LayoutEditor, SettingsEditor
 from spots.web.serve import Server
-from spots.web.settings_editor import SettingsEditor
 from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
 from spots_sim.files import SensorFile
@@ -135,7 +134,7 @@ async def calibration(browser: Browser) -> None:
 
 
 async def editor(browser: Browser) -> None:
-    """Take screenshots of the layout editor and the controller settings while a finger plays."""
+    """Take screenshots of the layout editor and the controller settings while a finger touches."""
     with TemporaryDirectory() as folder:
         state, layout = PageState(), load("mini")
         orders = {

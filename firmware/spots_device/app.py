@@ -23,15 +23,16 @@ _COUNTED = const(16)  # least number of passes in the mean
 
 
 class Meter:
-    """Measures the mean duration of the passes of the main loop that process a sample.
+    """Measures the mean time that the main loop needs for one sample.
 
     `add` allocates nothing.
 
     Attributes
     ----------
     busy_us : int
-        Mean duration of a pass in us, without the fixed part of a burst: the duration of a pass if
-        the loop is slower than the sensor. 0 before the first mean is complete.
+        Mean duration in us of a loop pass that processes a sample, without the fixed time of FIFO
+        reads (see `as7341.AS7341.burst_us`). A loop that is slower than the sensor needs this time
+        for each sample. 0 before the first mean is complete.
     """
 
     def __init__(self):
@@ -51,8 +52,8 @@ class Meter:
         lasted_us : int
             Duration of the pass without its sleep, in us.
         burst_us : int
-            Part of this duration that a burst takes for any number of samples, see
-            `as7341.AS7341.burst_us`; 0 for a pass without a burst.
+            Part of this duration that a FIFO read takes for any number of samples, see
+            `as7341.AS7341.burst_us`; 0 for a pass without a FIFO read.
         """
         if burst_us:
             if self._passes >= _COUNTED:
@@ -129,7 +130,7 @@ class BoardApp:
         self._attach(sensor, board, usb)
 
     def _attach(self, sensor, board, usb):
-        """Create what belongs to one strip: its settings, files, keys and commands."""
+        """Create settings, files, keys and commands of one strip."""
         self._sensor = sensor
         self._pacing = sensor.pacing
         self._poll = sensor.poll
@@ -259,9 +260,10 @@ class BoardApp:
             del self._pass
 
     def _measured(self, began, complete, waits):
-        """Add a pass to the mean unless it gave no sample; return True once the mean is complete.
+        """Add a loop pass to the mean if it gave a sample; return True once the mean is complete.
 
-        The arguments are the ticks and the sensor's `complete` and `waits` before the pass.
+        The arguments are values from before the pass: the ticks, and the attributes `complete` and
+        `waits` of the sensor.
         """
         clock, sensor = self._clock, self._sensor
         if self.reconnect.lost or sensor.complete == complete:
@@ -274,7 +276,7 @@ class BoardApp:
         self.replies.log(level, text)
 
     def restart(self):
-        """Start the sensor again with the present settings."""
+        """Restart the sensor with the present settings."""
         self.abandon("the sensor was restarted")
         self.reconnect.restart()
 
@@ -348,7 +350,10 @@ class BoardApp:
         return "; ".join(filter(None, notes)) or None
 
     def use_stored(self):
-        """Use the calibration as `apply_calibration` does; return why it is not used, or None."""
+        """Use the stored calibration if it is valid at the present settings.
+
+        Else return the reason.
+        """
         if self.reconnect.lost:
             found = why_not = None
             if self.calibration.lines:
@@ -404,7 +409,7 @@ class BoardApp:
         return 1_000_000_000 // (max(s["exposure_us"], self.meter.busy_us) * s["average"])
 
     def release_keys(self):
-        """Release all keys, because the readings may stop for a while."""
+        """Release all keys; called when no readings may arrive for a while."""
         self._time.update()
         self.uses.release()
 

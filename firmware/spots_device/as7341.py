@@ -2,8 +2,8 @@
 
 The chip stores samples in a FIFO: 128 entries of two bytes, which is 21 samples of six counts. So
 the loop may stall for 20 exposures without loss. No published driver reads six channels from this
-FIFO. So each start searches the FIFO for the sample in the data registers. If the FIFO does not
-contain this sample, `poll` reads the data registers, one sample a burst.
+FIFO. So each start of the sensor tests the FIFO: it must contain the sample that is in the data
+registers. If it does not, `poll` reads the data registers, one sample in each transfer.
 
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
 `switch_led` and `read_into` allocate nothing.
@@ -84,7 +84,7 @@ class AS7341:
     """One AS7341 that samples six diodes without a gap.
 
     A runtime with its own driver of the chip overrides `_configure` and `_light`. Such a runtime
-    still uses the SMUX map and the burst read of this class.
+    still uses the SMUX map of this class, and its transfers that read samples.
 
     Parameters
     ----------
@@ -213,9 +213,9 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def burst_us(self):
-        """Return the duration in us, at least 1, of the part of a burst before its samples.
+        """Return the fixed time of the last FIFO read, in us, at least 1.
 
-        This part of the last burst does not depend on the number of samples.
+        A FIFO read takes this time, plus a time that is proportional to the number of samples.
         """
         # The level of the FIFO is one byte. Its transfer takes about as long as the overhead of the
         # next transfer, which reads the samples.
@@ -224,7 +224,8 @@ class AS7341:
     def switch_led(self, on):
         """Switch the LED on or off; `steady` is False for samples that began before this call.
 
-        With the setting ``led=always``, the user unplugs the LED; this call only records its state.
+        With the setting ``led=always``, the user must unplug or plug in the LED; this call only
+        records its state.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0
@@ -242,10 +243,10 @@ class AS7341:
     def poll(self):
         """Return a new sample, if there is one. Allocates nothing.
 
-        A burst reads all samples in the FIFO, which this call and the next ones return. Without
-        the FIFO, a burst reads one sample. AVALID cannot show a new sample, because it stays set
-        between samples. Each sample sets AINT. This method clears AINT after the read of ASTATUS
-        has latched the counts.
+        One transfer reads all samples in the FIFO; this call returns the first one, and the next
+        calls return the others. Without the FIFO, each transfer reads one sample. AVALID cannot
+        show a new sample, because it stays set between samples. Each sample sets AINT. This method
+        clears AINT after the read of ASTATUS has latched the counts.
 
         Returns
         -------
@@ -357,7 +358,9 @@ class AS7341:
         self.steady = self._clock.ticks_diff(began, self._settled) >= 0
 
     def check(self):
-        """Compare a pair of registers with the written values; successive calls check 3 pairs.
+        """Check that two registers still contain the written values; each call checks the next two.
+
+        Three calls check all six registers.
 
         I2C has no checksum, and a chip can lose its register values.
 
@@ -395,7 +398,10 @@ class AS7341:
         return silent_us > 2 * self.exposure_us + _AUTO_ZERO_US
 
     def _configure(self, atime, astep, gain, led_mA):
-        """Set ATIME, ASTEP, gain code and LED current in mA; the chip is on and does not sample."""
+        """Write exposure (registers `atime` and `astep`), gain code and LED current to the chip.
+
+        The chip is powered and does not sample.
+        """
         self._write(_ATIME, atime)
         self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
         self._write(_CFG1, gain)

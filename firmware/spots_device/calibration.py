@@ -92,8 +92,8 @@ class Calibration:
         All weights and tables, see `SEGMENTS`. The attributes for the columns of the force table
         are views of this array; on the host, views.py adds views of the other parts.
     drift_max : int
-        Largest drift of the misfit (Q12) with which keys still work. If an LED drifts so far,
-        positions are wrong by 3 to 4 % of the strip's length.
+        Largest drift of the misfit (Q12) with which keys still work. An LED that drifts this far
+        shifts positions by 3 to 4 % of the strip's length.
     decay : int
         Decay of the light by the dye in log2 units per um, Q24; at most 1000.
     """
@@ -241,7 +241,10 @@ def _put(packed, place, knots):
 
 
 def columns_of(tables, place, count):
-    """Return views of `count` columns of the table at the index `place`; column 0 is the knots."""
+    """Return memory views of `count` columns of a table; column 0 contains the knots' arguments.
+
+    The table begins at the index `place` of `tables`.
+    """
     size = tables[place]
     ends = range(place + 1 + size, place + 2 + count * size, size)
     return [tables[end - size : end] for end in ends]

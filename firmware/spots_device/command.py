@@ -60,7 +60,7 @@ class LineReader:
 
 
 class Replies:
-    """Sends the replies to commands; can delay one reply until the work of its command is done.
+    """Sends the replies to commands, at once or when the work of a long command is done.
 
     Parameters
     ----------

@@ -3,11 +3,11 @@
 The dark frame is the count of each channel while the LED is off. The baseline is the count of the
 untouched strip while the LED is on, minus the dark frame.
 
-A dark window has four samples. Their counts are integers, and the rounding error is up to three
-times the noise of the light. So the first 16 windows are averaged; then each new window has the
-weight 1/8. This average has the noise and the delay of a mean over 16 windows, but needs no memory
-for windows. If a window deviates too much from the mean, the ambient light has changed, and the
-mean restarts.
+A dark window is four samples with the LED off. Counts are integers, and their rounding error is up
+to three times the noise of the light. So the first 16 windows are averaged; then each new window
+has the weight 1/8. This average has the noise and the delay of a mean over 16 windows, but needs no
+memory for windows. If a window deviates too much from the mean, the ambient light has changed, and
+the mean restarts.
 """
 
 from array import array
@@ -67,8 +67,6 @@ class Dark:
     ----------
     mean : memoryview of int
         Mean dark counts of the six channels, Q12; a part of `state`.
-    switches : bool
-        Whether the board can switch the LED.
     """
 
     def __init__(self, state):

@@ -107,7 +107,10 @@ class Decode:
             self.state[DRIFT_MAX] = calibration.drift_max
 
     def scale(self, samples, dark_samples):
-        """Set the numbers of samples in a reading and in dark sums; the product is at most 256."""
+        """Set the number of samples in a reading, and in the sums of the dark frame.
+
+        The product of both numbers is at most 256.
+        """
         state = self.state
         state[SAMPLES] = samples
         state[FLOOR_SAMPLES] = dark_samples

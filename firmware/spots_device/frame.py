@@ -62,7 +62,7 @@ class Time32:
         self.head = array("i", bytes(4 * HEAD_SIZE))
 
     def set(self, ticks):
-        """Set the time to `ticks`; thus the time can also move back."""
+        """Set the time to `ticks`; the new time may be earlier than the present one."""
         head = self.head
         low = head[TIME_LOW] + head[LESS_US] + self._diff(ticks, self.last)
         self.last = ticks
@@ -126,7 +126,10 @@ class Framer:
         return self.send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self.encoded))
 
     def key(self, sensor, page, usage, modifiers, pressed):
-        """Send a key event as a KEY frame, see `uses.Uses.key`; return whether it was sent."""
+        """Send a key event of a sensor as a KEY frame; return whether it was sent.
+
+        The other arguments are those of `uses.Uses.key`.
+        """
         pack_into(KEY_BODY, self.payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)
 

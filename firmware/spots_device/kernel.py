@@ -285,28 +285,33 @@ def _judge(state, touching):
     # Return the flags of a reading whose position is known.
     misfit = state[MISFIT_Q12]
     tolerance = state[TOLERANCE_Q12]
-    flags = MISFIT if abs(misfit) > tolerance else 0
+    flags = 0
+    if abs(misfit) > tolerance:
+        flags = MISFIT
+        # A reading that fits one press up to the drift is untrusted, but good enough for a key, see
+        # contact.TWO_FIT.
+        if abs(misfit - state[DRIFT]) <= tolerance:
+            flags |= TOO_DARK
     force_mN = state[FORCE_MN]
     least_mN = state[TOUCH_OFF_MN]
     if not touching:
-        # A lamp or two fingers: light that fits no press begins a touch at twice the force.
-        least_mN = state[TOUCH_ON_MN] << (1 if flags else 0)
+        # A lamp or two fingers: light that fits no press begins a touch at the force from which
+        # the drift is learned.
+        least_mN = state[TOUCH_ON_MN] << (2 if flags == MISFIT else 0)
         state[LEARNS] = 3
     if not force_mN or force_mN < least_mN:
-        return flags
+        return flags & MISFIT
     # Drift shifts the misfit of every press alike. A touch gives this shift in its third reading
     # with at least four times the force at which touches begin; in fainter readings the noise
     # exceeds most shifts. The shift is used if the previous touch gave the same shift: two fingers
-    # seldom touch together twice in a row. A reading that fits one press up to the shift is
-    # untrusted, but good enough for a key, see contact.TWO_FIT.
+    # seldom touch together twice in a row.
     if state[LEARNS] and force_mN >> 2 >= state[TOUCH_ON_MN]:
         state[LEARNS] -= 1
         if not state[LEARNS]:
             if abs(misfit - state[SEEN]) <= tolerance:
                 state[DRIFT] = min(max(misfit, -state[DRIFT_MAX]), state[DRIFT_MAX])
             state[SEEN] = misfit
-    if flags and abs(misfit - state[DRIFT]) <= tolerance:
-        flags |= TOO_DARK
+            return _judge(state, TOUCHING)  # with the new drift
     return flags | TOUCHING
 
 

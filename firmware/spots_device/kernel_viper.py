@@ -4,9 +4,10 @@ Literals replace the constants of decode.py and kernel.py, because a name costs 
 at the start of each function names the constants.
 
 The code is correct with words of 32 bits and of 64 bits. With 64 bits, ``ptr32`` loads unsigned
-values: a negative number is then too large by 2**32, and results by multiples of 2**32.
-``ptr32`` stores the lower 32 bits, which are always correct. Where the sign matters, ``(x ^ sign) -
-sign`` corrects a number just loaded, with ``sign = 1 << 31``; with 32 bits it changes nothing.
+values: a negative number is then too large by 2**32, and results are too large by multiples of
+2**32. ``ptr32`` stores the lower 32 bits, which are always correct. Where the sign matters, ``(x ^
+sign) - sign`` corrects a number just loaded, with ``sign = 1 << 31``; with 32 bits it changes
+nothing.
 
 No index and no argument is checked. A call takes as long as about fifty additions, and the look-up
 of a name or attribute takes as long as twenty. So each step of a sample is one function that uses
@@ -195,14 +196,17 @@ def process(
         state[16] = tolerance
 
         misfit = (state[15] ^ sign) - sign
-        if misfit > tolerance or misfit + tolerance < 0:
+        # A number n is within the tolerance if n + tolerance, unsigned, is at most twice it.
+        most = uint(2 * tolerance)
+        if uint(misfit + tolerance) > most:
             flags |= 16
+        off = misfit - ((state[11] ^ sign) - sign)
         force_mN = state[4]
         least_mN = state[9]
         if touching == 0:
             least_mN = state[8]
-            if flags & 16:
-                least_mN <<= 1
+            if flags & 16 and uint(off + tolerance) > most:
+                least_mN <<= 2
             state[12] = 3
         if force_mN and force_mN >= least_mN:
             flags |= 1
@@ -210,22 +214,17 @@ def process(
                 state[12] = state[12] - 1
                 if state[12] == 0:
                     n = misfit - ((state[13] ^ sign) - sign)
-                    if n < 0:
-                        n = 0 - n
-                    if n <= tolerance:
+                    if uint(n + tolerance) <= most:
                         n = misfit
                         if n > state[10]:
                             n = state[10]
                         if n + state[10] < 0:
                             n = 0 - state[10]
                         state[11] = n
+                        off = misfit - n
                     state[13] = misfit
-            if flags & 16:
-                n = misfit - ((state[11] ^ sign) - sign)
-                if n < 0:
-                    n = 0 - n
-                if n <= tolerance:
-                    flags |= 4
+            if flags & 16 and uint(off + tolerance) <= most:
+                flags |= 4
         break
     if done:
         state[0] = flags

@@ -1,4 +1,6 @@
-"""Solves for the second of two fingers, in machine code; replaces locate.py on some boards.
+"""Solves for the position of the second of two fingers, in machine code.
+
+Replaces locate.py on some boards.
 
 The code is correct with words of 32 bits and of 64 bits, see kernel_viper.py. It checks no
 argument.

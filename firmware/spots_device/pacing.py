@@ -1,15 +1,17 @@
-"""Schedules the polls of the sensor, so that one burst read finds one new sample.
+"""Schedules the polls of the sensor, so that each poll finds one new sample.
 
-The chip has its own oscillator, which deviates from the board's clock by some per cent. A poll that
-is too early and the next poll, which finds the sample, bracket the end of this sample. Two brackets
-n samples apart give a lower bound of the period. Each poll is scheduled slightly earlier than this
-bound predicts: no poll is late, and about one in twenty is early. Integers only; allocates nothing.
+The chip has its own oscillator, which deviates from the board's clock by some per cent. A sample
+ends between a poll that is too early and the next poll, which finds the sample. Two such pairs of
+polls, n samples apart, give a lower bound of the sample period. Each poll is scheduled slightly
+earlier than this bound predicts: no poll is late, and about one in twenty is early. Integers only;
+allocates nothing.
 
-A loop that is slower than the sensor never polls early, so there is no bracket. The sample that
-such a loop finds ended within the last period; the sample is used with this uncertainty of its
+A loop that is slower than the sensor never polls early, so it has no such pairs of polls. The
+sample that it finds ended within the last period; the sample is used with this uncertainty of its
 time. Missed samples are counted with the last measured period of the chip, scaled to the exposure.
 
-Samples in the chip's FIFO are not lost while the loop stalls: their times follow from their number.
+Samples in the chip's FIFO are not lost while the loop stalls. The time of each follows from its
+place in the FIFO.
 """
 
 from micropython import const
@@ -227,7 +229,7 @@ class Pacing:
         self._taken = -max(0, self._samples)
 
     def _doubt(self, before, after):
-        """Handle a sample whose end is not known precisely; arguments and result as in `found`."""
+        """Handle a sample that ended at an uncertain time; arguments and result as in `found`."""
         used = self._doubted or self.period_us <= _SHORT_US
         self._count(before, 1 if used else 0)
         slack_us = self._chip_us + self._chip_us // _TRUST
@@ -250,7 +252,7 @@ class Pacing:
         return before if used else None
 
     def _count(self, now, read):
-        """Add to `missed` the samples, at least 1, from the last counted one to `now` (ticks).
+        """Count samples up to `now` (ticks), at least 1; add the unread samples to `missed`.
 
         `read` is the number of these samples that were read: 0 or 1.
         """

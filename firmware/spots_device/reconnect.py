@@ -87,7 +87,7 @@ class Reconnect:
     def sampled(self):
         """Record that the sensor works again, because a sample came after a fault."""
         self.fault = None
-        self._replies.log("info", "the sensor is back")
+        self._replies.log("info", "the sensor answers")
 
     def report(self, reply):
         """Add the number of faults and the present fault to a reply to ``get`` (dict)."""

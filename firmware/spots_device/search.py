@@ -1,4 +1,7 @@
-"""Searches gain, LED current and exposure for the command ``auto``; imported only for it."""
+"""Searches gain, LED current and exposure for the command ``auto``.
+
+Imported only when this command is used.
+"""
 
 from .exposure import (
     AGAIN,

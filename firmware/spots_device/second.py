@@ -84,7 +84,9 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
 
 
 def _part(decay, off_um, brightness, away_um):
-    """Return how much of a reading's light comes from the first of two fingers, in counts times 16.
+    """Return the light of the first of two fingers in a reading, in counts times 16.
+
+    `decay` is as in `locate`, and `brightness` is that of the reading in Q20 of log2.
 
     `off_um` is the distance from the first finger to the position of the reading, `away_um` the
     distance from the first finger to the second finger.
@@ -100,7 +102,8 @@ def _part(decay, off_um, brightness, away_um):
 def may_rest(decay, x1_um, first, end_um, x_um, brightness):
     """Return whether the first finger may still have its brightness `first` in a later reading.
 
-    False if the first finger must be dimmer even with a second finger at the strip's end `end_um`.
+    The arguments are those of `locate`. The result is False if the first finger must have become
+    dimmer, even with a second finger at the strip's end `end_um`.
     """
     off_um = x_um - x1_um
     far_um = end_um - x1_um

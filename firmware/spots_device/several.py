@@ -1,11 +1,11 @@
-"""The application of a board with several strips: one loop samples all.
+"""The application of a board with several strips: one loop samples all strips.
 
 Only a board whose board.toml has ``SENSORS`` gets this module. Sensor 0 has the files of a board
 with one strip. Each strip has its own settings, calibration, dark frame, layout and commands.
 
 The start of a sensor takes 25 ms. During this time, the samples of the other strips wait in the
-FIFOs of their chips. They are processed after the start: if a command such as ``set`` starts the
-sensor, the stack of a Pico has no room for the processing of a sample.
+FIFOs of their chips. They are processed after the start, not during the start: within a command
+such as ``set``, the stack of a Pico has no room for the processing of a sample.
 """
 
 import gc
@@ -54,7 +54,7 @@ class StripFramer(Framer):
 
 
 class StripApp(BoardApp):
-    """The application of one strip of several; `SeveralApp` runs its loop.
+    """The application of one strip of a board; `SeveralApp` runs the loop for all strips.
 
     Parameters
     ----------
@@ -99,9 +99,10 @@ class StripApp(BoardApp):
         self.replies.log = self._log
 
     def search(self, now):
-        """Start a lost sensor if that is due at `now` (ticks).
+        """Try to start a lost sensor if the next try is due at the time `now` (ticks).
 
-        `reconnect.Reconnect.search` would stop the loop for 0.1 s, and collect garbage.
+        `reconnect.Reconnect.search` cannot be used here: it waits for 0.1 s and collects garbage,
+        but the other strips must be sampled meanwhile.
         """
         if self._again is not None and self._clock.ticks_diff(now, self._again) < 0:
             return
@@ -177,7 +178,7 @@ class StripApp(BoardApp):
 
 
 class SeveralApp(StripApp):
-    """The application of a board with several strips; itself the application of sensor 0.
+    """The application of a board with several strips; it is also the application of strip 0.
 
     Parameters
     ----------
@@ -224,7 +225,7 @@ class SeveralApp(StripApp):
         StripApp._attach(self, open_sensor, board, usb)
 
     def handle(self, line):
-        """Execute a command on the strip that ``sensor=N`` at the end of `line` names, else on 0.
+        """Execute a command for the strip that ``sensor=N`` at the end of `line` names; default 0.
 
         All lines of an upload belong to the sensor of its first line. The result is that of
         `command.Commands.handle`.

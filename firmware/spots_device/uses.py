@@ -19,7 +19,7 @@ def check_layout(lines):
 
 
 class Uses:
-    """Passes readings to the keypad and the gamepad, and reports of both to the host.
+    """Passes readings to keypad, contacts and gamepad, and their events and reports to the host.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ class Uses:
             output.release()
 
     def finish(self, clock, until):
-        """Release all keys and gamepad buttons; wait until the host has read the reports of this.
+        """Release all keys and gamepad buttons; wait until the host has read these releases.
 
         Parameters
         ----------
@@ -254,7 +254,7 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Choose the touch tracker: the keypad's, a tracker for contacts only, or no tracker."""
+        """Select the touch tracker for the readings: the keypad's, the contacts', or None."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

@@ -1,7 +1,7 @@
 """Errors that a user can correct, and helpers for their messages."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 # Name for `pip`: another project has the name `spots`.
 DISTRIBUTION = "spots-tactile"
@@ -15,7 +15,9 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(
+    word: str, known: Iterable[str], otherwise: str = "", meant: Mapping[str, str] | None = None
+) -> str:
     """Return the advice for an error message about an unknown name.
 
     Parameters
@@ -24,17 +26,21 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
         The unknown name. Its case is ignored.
     known : iterable of str
         The names that exist.
+    otherwise : str, optional
+        Advice if no name is similar.
+    meant : mapping, optional
+        For some of these names, the text to suggest instead of the name.
 
     Returns
     -------
     str
-        "did you mean ...?" with the similar names, or a list of all names.
+        "did you mean ...?" with the similar names; else `otherwise`, or a list of all names.
     """
-    by_case = {name.lower(): name for name in known}
+    by_case = {name.lower(): (meant or {}).get(name, name) for name in known}
     found = difflib.get_close_matches(word.lower(), by_case, n=3, cutoff=0.7)
     if found:
-        return f"did you mean {' or '.join(by_case[name] for name in found)}?"
-    return f"valid names are {', '.join(by_case.values())}"
+        return f"did you mean {' or '.join(dict.fromkeys(by_case[one] for one in found))}?"
+    return otherwise or f"valid names are {', '.join(by_case.values())}"
 
 
 class SpotsError(Exception):

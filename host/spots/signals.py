@@ -1,8 +1,9 @@
 """Releases all keys and buttons of open outputs before a signal ends or stops the process.
 
 An output is open inside its own ``with`` block. It applies each change inside a second block,
-``with SECTION``. A signal during this block is deferred to its end, so no change is cut in two.
-After a signal, outputs press nothing until the loop that feeds them has called `resumed`.
+``with SECTION``. A signal during the second block is deferred to the end of this block, so each
+change is completed. After a signal, outputs press nothing until the loop that feeds them has called
+`resumed`.
 
 SIGKILL, SIGSTOP and a crash in C cannot be handled.
 """

@@ -1,4 +1,7 @@
-"""Measures a second finger that slides beside a first: ``python -m spots_sim.anchored 50``."""
+"""Measures the position error of a second, sliding finger: ``python -m spots_sim.anchored 50``.
+
+The first finger rests. The argument is the speed of the second finger in mm/s.
+"""
 
 from __future__ import annotations
 
@@ -36,11 +39,11 @@ def sliding(
     seed : int
         Random seed of the positions and forces.
     wobble : float, optional
-        Largest change of the second finger's force, as a share of this force; that of the first
-        finger is a tenth.
+        Largest change of the second finger's force, as a share of this force. The force of the
+        first finger changes by at most a tenth of this share.
     places_mm : tuple of float, optional
-        Position of the first finger, and first and last position of the second one, in mm; random
-        positions on a strip of 85 mm, at least 15 mm apart, if not given.
+        Position of the first finger, and first and last position of the second finger, in mm. By
+        default, random positions on a strip of 85 mm, at least `_APART_MM` apart.
 
     Returns
     -------
@@ -86,7 +89,8 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
     Returns
     -------
     list of tuple
-        For each reading with two contacts: error and uncertainty of the second position, in mm.
+        For each reading in which the board finds two fingers: position error of the second finger,
+        and the standard deviation that the board reports for this position, in mm.
     """
     truth = Scenario(file)
     points = file.touch[1].points
@@ -108,7 +112,11 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
 
 
 def summary(found: list[tuple[float, float]]) -> dict:
-    """Return statistics of the values of `followed`; errors in mm, of the located positions."""
+    """Return statistics of the position errors that `followed` returns, in mm.
+
+    Positions with a standard deviation above `_SIGMA_MM` count as not located. They are excluded
+    from all errors.
+    """
     located = [one for one in found if one[1] <= _SIGMA_MM]
     squares = sorted(error**2 for error, _ in located)
     shares = [(error / sigma) ** 2 for error, sigma in located]
@@ -126,7 +134,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("mm_per_s", type=float, nargs="+")
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--wobble", type=float, default=0.1, help="change of the force (0.1)")
+    parser.add_argument(
+        "--wobble", type=float, default=0.1, help="largest relative change of the force (0.1)"
+    )
     options = parser.parse_args()
     for speed in options.mm_per_s:
         runs = [

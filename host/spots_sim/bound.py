@@ -93,7 +93,9 @@ class Bound:
         return coupling(self._sensor.contact, effective[0])
 
     def force_sigma_mN(self, position_um: float, force_mN: float) -> float:
-        """Return the bound of the force of one reading, in mN, with the common noise of the LED.
+        """Return the Cramer-Rao bound of the force of one reading, in mN.
+
+        The bound includes the noise of the LED, which is the same in all channels.
 
         Parameters
         ----------

@@ -100,7 +100,7 @@ class I2CBus:
     ledger : BusCost
         Cost of all transfers so far.
     call_us : float
-        Processor time of each transfer in us, in addition to its bits.
+        Processor time of each transfer in us, in addition to the time of its bits on the wire.
     """
 
     chip: object

@@ -190,7 +190,10 @@ class AS7341:
 
     def advance(self, now_us: float) -> None:
         """Run the chip up to the time `now_us`."""
-        self._now = now_us = max(now_us, self._now)
+        if now_us > self._now:
+            self._now = now_us
+        else:
+            now_us = self._now
         if self._smux_done is not None and now_us >= self._smux_done:
             self._smux_done = None
             self._run_smux()
@@ -372,7 +375,7 @@ class AS7341:
         return least == 0 or self._outside >= least
 
     def _push(self, counts: list[int]) -> None:
-        """Append what FIFO_MAP selects, ASTATUS and counts, to the FIFO."""
+        """Append to the FIFO those of ASTATUS and the six counts that FIFO_MAP selects."""
         wanted = self._main[0xFC]
         entries = [
             _ENTRY.pack(value)
@@ -411,17 +414,20 @@ class AS7341:
         gain = GAIN[min(self._main[0xAA] & 0x1F, 10)]
         dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
         collected = self._collected
-        ideal = [
-            sum(share * collected.get(diode, 0.0) for diode, share in routed.items()) * gain + dark
-            for routed in self._routing
-        ]
         electrons = noise.electrons_per_count_1x / gain
         ratio = 1e-6 * noise.ratio_ppm
         full_scale = self._full_scale()
         read = noise.read_counts**2
         counts = []
+        most = -math.inf
         # For six numbers, plain Python is faster than NumPy.
-        for light, draw in zip(ideal, self._rng.standard_normal(6).tolist()):
+        for routed, draw in zip(self._routing, self._rng.standard_normal(6).tolist()):
+            total = 0.0
+            for diode, share in routed.items():
+                total += share * collected.get(diode, 0.0)
+            light = total * gain + dark
+            if light > most:
+                most = light
             shot = light / electrons if light > 0 else 0.0
             sigma = math.sqrt(read + (shot + (ratio * light) ** 2))
             count = math.floor(light + sigma * draw + 0.5)
@@ -430,7 +436,7 @@ class AS7341:
             counts[5] = 0
         digital = 0x10 if max(counts) >= full_scale else 0
         # A converter makes at most one count a step; far above that its front end clips.
-        analog = 0x08 if max(ideal) > 1.5 * duration_us / STEP_US else 0
+        analog = 0x08 if most > 1.5 * duration_us / STEP_US else 0
         return counts, digital | analog
 
 

@@ -40,24 +40,36 @@ def demo(parser: Parser):
       spots demo
       spots demo --use keyboard --seconds 10
     """
-    arguments.add_seconds(parser, "stop after this time; 10 if the output is not a terminal")
+    arguments.add_seconds(
+        parser, "stop after this time in seconds; 10 if the output is not a terminal"
+    )
     parser.add_argument("--json", action="store_true", help="print only the results, as JSON")
-    parser.add_argument("--fast", action="store_true", help="simulated time: same output each run")
-    parser.add_argument("--page", action="store_true", help="show the web UI, until Ctrl-C")
     parser.add_argument(
-        "--use", help="application: strip, keyboard, controller, wearable or fivebar"
+        "--fast",
+        action="store_true",
+        help="run in simulated time: the output is the same in each run",
     )
     parser.add_argument(
-        "--layout", metavar="FILE", help="key layout of --use keyboard: a file or a name"
+        "--page", action="store_true", help="open the web UI in a browser, until Ctrl-C"
+    )
+    parser.add_argument(
+        "--use", help="application to run: strip, keyboard, controller, wearable or fivebar"
+    )
+    parser.add_argument(
+        "--layout",
+        metavar="FILE",
+        help="key layout of --use keyboard: a .toml file, or a name such as mini",
     )
     arguments.add_simulation(parser)
     _add_change(parser)
     parser.add_argument(
-        "--rezero", action="store_true", help="re-zero the strip after its change; with --fast"
+        "--rezero",
+        action="store_true",
+        help="re-zero the strip after the change in its sensor file; needs --fast",
     )
-    parser.add_argument("--warm", action="store_true", help="start with a warm LED; with --fast")
+    parser.add_argument("--warm", action="store_true", help="start with a warm LED; needs --fast")
     parser.add_argument(
-        "--cpu", metavar="NAME", help="a processor as slow as pico or pico-xip50; with --fast"
+        "--cpu", metavar="NAME", help="simulate the processor pico or pico-xip50; needs --fast"
     )
     parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
@@ -71,22 +83,36 @@ def characterize(parser: Parser):
       spots characterize --sensor long_200mm --exposure-us 10000
       spots characterize --change phosphor --rezero 3
     """
-    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument(
+        "--sensor",
+        default="default",
+        metavar="FILE",
+        help="sensor: a .toml file, or a name such as default",
+    )
     parser.add_argument("--seed", type=arguments.seed, default=0, help="random seed of the noise")
     parser.add_argument(
-        "--exposure-us", type=_whole, default=100_000, help="integration time, 1000 to 1000000"
+        "--exposure-us",
+        type=_whole,
+        default=100_000,
+        help="integration time in us, 1000 to 1000000",
     )
     parser.add_argument("--average", type=_whole, default=1, help="samples in a reading, 1 to 64")
     _add_change(parser)
     parser.add_argument(
-        "--rezero", type=_whole, default=0, metavar="MARKS", help="re-zero at 0, 1 or 3 marks"
+        "--rezero",
+        type=_whole,
+        default=0,
+        metavar="MARKS",
+        help="number of marks to press for a re-zero: 0, 1 or 3",
     )
-    parser.add_argument("--presses", type=arguments.presses, default=1, help="presses on each mark")
+    parser.add_argument(
+        "--presses", type=arguments.presses, default=1, help="number of presses on each mark"
+    )
     parser.add_argument(
         "--mark-error-um",
         type=_number,
         default=0.0,
-        help="standard deviation of the press position",
+        help="standard deviation of the position of a press on a mark, in um",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--out", metavar="DIR", help="draw figures into this folder")
@@ -101,8 +127,12 @@ def design(parser: Parser):
       spots design --length-mm 85 --resolution-um 50 --rate-hz 100 --out strip --strips 2
       spots design --length-mm 85 --resolution-um 50 --rate-hz 100 --measure-dye --test-dose 2
     """
-    parser.add_argument("--length-mm", type=_number, required=True, help="length of the strip")
-    parser.add_argument("--resolution-um", type=_number, required=True, help="position resolution")
+    parser.add_argument(
+        "--length-mm", type=_number, required=True, help="length of the strip in mm"
+    )
+    parser.add_argument(
+        "--resolution-um", type=_number, required=True, help="position resolution to reach, in um"
+    )
     parser.add_argument("--rate-hz", type=_number, required=True, help="readings per second")
     parser.flag("--json", "print one JSON object")
     parser.option("--out", "DIR", "write sensor file, figure, moulds, drawings and recipe there")
@@ -110,15 +140,19 @@ def design(parser: Parser):
     parser.option(
         "--breakout",
         "NAME",
-        "breakout that the caps are for; adafruit-4698 or sparkx-17719",
+        "AS7341 breakout that the caps must fit: adafruit-4698 or sparkx-17719",
         default="adafruit-4698",
     )
     parser.flag("--measure-dye", "read a clear and a dyed test piece, and print the dose")
     parser.option(
-        "--test-dose", "G", "tint in the dyed test piece, g in 100 g", type=_dose, default=2.0
+        "--test-dose",
+        "G",
+        "dose of the dyed test piece: g of tint in 100 g",
+        type=_dose,
+        default=2.0,
     )
     parser.option(
-        "--test-length-mm", "N", "length of both test pieces", type=_test_mm, default=60.0
+        "--test-length-mm", "N", "length of both test pieces in mm", type=_test_mm, default=60.0
     )
     arguments.add_port(parser)
     return _design
@@ -150,7 +184,11 @@ COMMANDS = demo, characterize, design
 
 
 def _add_change(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--change", metavar="FILE", help="file or name: change of the sensor")
+    parser.add_argument(
+        "--change",
+        metavar="FILE",
+        help="change of the sensor since its calibration: a .toml file, or a name such as warm",
+    )
 
 
 def _demo(options: argparse.Namespace) -> None:

@@ -1,7 +1,8 @@
 """Processor time of the firmware on a real board, as measured; `data/cpus.toml` has the figures.
 
-A virtual board with a `Cpu` spends a function's time at the end of each of its calls, in simulated
-time. Everything that happens within a pass of the firmware's loop is then as late as on that board.
+On a virtual board with a `Cpu`, simulated time advances at the end of each function call, by the
+time of this function. So each event within a pass of the firmware's loop is as late as on the real
+board.
 """
 
 from __future__ import annotations
@@ -25,12 +26,13 @@ class Cpu(toml.Strict):
     Attributes
     ----------
     call_us : dict of str to float or dict
-        Own time of each function in us, by its name in the firmware's package. For some functions a
-        dict of times by kind, see ``boards/_virtual/_cpu.py``.
+        Time of each function in us, without the listed functions that it calls; by its name in the
+        firmware's package. Some functions have a dict of times by kind of call, see
+        ``boards/_virtual/_cpu.py``.
     bus_us : float
-        Processor time of an I2C transfer in us, in addition to its bits.
+        Processor time of an I2C transfer in us, in addition to the time of its bits on the wire.
     like : str or None
-        Name of another processor that has these times, to be multiplied by `times`.
+        Name of another processor. Its times, multiplied by `times`, are those of this processor.
     times : float
         Factor of all times.
     """
@@ -41,11 +43,11 @@ class Cpu(toml.Strict):
     times: Annotated[float, msgspec.Meta(gt=0, le=1000)] = 1.0
 
     def transfer_us(self) -> float:
-        """Return the processor time of an I2C transfer in us, in addition to its bits."""
+        """Return the processor time of an I2C transfer in us, without the time of its bits."""
         return self.times * self.bus_us
 
     def times_us(self) -> dict[str, int | dict[str, int]]:
-        """Return the own time of each function in whole us, by its name."""
+        """Return the time of each function in whole us, by its name; see `call_us`."""
         return {
             name: {kind: round(self.times * us) for kind, us in time_us.items()}
             if isinstance(time_us, dict)
@@ -83,7 +85,7 @@ def load(name: str, board: str) -> Cpu:
         raise SpotsError(f"there is no processor '{name}': use one of {', '.join(known)}")
     if device_of(board).runtime != "micropython":
         raise SpotsError(
-            f"the times of '{name}' are those of MicroPython: leave out the processor, or use the "
+            f"the processor '{name}' has times of MicroPython only: leave it out, or use the "
             "board 'virtual'"
         )
     cpu = known[name]

@@ -232,7 +232,8 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     use : str
-        ``fivebar`` for a simulated linkage. Any other application is shown first, below a strip.
+        ``fivebar`` shows a simulated linkage. Any other value shows a strip, and the panel of this
+        application directly below the strip.
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int

@@ -176,9 +176,10 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 
 
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
-    """Return gain code, exposure in us and LED current in mA that the command ``auto`` would set.
+    """Return the setting that the command ``auto`` would find for a sensor at a fixed exposure.
 
-    None if the light is too weak at every setting.
+    The setting is gain code, exposure in us and LED current in mA; None if the light is too weak at
+    every setting.
     """
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)
@@ -288,7 +289,11 @@ def design_command(options: argparse.Namespace) -> None:
 
 
 def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[Path]:
-    """Write moulds, drawings and recipe for the strips of a design; return the files."""
+    """Write moulds, drawings and recipe of a design into a folder; return the files.
+
+    `shape` has the dimensions of the strip, `strips` is the number of strips in the recipe, and
+    `options` are those of ``spots design``.
+    """
     line = (
         f"spots design --length-mm {options.length_mm:g} "
         f"--resolution-um {options.resolution_um:g} --rate-hz {options.rate_hz:g}"

@@ -1,10 +1,10 @@
 """``spots design --measure-dye``: computes the dose of dye from a clear and a dyed test piece.
 
 Both pieces have the same length and are put between LED and sensor in turn. The ratio of their
-counts is the decay by the dye times an unknown factor: how well each piece touches. This factor is
-the same for all channels, so only differences between channels are used. The result is the dye
-strength whose decay (`optics`, Eq. 1 of the paper) fits these differences best. The dose is
-proportional to this strength.
+counts is the decay by the dye times an unknown factor: how well each piece is coupled to LED and
+sensor. This factor is the same for all channels, so only differences between channels are used. The
+result is the dye strength whose decay (`optics`, Eq. 1 of the paper) fits these differences best.
+The dose is proportional to this strength.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     seen = _even(np.log(dyed / clear))
     if np.ptp(seen) < _LEAST_DECAY:
         raise SpotsError(
-            "both test pieces have the same colour: change the piece when asked, or cast one with "
-            "more dye"
+            "both test pieces have the same colour: insert the dyed piece when asked, or cast it "
+            "with more dye"
         )
 
     def decay(per_mm: float) -> np.ndarray:
@@ -172,7 +172,7 @@ def read_pieces(
     reader : SpectrumReader
         Reads the board.
     ask : callable
-        ``ask(text)`` shows a request, and returns when the user has done what it asks.
+        ``ask(text)`` shows a request to the user, and returns when the user has confirmed it.
     dark : callable
         Takes a dark frame; called only if the LED is always on.
 
@@ -238,7 +238,7 @@ def measure_dye_command(options: argparse.Namespace) -> None:
     if found.misfit > _MISFIT_MAX:
         print(
             f"the colour differs from the assumed red dye (misfit {found.misfit:.2f}): the dose is "
-            "rough; cast a piece with it and measure again",
+            "only approximate; cast a test piece with this dose and measure again",
             file=sys.stderr,
         )
 

@@ -117,7 +117,7 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes sent in one direction; their division into calls has no effect.
+    """Damages the bytes sent in one direction, no matter how they are split into calls.
 
     Parameters
     ----------

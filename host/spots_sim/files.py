@@ -224,7 +224,7 @@ class SensorFile(toml.Strict):
 
     @property
     def joint_travel_deg(self) -> float:
-        """Angle in degrees by which the joint turns for the indenter's whole `JOINT_TRAVEL`."""
+        """Angle in degrees by which the joint turns for the whole travel of its indenter."""
         start, end = JOINT_TRAVEL
         return 1000 * (end - start) * self.length_mm / self.joint.um_per_deg
 
@@ -349,8 +349,8 @@ class BusFaults(toml.Strict):
     """Damage to transfers on the I2C bus.
 
     `nack_percent` of all transfers are not acknowledged; in the intervals `nack_bursts`, no
-    transfer is acknowledged. `wrong_percent` of the transfers have a wrong bit. At the start of an
-    interval of `sda_low`, SDA goes low until the interval ends or the board sends nine clocks.
+    transfer is acknowledged. `wrong_percent` of the transfers have a wrong bit. In each interval of
+    `sda_low`, SDA is low until the interval ends or the board sends nine clocks.
     """
 
     nack_percent: Percent = 0.0

@@ -126,7 +126,9 @@ def joint(
 
 
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
-    """Turn the joint up to each of `shares` of its travel, then down again; read at each angle.
+    """Turn the joint of `stage` up, then down, and read the positions at each angle.
+
+    The angles are the `shares` of the joint's travel.
 
     Returns angles in degrees, shape (n,), and positions in um, shape (n, readings).
     """

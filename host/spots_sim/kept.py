@@ -1,8 +1,6 @@
 """Stores calibrations of simulated strips in a folder, so that other processes can reuse them.
 
-The environment variable SPOTS_CALIBRATIONS names the folder; without it, nothing is stored. The
-calibrations are valid for one version of firmware and simulator. For another version, use an empty
-folder.
+`kept_folder` describes the folder.
 """
 
 from __future__ import annotations
@@ -18,9 +16,9 @@ import msgspec
 
 from spots.atomic import replacing
 
+from .kept_folder import FOLDER
 from .runtimes import is_cpython
 
-FOLDER = "SPOTS_CALIBRATIONS"
 _IN_MEMORY = 16
 
 T = TypeVar("T")

@@ -1,4 +1,4 @@
-"""Loads and unloads a simulated strip at one place, to calibrate and to test its silicone."""
+"""Loads and unloads a simulated strip, to measure creep and hysteresis of its silicone."""
 
 from __future__ import annotations
 
@@ -24,7 +24,11 @@ SESSION = (
 
 
 def points(loads) -> list[list[tuple[float, float, float]]]:
-    """Return the points of each load: time in s, position as a share of the length, force in mN."""
+    """Return the path of the force in each load, as points joined by straight lines.
+
+    Each point is a tuple: time in s, position as a share of the strip's length, force in mN. The
+    loads are those of `record`.
+    """
     found, at_s = [], START_S
     for share, force_mN, ramp_s, hold_s in loads:
         times_s = at_s + np.cumsum([0.0, ramp_s, hold_s or 1e-3, ramp_s])
@@ -93,7 +97,8 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The line ``silicone``; empty for an ideal silicone.
+        The calibration line ``silicone``, from which the board compensates both effects. Empty for
+        an ideal silicone.
     """
     if sensor.silicone.ideal:
         return ()

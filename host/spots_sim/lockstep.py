@@ -43,10 +43,10 @@ class LockstepLink:
     faults : faults.Faults, optional
         Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
-        Processor time of one loop pass in us, on MicroPython only; 0 by default. It precedes each
-        read of registers, and follows a read of the FIFO, once for each sample. With a function
-        ``busy_us(free_bytes) -> float``, the board reports its number of free heap bytes at each
-        transfer, which doubles the run time.
+        Processor time of one loop pass in us, on MicroPython only; 0 by default. The time passes
+        before each read of the sensor's data registers; after a read of its FIFO, it passes once
+        for each sample that was read. With a function ``busy_us(free_bytes) -> float``, the board
+        reports its number of free heap bytes at each transfer, which doubles the run time.
     warm : bool, optional
         Whether the LED has its final temperature when it is first switched on.
     cpu : str, optional

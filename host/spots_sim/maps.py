@@ -198,7 +198,7 @@ def trajectory(run: PathRun, path: Path) -> Path:
 
 
 def _bars(axis, linkage: Linkage, at_mm) -> None:
-    """Draw the bars of a linkage on matplotlib axes; its end point is at `at_mm` (x, y)."""
+    """Draw the bars of a linkage, whose end point is at `at_mm` (x, y), on matplotlib axes."""
     theta1, theta2 = linkage.inverse(*at_mm)
     a1, _, _, a2 = linkage.bar_mm
     elbow1 = (a1 * np.sin(theta1), a1 * np.cos(theta1))

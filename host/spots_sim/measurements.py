@@ -179,7 +179,9 @@ def _fewer(rig: Rig, count: int) -> int:
 
 
 def _jittered(rig: Rig, rng, place_um: float, count: int):
-    """Press `count` times around a position, with random offsets of position and force.
+    """Press `count` times around `place_um`, with random offsets of position and force.
+
+    `rig` is a calibrated strip.
 
     `rng` is the random generator. Yields a tuple for each press: true position in um, true force in
     mN, reading, counts.
@@ -272,10 +274,13 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Compare the noise of the estimate `pair` with the Cramer-Rao bound at the positions `x_um`.
+    """Measure the estimate `pair` on single samples, at the positions `x_um` of the strip `rig`.
 
-    Returns the ratios of noise to bound, and the signal-to-noise ratios. Each reading is a single
-    sample, because the board rounds the mean counts of several samples, which changes the noise.
+    `pair` is the position estimate from two channels; `rng` is the random generator.
+
+    Returns, for each position, the ratio of its scatter to the Cramer-Rao bound, and the
+    signal-to-noise ratio of the counts. The mean counts of several samples cannot be used, because
+    the board rounds them, which changes the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -347,8 +352,8 @@ def _threshold_mN(rig: Rig) -> float:
 def _accuracy_um(rig: Rig, rng) -> np.ndarray:
     """Measure the position accuracy along the strip; the generator `rng` draws the presses.
 
-    Returns an array of shape (3, n) for n positions: positions, mean errors and mean absolute
-    errors, all in um.
+    `rig` is a calibrated strip. Returns an array of shape (3, n) for n positions: positions, mean
+    errors and mean absolute errors, all in um.
     """
     x_um = PLACES * rig.stage.length_um
     count = _fewer(rig, _ACCURACY)

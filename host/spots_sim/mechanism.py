@@ -49,7 +49,10 @@ class Motion:
         return float(self.time_s[-1])
 
     def at(self, time_s) -> tuple[np.ndarray, np.ndarray]:
-        """Return the end point's x and y in mm at times in s, at rest outside the motion."""
+        """Return x and y of the end point in mm at times in s.
+
+        Before and after the motion, the end point rests.
+        """
         return np.interp(time_s, self.time_s, self.x_mm), np.interp(time_s, self.time_s, self.y_mm)
 
 
@@ -221,6 +224,10 @@ class JointScenario:
     def change(self, time_s: float) -> Change:
         return NONE
 
+    def is_dark(self, start_s: float, end_s: float) -> bool:
+        """Return False: the indenter presses in any interval."""
+        return False
+
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         """Return 0: no ambient light enters a joint in any interval."""
         return 0.0
@@ -328,7 +335,10 @@ def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
 
 
 def _lag(angle_deg: np.ndarray, half_deg: float) -> np.ndarray:
-    """Return the angles of an indenter that follows a joint with a backlash of +- `half_deg`."""
+    """Return the angles of an indenter that lags behind a joint with the angles `angle_deg`.
+
+    `half_deg` is half of the backlash between joint and indenter.
+    """
     lagging = np.empty(len(angle_deg))
     at = angle_deg[0]
     for i, angle in enumerate(angle_deg.tolist()):

@@ -147,9 +147,9 @@ class Optics:
     def _spread(
         self, width_mm: float, strain: float, tilt_percent: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return, per wavelength, the decay k per mm, and the mean of exp(-k x) over a contact.
+        """Return the decay k per mm and the mean of exp(-k x) over a contact, for each wavelength.
 
-        The contact is centred at x = 0.
+        The contact is `width_mm` wide and centred at x = 0; the arguments are those of `_press`.
         """
         volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
         decay = self._clear + self._dyed / volume

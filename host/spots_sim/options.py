@@ -10,18 +10,28 @@ from spots.cli import arguments
 def add_board(parser: argparse.ArgumentParser) -> None:
     """Add the options of a virtual board; the caller sets their defaults in the parser."""
     group = parser.add_argument_group("virtual board")
-    group.add_argument("--sensor", metavar="FILE", help="sensor file or name")
-    group.add_argument("--scenario", metavar="FILE", help="scenario file or name")
+    group.add_argument(
+        "--sensor", metavar="FILE", help="sensor: a .toml file, or a name such as default"
+    )
+    group.add_argument(
+        "--scenario", metavar="FILE", help="scenario: a .toml file, or a name such as demo"
+    )
     group.add_argument("--seed", type=arguments.seed, help="random seed of the noise")
 
 
 def add_linkage(parser: argparse.ArgumentParser) -> None:
     """Add the options of a simulated linkage; the caller sets their defaults in the parser."""
     group = parser.add_argument_group("simulated linkage")
-    group.add_argument("--path", metavar="FILE", help="path file or name")
-    group.add_argument("--sensor", metavar="FILE", help="sensor file or name")
+    group.add_argument(
+        "--path", metavar="FILE", help="path of the end point: a .toml file, or a name such as sust"
+    )
+    group.add_argument(
+        "--sensor", metavar="FILE", help="sensor: a .toml file, or a name such as default"
+    )
     group.add_argument("--seed", type=arguments.seed, help="random seed of the noise")
     group.add_argument(
-        "--exposure-us", type=arguments.exposure_us, help="integration time of both strips"
+        "--exposure-us", type=arguments.exposure_us, help="integration time of both strips in us"
     )
-    group.add_argument("--picture", metavar="FILE.png", help="draw the true and the estimated path")
+    group.add_argument(
+        "--picture", metavar="FILE.png", help="draw the true and the estimated path into this file"
+    )

@@ -89,7 +89,7 @@ class Person:
         self.presses = 0
 
     def hear(self, text: str) -> None:
-        """Press or lift the simulated finger, if `text` of the calibration session asks for it."""
+        """Press or lift the simulated finger if the message `text` of the session asks for it."""
         if found := _PRESS.search(text):
             place_mm, grams, firm, newtons = found.groups()
             low, high = _HARD_MN if firm == "your hardest" else _FIRM_MN
@@ -173,8 +173,8 @@ def follow(held: Held, way: Way) -> None:
     held : Held
         Finger of the stage.
     way : list of tuple
-        Pieces of the path, each a tuple: start and end in s after the start of the movement, and
-        the `Press` between them.
+        Parts of the path. Each part is a tuple: its start and its end, in s after the start of the
+        movement, and the `Press` during this part.
     """
     began: list[float] = []
 

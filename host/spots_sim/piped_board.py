@@ -1,4 +1,7 @@
-"""A virtual board in MicroPython that waits for `step` at each transfer, sleep and USB report."""
+"""A virtual board in MicroPython that runs only while `PipedBoard.step` is called.
+
+The firmware stops at each transfer, sleep and USB report, until `step` answers this request.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from .faults import BoardFaults, FaultyBus
 from .usb import UsbHost
 from .vm import MicroPythonProcess
 
-_LOOK_S = 0.05  # real time without a request, after which the output pipe may be full
+_LOOK_MS = 50  # real time without a request, after which the output pipe may be full
 _HANGS_S = 60.0  # real time without a request, after which the board counts as hung
 
 
@@ -97,6 +100,7 @@ class PipedBoard:
             cpu=cpu,
             strips=2 if second else 1,
         )
+        self._polled = -1  # the pipe in `_poll`
         self._pending = self._next_request()
 
     def send(self, data: bytes) -> int:
@@ -115,7 +119,7 @@ class PipedBoard:
             return sent
 
     def step(self) -> None:
-        """Answer the firmware's request (such as an I2C transfer); run it until its next one."""
+        """Answer the firmware's pending request, and run the firmware until its next request."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is None:
             after_us = 0.0
@@ -172,12 +176,17 @@ class PipedBoard:
         return True
 
     def _request(self) -> bytes | None:
-        deadline_s = time.monotonic() + _HANGS_S
-        while not select.select([self._machine.requests], [], [], _LOOK_S)[0]:
+        requests = self._machine.requests
+        if requests != self._polled:  # the board has booted
+            self._polled, self._poll = requests, select.poll()
+            self._poll.register(requests, select.POLLIN)
+        hangs_s = None
+        while not self._poll.poll(_LOOK_MS):
             # A board whose output pipe is full makes no request until the pipe is read.
             self._sent = self.received()
-            if time.monotonic() >= deadline_s:
+            hangs_s = hangs_s or time.monotonic() + _HANGS_S
+            if time.monotonic() >= hangs_s:
                 raise SpotsError(
                     f"the virtual board hangs: no request for {_HANGS_S:.0f} s; open it again"
                 )
-        return server.read_request(self._machine.requests)
+        return server.read_request(requests)

@@ -63,7 +63,10 @@ class Inlet:
         return bool(self._waiting)
 
     def write(self, data: bytes = b"") -> None:
-        """Write the buffered bytes, then `data`; buffer what the reader does not accept now."""
+        """Write the buffered bytes, then `data`.
+
+        Buffer the bytes that the reader does not accept yet.
+        """
         self._waiting += data
         with contextlib.suppress(BlockingIOError):
             self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
@@ -84,7 +87,7 @@ class Console(PseudoTerminal):
         self.raw_prompt = False
 
     def pass_on(self, damaged) -> None:
-        """Read the host's bytes, and send to the board the bytes that ``damaged(data)`` returns."""
+        """Read the host's bytes, and send the result of ``damaged(data)`` to the board."""
         data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
@@ -128,7 +131,7 @@ class PortNoise:
         return self._faults.to_board(data, self._clock.now_us())
 
     def pass_in(self) -> None:
-        """Damage the host's bytes and send them to the board, if the port is not the console."""
+        """Damage the host's bytes and send them to the board, unless the port is the console."""
         self.to_board.write(self.damaged(os.read(self._port_end, 4096)))
 
     def pass_out(self) -> None:

@@ -32,7 +32,7 @@ _NOBODY = Path("characterize")
 
 @dataclass(frozen=True)
 class Hand:
-    """Options of a re-zero, which presses marked positions again to correct a calibration.
+    """Options of a re-zero: the person presses marked positions again to correct a calibration.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class _ShakyPresser(StagePresser):
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
-    """Return a `Bench` that prints nothing, to correct a simulated strip's calibration (re-zero).
+    """Return a board, strip and presser for a re-zero, which prints nothing.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class Rig:
     noise : Noise
         Noise of the counts, estimated from the presses of the calibration.
     lines : tuple of str
-        Lines of the calibration as made, without the corrections of `shift`.
+        Lines of the original calibration, without the corrections of `shift`.
     """
 
     def __init__(

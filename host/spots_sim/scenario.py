@@ -11,6 +11,7 @@ from msgspec.structs import asdict
 from .change import NONE, Change
 from .files import Ambient, Finger, ScenarioFile, Surroundings
 
+_NEAR_S = 1e-6  # more than the rounding errors of a time
 _TREMOR_HZ = 9.3  # physiological tremor of fingers: 8 to 12 Hz
 
 
@@ -77,6 +78,7 @@ class Scenario:
         self._leak = file.leak or [(0.0, 0.0, 0.0)]
         moves = max(map(len, (self._strain, self._bend, self._leak))) > 1
         self._only_pose = None if moves else self._pose(0.0)
+        self._stays_dark = not (moves or self._only_pose.leak_share)  # without a finger
         self._moved = {k: v for k, v in asdict(file.change).items() if v}
         # Active touches in each interval between two moments at which a touch begins or ends.
         spans = [(touch, [point[0] for point in touch.points]) for touch in file.touch]
@@ -105,6 +107,26 @@ class Scenario:
             if press.force_mN > 0:
                 found.append(press)
         return found
+
+    def is_dark(self, start_s: float, end_s: float) -> bool:
+        """Return whether no light of the LED can couple into the strip in an interval.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            Start and end of the interval, in seconds of the scenario.
+
+        Returns
+        -------
+        bool
+            False in doubt: near the start or the end of a touch, and in every scenario with a
+            leak or with a pose that changes.
+        """
+        first_s = start_s % self.file.seconds - _NEAR_S
+        i = bisect_right(self._edges, first_s)
+        upcoming_s = self._edges[i] if i < len(self._edges) else self.file.seconds
+        last_s = first_s + (end_s - start_s) + 2 * _NEAR_S
+        return self._stays_dark and not self._down[i] and last_s < upcoming_s
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         """Return the mean irradiance of the ambient light over an interval.
@@ -176,6 +198,9 @@ class Held:
             return [self.press]
         swing = 1 + self.tremor * math.sin(2 * math.pi * _TREMOR_HZ * time_s)
         return [replace(self.press, force_mN=self.press.force_mN * swing)]
+
+    def is_dark(self, start_s: float, end_s: float) -> bool:
+        return False  # unknown
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         return 0.0

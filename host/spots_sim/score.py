@@ -110,7 +110,7 @@ class Score:
         return _rounded(math.sqrt(squares / self._compared)) if self._compared else None
 
     def facts(self) -> dict:
-        """Return the values to show in a picture, see `spots.terminal.view.Judge.facts`."""
+        """Return the values that the terminal shows, see `spots.terminal.view.Judge.facts`."""
         if not self.readings:
             return {"link": {}, "rows": []}
         rows = []

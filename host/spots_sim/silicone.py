@@ -86,39 +86,53 @@ class _Spectrum:
         self._creep = silicone.creep_percent / 100 / (1 - np.exp(-_HELD_S / _TAUS_S)).sum()
         self._lag = silicone.hysteresis_percent / 100 * FULL_MN / 2 / sum(_PLAYS_MN)
         self._soft = silicone.softening_percent / 100
-        # For four numbers, plain Python is faster than NumPy.
+        # For four numbers, plain Python without function calls is fastest.
         self._crept = [0.0] * len(_TAUS_S)
         self._plays = [0.0] * len(_PLAYS_MN)
         self._force_mN = 0.0
         self._most_mN = silicone.preload_mN
 
     def wait(self, elapsed_s: float) -> None:
+        if elapsed_s == 0.0:
+            return
         force_mN = self._force_mN
+        (a, b, c, d), (p, q, r, s) = self._crept, _crept_shares(elapsed_s)
         self._crept = [
-            crept + (force_mN - crept) * share
-            for crept, share in zip(self._crept, _crept_shares(elapsed_s))
+            a + (force_mN - a) * p,
+            b + (force_mN - b) * q,
+            c + (force_mN - c) * r,
+            d + (force_mN - d) * s,
         ]
 
     def load(self, force_mN: float) -> None:
         self._force_mN = force_mN
-        self._most_mN = max(self._most_mN, force_mN)
+        if force_mN > self._most_mN:
+            self._most_mN = force_mN
         if force_mN > 0:
-            self._plays = [
-                min(max(at, force_mN - play), force_mN + play)
-                for at, play in zip(self._plays, _PLAYS_MN)
-            ]
+            plays = self._plays
+            for i, play in enumerate(_PLAYS_MN):
+                low_mN, high_mN = force_mN - play, force_mN + play
+                if plays[i] < low_mN:
+                    plays[i] = low_mN
+                elif plays[i] > high_mN:
+                    plays[i] = high_mN
         else:
             self._plays = [0.0] * len(_PLAYS_MN)  # the guides separate
 
     def effective_mN(self) -> float:
         force_mN = self._force_mN
-        behind = sum(at - max(force_mN - play, 0.0) for at, play in zip(self._plays, _PLAYS_MN))
+        behind = 0.0
+        for at, play in zip(self._plays, _PLAYS_MN):
+            behind += at - (force_mN - play if force_mN > play else 0.0)
         soft = self._soft * math.tanh((self._most_mN - force_mN) / _SOFTENED_MN)
         return force_mN * (1 + soft) + self._lag * behind + self._creep * sum(self._crept)
 
 
 class _Power:
-    """Model ``power`` of one cell; computing time grows with the number of changes of the force."""
+    """Model ``power`` of one cell (a short piece of the strip), see the module docstring.
+
+    The computing time grows with the number of changes of the force.
+    """
 
     def __init__(self, silicone: Silicone):
         whole = (1 + _HELD_S / _SOONEST_S) ** _POWER - 1
@@ -179,6 +193,11 @@ class Memory:
         self._seen_s: dict[int, float] = {}
         self._pressed: set[int] = set()
 
+    @property
+    def unloaded(self) -> bool:
+        """Whether no press was on the strip at the last call of `effective_mN`."""
+        return not self._pressed
+
     def effective_mN(self, presses, time_s: float) -> list[float]:
         """Return the effective force of each press at a time; the time must never decrease.
 
@@ -194,6 +213,8 @@ class Memory:
         list of float
             Effective forces in mN, 0 or more.
         """
+        if not presses and not self._pressed:
+            return []
         forces: dict[int, float] = {}
         ends = []
         for press in presses:

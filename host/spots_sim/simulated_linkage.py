@@ -275,12 +275,12 @@ class Endless:
 
 
 def start_s(sensor: SensorFile) -> float:
-    """Return the time in s at which a motion may begin, because the LED is warm by then."""
+    """Return the earliest start of a motion in s: the time after which the LED is warm."""
     return START_S + (WARM_S if sensor.temperature.led_K_per_mA else 0.0)
 
 
 def moved(strip: CalibrationFile, number: int) -> CalibrationFile:
-    """Return a strip's calibration, changed to another strip of the same board.
+    """Return a copy of a calibration that is valid for another strip of the same board.
 
     Parameters
     ----------

@@ -26,12 +26,13 @@ _SEARCH_TIMEOUT_S = 600.0
 
 
 class Stage:
-    """A simulated strip under an indenter, read through the firmware.
+    """A simulated strip on a stage that presses it with an indenter, read through the firmware.
 
     Parameters
     ----------
     sensor : SensorFile
-        Simulated sensor. The change in its file is ignored; set `held.changed` instead.
+        Simulated sensor. The change in its file is ignored; a test sets the attribute
+        `held.changed` instead.
     seed : int
         Random seed of the noise.
     settings : str
@@ -141,7 +142,8 @@ class Stage:
         Returns
         -------
         Presses
-            One row for each press: all positions with the first force, then with the next force.
+            One row for each press: first all positions with the first force, then all positions
+            with the second force, and so on.
         """
         rows = []
         for force_mN in forces_mN:
@@ -218,7 +220,7 @@ def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, 
 
 
 def strip_lines(lines, number: int) -> list[str]:
-    """Change calibration lines to another strip of the same board.
+    """Return calibration lines, changed so that they are valid for another strip of the board.
 
     Parameters
     ----------
@@ -249,7 +251,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     Raises
     ------
     SpotsError
-        The text names the position of the press.
+        If a press is too dark or saturated. The text names the position of the press.
     """
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),
@@ -283,7 +285,11 @@ def led_settings(sensor: SensorFile) -> str:
 
 @kept(tuple[tuple[str, ...], str])
 def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str, ...], str]:
-    """Return the calibration lines, and the LED settings as assignments for ``set``."""
+    """Calibrate a sensor at an exposure; return calibration lines and LED settings.
+
+    If `exposure_us` is None, the board searches the exposure. The LED settings are assignments for
+    ``set``.
+    """
     with Stage(sensor) as stage:
         stage.expose(exposure_us)
         along, pressed = stage.along(), stage.pressed()

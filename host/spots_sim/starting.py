@@ -32,8 +32,8 @@ def report(message: dict) -> None:
 def when_parent_ends(action: Callable[[], object]) -> None:
     """Call a function as soon as standard input closes or the parent process ends.
 
-    A thread waits for this. If this process still runs 5 s after the call, the thread ends the
-    process. An error in the thread also ends the process.
+    A separate thread waits and makes the call. If the process still runs 5 s after the call, the
+    thread ends the process. An error in the thread also ends the process.
 
     Parameters
     ----------

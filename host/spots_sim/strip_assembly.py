@@ -118,7 +118,10 @@ def assembly(shape: StripShape) -> dict:
 
 
 def _high(cap, shape: StripShape):
-    """Turn a cap from its position as printed to the LED's end: z becomes x, and y becomes z."""
+    """Turn a cap from its position as printed, and move it to the LED's end of the strip.
+
+    The cap's z axis becomes x, and its y axis becomes z.
+    """
     return cap.rotate((90, 0, 90)).translate((shape.length_mm / 2, 0, 0))
 
 

@@ -73,7 +73,7 @@ class _Sheet:
         self.elements: list[str] = []
 
     def end(self, height: float) -> _Sheet:
-        """Set the height of the sheet in pixels; write the note of all sheets at the lower edge."""
+        """Set the height of the sheet in pixels; write the standard note at its lower edge."""
         self.height = height
         self.text(_MARGIN, height - 14, _NOTE)
         return self
@@ -116,7 +116,7 @@ class _View:
         return self._x + u * self._scale, self._y - v * self._scale
 
     def outline(self, section, fill: str) -> None:
-        """Draw the outline of a `manifold3d.CrossSection`, filled with a colour."""
+        """Draw the outline of `section`, a `manifold3d.CrossSection`; `fill` names its colour."""
         paths = []
         for polygon in section.to_polygons():
             points = " L".join("{:.2f} {:.2f}".format(*self.at(u, v)) for u, v in polygon)
@@ -125,14 +125,20 @@ class _View:
             self._sheet.elements.append(f'<path d="{" ".join(paths)}" fill="{_FILLS[fill]}"/>')
 
     def across(self, name: str, u1: float, u2: float, v: float, off: float, what: str = "") -> None:
-        """Draw the dimension `name` from `u1` to `u2`, `off` pixels below `v`, with a text."""
+        """Draw the horizontal dimension `name` from `u1` to `u2`, `off` pixels below `v`.
+
+        `what` is a text beside its value.
+        """
         (x1, y), (x2, _) = self.at(u1, v), self.at(u2, v)
         self._dimension(name, (x1, y), (x2, y), (0, off), abs(u2 - u1), what)
 
     def upright(
         self, name: str, v1: float, v2: float, u: float, off: float, what: str = ""
     ) -> None:
-        """Draw the dimension `name` from `v1` to `v2`, `off` pixels right of `u`, with a text."""
+        """Draw the vertical dimension `name` from `v1` to `v2`, `off` pixels right of `u`.
+
+        `what` is a text beside its value.
+        """
         (x, y1), (_, y2) = self.at(u, v1), self.at(u, v2)
         self._dimension(name, (x, y1), (x, y2), (off, 0), abs(v2 - v1), what)
 
@@ -177,7 +183,7 @@ def write(shape: StripShape, folder: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The files.
+        Paths of the three files.
     """
     made, placed = parts(shape), assembly(shape)
     return [
@@ -238,7 +244,11 @@ def _assembled(shape: StripShape, placed: dict) -> _Sheet:
 
 
 def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
-    """Draw the sensor's end of the strip below `top` (pixels); return the lower edge in pixels."""
+    """Draw the sensor's end of a strip on a sheet, below `top`; return the lower edge.
+
+    `top` and the result are in pixels. `placed` has the parts of the strip, see
+    `strip_assembly.assembly`.
+    """
     sheet.title(top, "The sensor's end")
     end, detail = -shape.length_mm / 2, 12.0
     above = placed["sensor_cap"].bounding_box()[5]
@@ -262,7 +272,11 @@ def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> f
 
 
 def _led_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> float:
-    """Draw the LED's end of the strip below `top` (pixels); return the lower edge in pixels."""
+    """Draw the LED's end of a strip on a sheet, below `top`; return the lower edge.
+
+    `top` and the result are in pixels. `placed` has the parts of the strip, see
+    `strip_assembly.assembly`.
+    """
     sheet.title(top, "The LED's end")
     end, detail = shape.length_mm / 2, 12.0
     above = placed["led_cap"].bounding_box()[5]

@@ -115,7 +115,7 @@ def write(shape: StripShape, folder: Path) -> list[Path]:
     Returns
     -------
     list of Path
-        The files.
+        Paths of the STL files.
 
     Raises
     ------
@@ -148,13 +148,16 @@ def _box(x: float, y: float, z: float):
 
 
 def _between(x: tuple, y: tuple, z: tuple):
-    """Return a box from (low, high) of each coordinate, in mm."""
+    """Return a box whose sides lie at (low, high) along `x`, `y` and `z`, in mm."""
     size = x[1] - x[0], y[1] - y[0], z[1] - z[0]
     return _box(*size).translate(((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, z[0]))
 
 
 def _frustum(width: float, length: float, height: float):
-    """Return a box along x, `width` by `length` mm at its foot, which gets narrower upwards."""
+    """Return a box along x that narrows upwards; its foot is `width` by `length` mm.
+
+    It is `height` mm high.
+    """
     top = 1 - 2 * SLOPE * height / length, 1 - 2 * SLOPE * height / width
     return _rectangle(length, width).extrude(height, scale_top=top)
 
@@ -166,7 +169,10 @@ def _cylinder(height: float, foot: float, top: float | None = None):
 
 
 def _cavities_y(count: int, width: float) -> list[float]:
-    """Return the y coordinates in mm of the centre lines of a mould's `count` cavities."""
+    """Return the y coordinates in mm of the centre lines of `count` cavities in a mould.
+
+    Each cavity is `width` mm wide.
+    """
     pitch = width + MIDDLE_WALL
     return [(i - (count - 1) / 2) * pitch for i in range(count)]
 
@@ -176,7 +182,10 @@ def _mould_width(middles: list[float], width: float) -> float:
 
 
 def _pins(length: float, wide: float) -> list[tuple[float, float]]:
-    """Return x and y of the pins in mm: not symmetric, so the lid fits in one orientation only."""
+    """Return x and y in mm of the pins of a tray that is `length` by `wide` mm.
+
+    The pins are not symmetric, so that the lid fits in one orientation only.
+    """
     x, y = length / 2 - 2 * PIN_INSET, wide / 2 - PIN_INSET
     return [(-x, y), (x, y), (-x / 2, -y)]
 
@@ -230,7 +239,7 @@ def _guide_tray(length: float):
 
 
 def _opened(width: float, length: float, depth: float):
-    """Return a `_cavity` with a box above its opening, to be cut out of a tray."""
+    """Return a `_cavity` with a box above its opening, to be subtracted from a tray."""
     return _cavity(width, length, depth) + _box(length, width, _CUT)
 
 
@@ -256,7 +265,10 @@ def _end_socket():
 
 
 def _window(middle_y: float, top: float):
-    """Return the hole in a cap for a guide, from the socket of the strip to the height `top`."""
+    """Return the hole in a cap for a light guide, from the socket of the strip up to `top`.
+
+    `middle_y` is the height of the guide's centre line above the strip's lower face. All in mm.
+    """
     width, high = GUIDE_WIDTH / 2 + CLEARANCE, GUIDE_THICKNESS / 2 + CLEARANCE
     return _between(
         (-width, width), (middle_y - high, middle_y + high), (END_LENGTH - _CUT, top + _CUT)

@@ -246,7 +246,10 @@ def follow(
         lost = sum(board.stats.lost for board in simulation.boards)
     found = np.array([(t.time_s, t.x_mm, t.y_mm) for t in terminals if not t.limit]).T
     if found.size < 6:
-        raise SpotsError("the path is too short, with fewer than two estimates: draw a longer path")
+        raise SpotsError(
+            "the path gives fewer than two positions of the end point: name the file of a longer "
+            "path"
+        )
     x_mm, y_mm = motion.at(found[0])
     return PathRun(motion, true, terminals, np.hypot(found[1] - x_mm, found[2] - y_mm), lost)
 
@@ -278,10 +281,10 @@ def working(linkage: Linkage, mechanism: Mechanism, x_mm, y_mm) -> tuple[np.ndar
 
 
 def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
-    """Return x and y in mm of a grid that covers the workspace, in random order.
+    """Return x and y in mm of a grid that covers a linkage's reach, in random order.
 
-    `pitch_mm` is the distance between neighbouring positions. Each position is then moved by up to
-    `jitter_mm`; `rng` is the random generator.
+    `pitch_mm` is the distance between neighbouring positions. Each position is then moved by a
+    random distance of at most `jitter_mm` along x and y; `rng` is the random generator.
     """
     a1, b1, b2, a2 = linkage.bar_mm
     left, right = linkage.base_mm - a2 - b2, a1 + b1
@@ -299,7 +302,9 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 
 
 def _read(sensor, linkage, places, *arguments, **condition):
-    """Stop at the positions `places` (x, y in mm) and read both joints, see `visited`.
+    """Stop a linkage at the positions `places` (x, y in mm), and read both joints.
+
+    The other arguments are those of `visited`.
 
     Returns positions, joint angles, and their standard errors. A position is left out if its
     reading fell into a dark frame, during which the LED is off.
@@ -314,7 +319,7 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return position errors in mm that random errors of the angles cause, shape (draws, n).
+    """Return position errors in mm that random angle errors cause, shape (draws, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
     positions. `rng` is the random generator.

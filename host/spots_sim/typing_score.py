@@ -1,4 +1,4 @@
-"""Scores typing: compares a board's key presses with those that the scenario's fingers made."""
+"""Scores typing: compares a board's key presses with the keys that a scenario's fingers touch."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Stroke:
     key: tuple[int, int] | None
 
     def covers(self, time_s: float) -> bool:
-        """Return whether a key press at `time_s` (s of the scenario) may belong to this touch."""
+        """Return whether this touch can cause a key press at `time_s`, in s of the scenario."""
         return self.began_s <= time_s <= self.ended_s + AFTER_S
 
 
@@ -46,7 +46,7 @@ def strokes(
     Parameters
     ----------
     file : ScenarioFile
-        Scenario; it repeats.
+        Scenario, which is repeated without end.
     layout : KeyLayout
         Keys of the strip.
     length_mm : float
@@ -130,10 +130,11 @@ class TypingScore:
         -------
         dict
             Numbers of ``touches``, ``right`` (correct) presses, and ``wrong`` presses (another key
-            than the touched one). ``missed``: touches without a press. ``extra``: presses without
-            a touch. ``no_finger``: wrong or extra presses of a key that no finger touched.
-            ``stuck``: keys that stayed down. ``latency_ms``: percentiles of the time from
-            touch to correct press.
+            than the touched one). ``missed``: touches without a press. ``extra``: presses without a
+            touch. ``no_finger``: wrong or extra presses of a key that no finger touched. ``stuck``:
+            keys that stay pressed for more than 0.5 s after the last finger has left the strip.
+            ``latency_ms``: percentiles of the time from the start of a touch to the correct press,
+            in ms.
         """
         fingers = strokes(*self._parts, to_s)
         presses = [press for press in self._presses if press[0] <= to_s]
@@ -167,9 +168,10 @@ class TypingScore:
 
     @staticmethod
     def _match(presses, fingers):
-        """Match presses with touches of the same key.
+        """Match key presses with touches (`fingers`) of the same key.
 
-        Returns a dict of touch index by press index, and a list of the unmatched presses.
+        Each touch is matched once at most. Returns a dict of touch index by press index, and a list
+        of the unmatched presses.
         """
         right: dict[int, int] = {}
         matched, others = set(), []

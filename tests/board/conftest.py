@@ -12,7 +12,7 @@ from spots_sim.scenario import Held, Press
 
 
 class Rig:
-    """A board, the link under it, and a stage that holds a press."""
+    """A virtual board, its link in simulated time, and a stage that presses the strip."""
 
     def __init__(self, sensor, calibration=None, folder=None, scenario=None, seed=0, **options):
         self.held = Held()
@@ -28,7 +28,7 @@ class Rig:
         self.held.press = None
 
     def readings(self, count, kind=Touch):
-        """Return the next `count` frames of a kind, after those that are under way."""
+        """Return the next `count` frames of a kind whose integration begins after this call."""
         self.board.command("stream " + ("touch" if kind is Touch else "spectrum"))
         self.settle()
         frames = (frame for frame in self.board.frames() if isinstance(frame, kind))
@@ -48,7 +48,10 @@ class Rig:
 
 @pytest.fixture
 def rig(sensor, request):
-    """Return a function that makes calibrated or bare rigs, closed at the end."""
+    """Return a function that makes calibrated or uncalibrated rigs.
+
+    They are closed after the test.
+    """
     made = []
 
     def make(**options):

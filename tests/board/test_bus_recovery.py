@@ -13,7 +13,7 @@ PLACE_UM = 42_000
 
 @pytest.fixture
 def faulty(rig, calibration):
-    """Return a function that makes a calibrated rig under a press, and the faults it has."""
+    """Return a function that makes a calibrated, pressed rig, and the faults of its bus."""
 
     def make(board="virtual", **parts):
         faults = Faults(FaultsFile(from_s=3.0, **parts), 3600.0)
@@ -109,7 +109,7 @@ def test_a_register_that_is_not_what_was_written_is_noticed_and_set_again(rig, r
         made.board._link.write(b"dark\n")
         made.settle(2.0)
     assert "has lost its settings" in made.board.log[0]["text"]
-    assert made.board.log[-1]["text"] == "the sensor is back"
+    assert made.board.log[-1]["text"] == "the sensor answers"
     assert made.link.chip._main[register] != value
     assert len(made.readings(20)) == 20
 

@@ -22,7 +22,7 @@ BOARD = "virtual_circuitpython"
 
 
 class Tapped(LockstepLink):
-    """A link that remembers every byte, and writes only while the board handles a new sample.
+    """A link that stores every byte, and writes only while the board handles a new sample.
 
     A read that times out ends between two requests of the board. A sleep is one request on
     MicroPython and two on CircuitPython, so the next write would be at another time there.
@@ -126,12 +126,12 @@ def test_a_bus_without_pull_ups_is_told_once_and_tried_again(sensor, tmp_path):
         state = board.command("get")
     assert state["fault"] is None
     assert state["faults"] == 1
-    assert [line["text"] for line in board.log][-1] == "the sensor is back"
+    assert [line["text"] for line in board.log][-1] == "the sensor answers"
 
 
 @pytest.fixture
 def start(tmp_path):
-    """Return a function that starts a board with the files in `tmp_path`: frames, console."""
+    """Return a function that starts a board with the files in `tmp_path`; it returns both ports."""
     stage(BOARD, tmp_path)
     with contextlib.ExitStack() as boards:
 

@@ -22,7 +22,7 @@ def test_hello_tells_who_it_is(rig):
 
 
 class Hesitant(LinkWrapper):
-    """A link that delays or loses what the board sends, for some time after `hold`."""
+    """A link that delays or drops the board's data for some time after `hold`."""
 
     def __init__(self, link, loses=False):
         super().__init__(link)

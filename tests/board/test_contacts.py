@@ -31,7 +31,7 @@ RESTED = finger(30, 0.0, 1.5), finger(62, 0.5, 1.0)
 
 @pytest.fixture
 def played():
-    """Return a function that plays fingers, and returns the board and its frames."""
+    """Return a function that moves fingers on a strip, and returns the board and its frames."""
     boards = []
 
     def play(*fingers, command=None):
@@ -50,7 +50,7 @@ def played():
 
 
 def contacts(frames):
-    """Return the contacts by finger."""
+    """Return a dict of contact frames by number of the finger."""
     found = {}
     for frame in frames:
         if isinstance(frame, Contact):
@@ -87,7 +87,10 @@ def test_a_finger_beside_a_resting_one_was_never_alone(played):
 
 
 def sliding(x1_mm, from_mm, to_mm, mm_per_s, wobble=0.0, seed=0):
-    """Return a finger that rests at `x1_mm`, and one that slides beside it; forces may wobble."""
+    """Return a finger that rests at `x1_mm`, and one that slides beside it.
+
+    `wobble` is the largest relative change of their forces.
+    """
     rng = random.Random(seed)
     ends_s = 0.5 + abs(to_mm - from_mm) / mm_per_s
 

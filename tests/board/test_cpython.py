@@ -31,7 +31,7 @@ del os.openpty, os.ttyname
 
 @pytest.fixture(params=["pty", "socket"])
 def port(request, monkeypatch, tmp_path):
-    """How the name of its port begins."""
+    """How the name of the board's port begins: for a PTY or for a socket."""
     monkeypatch.setenv("SPOTS_VIRTUAL_PORT", request.param)
     if request.param == "pty":
         return "/dev/"

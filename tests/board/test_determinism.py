@@ -10,7 +10,13 @@ from viper import need_viper
 import spots_device
 from spots.cli import main
 from spots.deploy.staging import stage, use_viper
+from spots.link.board import Board
+from spots.link.connect import upload
 from spots_sim import vm
+from spots_sim.files import ScenarioFile, load
+from spots_sim.kept_folder import FOLDER
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
 
 
 def figures(capsys, *arguments):
@@ -48,6 +54,23 @@ def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
             shutil.copy(path, staged[-1])
         use_viper(staged[-1])
 
+    monkeypatch.delenv(FOLDER)  # this board does not share its firmware
     monkeypatch.setattr(vm, "stage", with_viper)
     assert figures(capsys, "--seed", seed) == portable
     assert staged
+
+
+@pytest.mark.parametrize("board", ["virtual", "virtual_circuitpython"])
+def test_shared_firmware_changes_no_byte_of_the_stream(sensor, calibration, tmp_path, board):
+    streams = []
+    for folder in (None, tmp_path):  # shared bytecode, and sources of its own
+        scenario = Scenario(load(ScenarioFile, "demo"))
+        with Board(LockstepLink(sensor, scenario, 3, folder, board=board)) as made:
+            sent = []
+            made.tap(lambda data, now_s, sent=sent: sent.append(data))
+            upload(made, calibration)
+            touches = list(made.touches(seconds=3))
+            assert any(touch.touching for touch in touches)
+            streams.append(b"".join(sent))
+    assert (tmp_path / "spots_device" / "app.py").exists()
+    assert streams[0] == streams[1]

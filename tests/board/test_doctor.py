@@ -18,7 +18,7 @@ UNWIRED = {"irradiance_uW_cm2_per_mA": 1e-9}
 
 
 def light_of(stage):
-    """Examine a board in simulated time; return its findings on the light.
+    """Examine a board in simulated time; return the doctor's findings on the light.
 
     A person unplugs an LED that is always on when asked to.
     """

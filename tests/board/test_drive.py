@@ -22,7 +22,7 @@ RIGHT = "9.2.1", "adafruit_qtpy_rp2040"
 
 @pytest.fixture
 def mount(tmp_path, monkeypatch):
-    """Return a function that mounts a drive as CircuitPython makes them, and gives its folder."""
+    """Return a function that makes a folder like a mounted CircuitPython drive, and returns it."""
     there = []
     monkeypatch.setattr(drive, "_BLOCK_DEVICES", tmp_path / "block")
     monkeypatch.setattr(psutil, "disk_partitions", lambda: there)

@@ -10,7 +10,7 @@ from spots_device import decode
 
 
 class Cut:
-    """A bus whose device stops answering on demand, or misses some transfers after a while."""
+    """A bus whose chip stops answering on request, or does not answer some later transfers."""
 
     def __init__(self, bus):
         self._bus = bus
@@ -46,7 +46,7 @@ def test_a_sensor_that_is_unplugged_and_plugged_in_again(rig, calibration):
     assert made.board.command("get")["fault"]
     made.link.bus.cut = False
     made.settle(0.5)
-    assert [line["text"] for line in made.board.log][-1] == "the sensor is back"
+    assert [line["text"] for line in made.board.log][-1] == "the sensor answers"
     readings = made.readings(20)
     assert all(r.trusted for r in readings)
     assert np.mean([r.position_um for r in readings]) == pytest.approx(42_000, abs=200)

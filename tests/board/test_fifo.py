@@ -21,7 +21,10 @@ GAIN_64X = 7
 
 
 class Numbered:
-    """A light with another count for each diode and, modulo 400, for each sample."""
+    """A light with different counts for each diode and for each sample.
+
+    Repeats after 400 samples.
+    """
 
     def __init__(self):
         self.samples = 0
@@ -76,7 +79,7 @@ def numbers(frames):
 
 
 def steps(frames):
-    """Return by how much the number grows from each frame to the next one."""
+    """Return the difference of the sample numbers of successive frames."""
     return {(b - a) % AROUND for a, b in itertools.pairwise(numbers(frames))}
 
 

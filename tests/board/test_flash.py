@@ -285,7 +285,7 @@ def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
 
 
 class Patient:
-    """A board with a given state; each look at its clock takes a second."""
+    """A board with a given state; each call of its clock takes a second."""
 
     def __init__(
         self,

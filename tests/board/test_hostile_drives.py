@@ -100,7 +100,7 @@ class Files(dict):
 
 
 class Sandbox:
-    """A home folder and a drive beside it."""
+    """A temporary home folder, and a drive beside it."""
 
     def __init__(self, root, built, state):
         self.home, self.drive = root / "home", root / "drive"
@@ -118,7 +118,7 @@ class Sandbox:
         self.inodes = {path.lstat().st_ino for path in [*self.home.rglob("*"), self.home]}
 
     def trap(self, path, kind):
-        """Put something odd on the drive, in the place of what is there."""
+        """Replace something on the drive by a link, a FIFO or another special file."""
         where = self.drive / path
         if any(not stat.S_ISDIR(up.lstat().st_mode) for up in ups(where, self.drive)):
             return
@@ -166,7 +166,10 @@ def without_manifest(built):
 
 
 def older():
-    """What a version left that had other modules."""
+    """The files of a drive that a version with other modules has flashed.
+
+    The manifest also names files outside the drive, a changed file, and has an invalid line.
+    """
     files = {"code.py": b"import old", "old_package/app.py": b"old", "old_package/in/x.py": b"x"}
     lines = [f"{hashlib.sha256(data).hexdigest()}  {path}\n" for path, data in files.items()]
     lines += [f"{'0' * 64}  {path}\n" for path in ("../home/thesis.txt", "/etc/passwd")]
@@ -175,7 +178,10 @@ def older():
 
 
 def snapshot(folder, times=True):
-    """Return all that there is to know of a folder without reading its files' access times away."""
+    """Return content and metadata of all files in a folder.
+
+    Reading does not change access times.
+    """
     found = {}
     for path in [folder, *sorted(folder.rglob("*"))]:
         status = path.lstat()
@@ -194,7 +200,7 @@ def snapshot(folder, times=True):
 
 
 def run(sandbox, command, before_call=lambda: None):
-    """Run a command on the drive; return its exit code. No file outside may even be opened."""
+    """Run a command on the drive and return its exit code; no file outside may be opened."""
     opened = []
 
     def watched(name, usual):
@@ -230,13 +236,13 @@ def listed(sandbox, state):
 
 
 def is_a_boards(sandbox):
-    """Whether the drive describes its board; what is no plain file describes nothing."""
+    """Whether boot_out.txt on the drive is a regular file, which describes the board."""
     about = sandbox.drive / "boot_out.txt"
     return stat.S_ISREG(about.lstat().st_mode) and about.read_bytes() == ABOUT.encode()
 
 
 def is_in_the_way(sandbox, path, command, listed):
-    """Whether what lies there keeps a command from reaching its files without a link."""
+    """Whether a special file at `path` prevents a command from reaching its files without links."""
     wanted = NAMES | listed
     wanted |= {name + ".part" for name in wanted} | {"boot_out.txt"}
     if command[0] == "erase":

@@ -24,7 +24,7 @@ def report(usage):
 
 
 def typed(*usages):
-    """Return what a host gets for these keys, one after the other."""
+    """Return the reports that a host gets if these keys are typed, one after the other."""
     return [one for usage in usages for one in (report(usage), UP)]
 
 
@@ -36,7 +36,7 @@ def board(request):
 
 @pytest.fixture
 def plugged(rig, calibration, tmp_path, board):
-    """Return a function that starts a calibrated board that is what its arguments say."""
+    """Return a function that starts a calibrated board with stored settings, such as ``keys=1``."""
 
     def make(*settings):
         first = rig(calibration=calibration, folder=tmp_path, board=board)
@@ -185,7 +185,7 @@ def test_no_key_outlives_what_held_it(plugged, end):
 
 
 def changed(path, old, new):
-    """Change a file that a board has; it is read at the next start."""
+    """Replace a text in a file of a board; the board reads the file at its next start."""
     source = path.read_text()
     assert old in source
     path.write_text(source.replace(old, new))

@@ -1,4 +1,4 @@
-"""The virtual board in real time: a PTY, pyserial, and a process of its own."""
+"""The virtual board in real time: a PTY, pyserial, and a separate process."""
 
 import contextlib
 import json
@@ -191,7 +191,7 @@ time.sleep(600)
 
 
 def processes():
-    """Return parent and command of each process that has not ended, by number."""
+    """Return parent and command of each running process, by process number."""
     run = ["ps", "-A", "-ww", "-o", "pid=", "-o", "ppid=", "-o", "stat=", "-o", "args="]
     lines = subprocess.run(run, capture_output=True, text=True, check=True).stdout.splitlines()
     rows = [line.split(None, 3) for line in lines]
@@ -199,7 +199,7 @@ def processes():
 
 
 def under(parent, alive):
-    """Return the numbers of the processes under one."""
+    """Return the numbers of all processes that a process has started, directly or indirectly."""
     ours = {parent}
     while more := {number for number in alive if alive[number][0] in ours} - ours:
         ours |= more

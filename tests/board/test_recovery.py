@@ -17,7 +17,7 @@ PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 
 @pytest.fixture
 def start(tmp_path):
-    """Return a function that starts a board with the files in `tmp_path`, and gives its port."""
+    """Return a function that starts a board with the files in `tmp_path`, and returns its port."""
     stage("virtual", tmp_path)
     with contextlib.ExitStack() as boards:
         yield lambda: boards.enter_context(virtual_board(tmp_path))
@@ -31,7 +31,7 @@ def ask(link, code):
 
 
 def interrupted(port):
-    """Return a link to the raw prompt of a board that was running."""
+    """Interrupt a running board, and return a link to its raw prompt."""
     spots.open(port).close()
     link = SerialLink(port)
     link.write(b"\r\x03\x03")
@@ -133,7 +133,7 @@ def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
 
 @pytest.fixture
 def watched(start, tmp_path):
-    """Return a function that starts a board with a short watchdog, which hangs at a command."""
+    """Return a function that starts a board with a short watchdog; a command makes it hang."""
     (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
     for path, old, new in (
         ("runtime/common.py", "WATCHDOG_MS = 8_000", "WATCHDOG_MS = 2_000"),

@@ -11,6 +11,7 @@ from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Decoder, Text, Touch
 from spots_device.decode import DROPPED
+from spots_sim.kept_folder import FOLDER
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 from spots_sim.vm import HEAP_BYTES
@@ -48,7 +49,7 @@ class Plug:
 
 
 class Slow:
-    """A board that nobody speaks to but with `say`: a command would collect the garbage."""
+    """A board that gets no commands except by `say`: each command would collect the garbage."""
 
     def __init__(self, sensor, busy_us, folder=None, away=False, board="virtual"):
         self.held = Held()
@@ -58,7 +59,7 @@ class Slow:
         self._decoder = Decoder()
 
     def run(self, seconds):
-        """Return the frames of some time."""
+        """Return the frames of the next `seconds` seconds."""
         end_s = self.link.now_s() + seconds
         frames = []
         while self.link.now_s() < end_s:
@@ -166,9 +167,9 @@ def test_an_exposure_too_short_for_the_board_gives_what_it_can_and_counts_the_re
 
 
 def counted(made):
-    """Send ``get``; return the touches before its reply, what was missed then, and what was made.
+    """Send ``get``; return the touches before its reply, the missed samples, and all samples.
 
-    The simulated chip knows how many samples it made: no board does.
+    The number of all samples comes from the simulated chip; no board knows this number.
     """
     made.link.write(b"get\n")
     touches = 0
@@ -224,6 +225,7 @@ def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
         slow = f"(time.sleep_ms(300), {write})[1]"
         path.write_text(path.read_text().replace(write, slow))
 
+    monkeypatch.delenv(FOLDER)  # this board does not share its firmware
     monkeypatch.setattr("spots_sim.vm.stage", staged)
     with Board(LockstepLink(sensor, Held())) as board:
         upload(board, calibration)

@@ -26,7 +26,7 @@ def unplugged_dark(made):
 
 
 def lit(made, kind, **options):
-    """A rig whose LED is of a kind and has its dark frame."""
+    """Return a rig with an LED of the given kind, after its dark frame."""
     made = made(sensor=load(SensorFile, kind), **options)
     made.board.command(f"set led={kind}")
     if kind == "always":

@@ -1,6 +1,7 @@
 """Typing on a board that is a keyboard: the right keys, each once, and no key stays pressed.
 
-Everywhere the same engine runs on the host, on the same readings, and has to give the same events.
+In each test, the key engine also runs on the host with the same readings, and must give the same
+events.
 """
 
 from dataclasses import dataclass
@@ -38,7 +39,7 @@ class Events:
 
 @dataclass
 class Typed:
-    """What came of it: text, events by time, readings."""
+    """Result of a run: typed text, key events with their times, and readings."""
 
     text: str
     presses_s: list[float]
@@ -48,7 +49,7 @@ class Typed:
 
 @pytest.fixture(scope="module")
 def play(sensor, calibration):
-    """Return a function that plays fingers on a keyboard, and says what was typed."""
+    """Return a function that moves fingers on a keyboard, and returns what was typed."""
 
     def run(fingers, layout="digits", lines=calibration, settings="", agrees=True, **scenario):
         end_s = max(finger.points[-1][0] for finger in fingers) + SETTLED_S
@@ -92,7 +93,7 @@ def at(key):
 
 
 def finger(*points, start_s=START_S):
-    """Return a finger by (time, place, force) from the start on."""
+    """Return a finger from points (time, position, force); the times count from `start_s`."""
     return Finger(points=[(start_s + time_s, x_mm, force) for time_s, x_mm, force in points])
 
 
@@ -107,7 +108,7 @@ def tapped(x_mm, start_s, held_s=0.1, rise_s=0.02, force_mN=1500, slip_mm=0.0):
 
 
 def test_a_thousand_random_taps_on_ten_keys(play):
-    """At least 999 of them right, none doubled, none stuck, two samples from touch to key."""
+    """At least 999 taps are right, none is doubled or stuck; a key takes two samples."""
     somebody = typist(5, pause_s=(0.08, 0.2))
     text = "".join(np.random.default_rng(6).choice(list(DIGITS), 1000))
     somebody.type(text)
@@ -182,7 +183,7 @@ def test_a_finger_on_a_border_is_one_of_its_two_keys(play):
 
 @pytest.fixture(scope="module")
 def stretched(sensor):
-    """A calibration that knows the strip at rest and stretched."""
+    """A calibration with tables for the strip at rest and for the stretched strip."""
     with Stage(sensor) as stage:
         stage.expose()
         along, pressed = stage.along(), stage.pressed()

@@ -19,9 +19,9 @@ FULL_SCALE = 3597
 
 
 def measure(sensor, present, last_share=1.0):
-    """Return plans and the presses of both passes.
+    """Return the two channel plans, and the presses of both passes along the strip.
 
-    The second pass is pressed less and less hard than it should be, to `last_share` at the end.
+    In the second pass, the force falls from the correct force to its share `last_share`.
     """
     plans = passes(present)
     measured = []
@@ -44,7 +44,7 @@ def blue(sensor):
 
 
 def bound_um(sensor, plan):
-    """Return the mean over the strip of the bound, and the largest count at full force."""
+    """Return the mean Cramer-Rao bound along the strip, and the largest count at full force."""
     bound = Bound(sensor, plan, **SETTINGS)
     places_um = np.linspace(0, 85_000, 15)
     return np.mean([bound.sigma(x, FIRM_MN)[0] for x in places_um])

@@ -13,7 +13,7 @@ from spots_sim.scenario import Held, Press
 
 
 class Person:
-    """Does what is asked: unplugs the LED, and plugs it in again."""
+    """A person who unplugs the LED and plugs it in again, as requested."""
 
     def __init__(self, folder, forgets=0):
         self.held = Held()

@@ -21,7 +21,7 @@ START_S, PERIOD_S, HELD_S, RISE_S = 3.0, 0.3, 0.15, 0.02
 
 
 def played(sensor, lines, scenario, streams=""):
-    """Yield the frames of a board with the layout `digits` while a scenario lasts."""
+    """Yield the frames of a board with the layout `digits` for the duration of a scenario."""
     with Board(LockstepLink(sensor, Scenario(scenario), seed=1)) as board:
         prepare(board, lines)
         push(board, load_layout("digits"))

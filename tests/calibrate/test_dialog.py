@@ -18,7 +18,7 @@ OPTIONS = argparse.Namespace(plan="F3,F4,F5,F6,F7,F8", keep_settings=True)
 
 
 class Recorded:
-    """A dialog that records what it is shown, and raises what a test schedules."""
+    """A dialog that records what it is asked to show, and raises the errors that a test sets."""
 
     def __init__(self):
         self.said, self.wanted, self.answers = [], [], queue.Queue()

@@ -59,9 +59,9 @@ def tap(x_mm, at_s, held_s):
 
 
 def play(sensor, lines, change, held_s=0.15, alone=0):
-    """Type `TEXT` on a drifted strip; return what each tap typed, and the readings of taps.
+    """Type `TEXT` on a drifted strip; return the typed key of each tap, and the readings.
 
-    The first `alone` taps end before the next one begins.
+    The first `alone` taps do not overlap the following tap.
     """
     seconds = START_S + PERIOD_S * len(TEXT)
     fingers = []

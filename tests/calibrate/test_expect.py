@@ -22,7 +22,7 @@ OFF = 0.03  # of the brightest channel
 
 
 class Several(Held):
-    """Presses that are held, as many as one likes."""
+    """A scenario with any number of constant presses."""
 
     held = ()
 
@@ -40,7 +40,10 @@ def strip(sensor, calibration):
 
 
 def departure(strip, calibration, *presses):
-    """Return by how much of the brightest channel counts are not as expected, at the worst."""
+    """Return the largest difference between counts and expected counts.
+
+    It is divided by the count of the brightest channel.
+    """
     several, board = strip
     several.held = [Press(place_mm, force_mN, 4.0) for place_mm, force_mN in presses]
     for _ in board.frames(SETTLED_S):

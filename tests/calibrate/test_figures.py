@@ -18,7 +18,7 @@ def responses(sensor):
 
 @pytest.fixture
 def run():
-    """A run with made-up figures."""
+    """A `Run` with invented values."""
     x_um = np.linspace(4000, 80_000, 19)
     ones = np.ones(19)
     position = dict.fromkeys(("resolution", "accuracy", "scatter", "bound", "pair"), ones)

@@ -1,7 +1,7 @@
-"""Hysteresis and creep are found in a recording, and the board corrects forces by them.
+"""Hysteresis and creep are found in a recording, and the board corrects forces for them.
 
-The compensation is made of play operators and exponentials. So it is tested most on `power`, a
-material of other laws, see `spots_sim.silicone`.
+The compensation is made of play operators and exponentials. So most tests use `power`, a material
+with other laws, see `spots_sim.silicone`.
 """
 
 import numpy as np
@@ -50,7 +50,7 @@ class Strip:
         return coupling(self._contact, effective[0]) if effective else 0.0
 
     def recorded(self, loads):
-        """Return time, true force, read force and place of each reading while it is loaded."""
+        """Return time, true force, measured force and position of each reading under the loads."""
         time_s = np.arange(0, points(loads)[-1][-1][0] + 1, STEP_S)
         force_mN, place = loaded(loads, time_s)
         memory = Memory(self._silicone)
@@ -60,7 +60,7 @@ class Strip:
         return time_s, force_mN, np.round(read + (read > 0) * noise), place
 
     def compensated(self, recorded, line):
-        """Return the forces that a board with the line of a compensation reads."""
+        """Return the forces that a board computes with the calibration line of a compensation."""
         compensation = Calibration([*self._lines, line]).compensation
         found = []
         for time_s, _, read, share in zip(*recorded):
@@ -71,7 +71,7 @@ class Strip:
 
 
 def off_by(line, factor):
-    """Return the line with the size of each effect changed by a factor."""
+    """Return the line of a compensation, with the size of each effect multiplied by a factor."""
     name, *words = line.split()
     values = [int(word) for word in words]
     values[0] = round(4096 + factor * (values[0] - 4096))

@@ -1,4 +1,4 @@
-"""The table from brightness to force: errors to both sides, and small."""
+"""The table from brightness to force: its errors are small, and have both signs."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from spots_sim.stage import calibrate
 
 
 def errors_mN(name):
-    """Return the errors of the force that a board reads from light without noise."""
+    """Return the force errors of a board for light without noise."""
     sensor = load(SensorFile, name)
     decode = Decoded()
     decode.calibration = table = Calibration(calibrate(sensor))

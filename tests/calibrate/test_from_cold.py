@@ -1,4 +1,4 @@
-"""A real strip from switching on cold; the long version is ``python -m spots_sim.from_cold 20``."""
+"""A real strip, switched on with a cold LED; ``python -m spots_sim.from_cold 20`` runs longer."""
 
 import numpy as np
 import pytest

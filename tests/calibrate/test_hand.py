@@ -29,7 +29,7 @@ PATIENCE_S = 25.0  # longer than a simulated person forgets a press, but quick t
 
 
 class Room(io.StringIO):
-    """A plain terminal with a person before it, and the stage with the strip."""
+    """A person at a plain terminal, and the simulated stage with the strip."""
 
     def __init__(self, stage, habits, seed=1):
         super().__init__()
@@ -64,7 +64,7 @@ def calibrate(room, path, kind, count, plan=PLAN):
 
 
 def errors_um(stage, made):
-    """Return the mean error of readings under 3 N at places along the strip."""
+    """Return the position errors of readings under 3 N at positions along the strip, in um."""
     decode = Decoded()
     decode.calibration = Calibration(made.lines)
     del stage.held.presses
@@ -77,7 +77,7 @@ def errors_um(stage, made):
 
 
 def relative_forces(stage, made):
-    """Return readings of the force and the light of presses with ascending forces."""
+    """Return the measured force and the light of presses with ascending forces."""
     decode = Decoded()
     decode.calibration = Calibration(made.lines)
     found = []
@@ -135,15 +135,15 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     path = tmp_path / "a.jsonl"
     with Stage(msgspec.structs.replace(sensor, length_mm=60.0), seed=3) as stage:
         room = Room(stage, Habits(place_mm=0.3, slips=0))
-        room.answers = ["again", "", "40", "300N", "9g", "80mm", *[""] * 10, "57mm", "", "undo"]
+        room.answers = ["again", "", "40", "300N", "9g", "80mm", *[""] * 10, "25mm", "", "undo"]
         made = calibrate(room, path, "fine", 20)
         assert np.abs(errors_um(stage, made)).mean() < 300
     said = room.getvalue()
     assert "'40' is not valid: type numbers with units" in said
-    assert "300N is no force of a finger: did you mean 300 g?" in said
-    assert "9g is no force of a finger: did you mean 9 N?" in said
+    assert "300N is not a possible force of a finger: did you mean 300 g?" in said
+    assert "9g is not a possible force of a finger: did you mean 9 N?" in said
     assert "80mm is beyond the end of the strip at 60 mm" in said
-    assert "57.0 mm with" in said
+    assert "25.0 mm with" in said
     assert said.count("is removed: its light is that of") == 1
     assert said.count("undone: ") == 1
     assert room.person.presses == 20 + 6

@@ -37,7 +37,7 @@ def silicone_lines(made):
 
 
 def width_mN(force_mN, read_mN):
-    """Return how much more is read in unloading than in loading; the force table cancels."""
+    """Return how much the force read in unloading exceeds that in loading, at equal true force."""
     top, at_mN = int(force_mN.argmax()), np.linspace(1000, 8000, 15)
     up = np.interp(at_mN, force_mN[: top + 1], read_mN[: top + 1])
     down = np.interp(at_mN, force_mN[top:][::-1], read_mN[top:][::-1])
@@ -46,7 +46,7 @@ def width_mN(force_mN, read_mN):
 
 @pytest.fixture(scope="module")
 def session(sensor, tmp_path_factory):
-    """Return a function of a model that returns a session's file and the result of `fine`."""
+    """Return a function that makes a session with a material model; it returns file and result."""
 
     @lru_cache
     def session(model):

@@ -23,7 +23,7 @@ ROWS, COLUMNS = 40, 120
 
 
 def calibrate_in_terminal(folder, words, length_mm, habits, seed):
-    """Run ``spots calibrate`` in a PTY; return the person before it, exit code and output."""
+    """Run ``spots calibrate`` in a PTY; return the simulated person, exit code and output."""
     pipe = folder / "finger"
     os.mkfifo(pipe)
     ours, theirs = pty.openpty()

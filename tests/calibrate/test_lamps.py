@@ -213,7 +213,7 @@ def test_an_application_runs_with_a_calibration_made_under_lamps(tmp_path, mains
 
 
 class Stops(StagePresser):
-    """Refuses the first press of a session, when the settings of the lamps are known."""
+    """A presser that ends the session at its first press, after the lamps were measured."""
 
     def press(self, wanted):
         raise SpotsError("the session ends here")

@@ -43,7 +43,7 @@ DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """A whole session by the command line: its session file and its calibration file."""
+    """A complete session with the command line: its session file and its calibration file."""
     path = tmp_path_factory.mktemp("made") / "strip.jsonl"
     words = ["--session", str(path), "--plan", PLAN, "--port", "virtual"]
     for kind in (["position"], ["force"], ["strain", "--strain-percent", "10"]):
@@ -57,7 +57,7 @@ def made(full):
 
 
 class Drifted:
-    """A calibrated board, whose strip has changed since, and a bench to press its marks."""
+    """A calibrated board with a strip that has changed since, and a bench to press its marks."""
 
     def __init__(self, sensor, made, path, presser=StagePresser, change=DRIFT):
         self.stage = Stage(sensor, seed=5)
@@ -82,7 +82,10 @@ class Drifted:
         return self.board.command("hello")["calibration"]
 
     def errors(self, force_mN=3000.0, strain=0.0):
-        """Return errors in um and in mN at places along the strip, and the share trusted."""
+        """Return position errors in um, force errors in mN and the share of trusted readings.
+
+        The presses are at positions along the strip.
+        """
         self.stage.release()
         self.stage.held.strain = strain
         self.board.command(f"set strain_ppm={round(1e6 * strain)}")
@@ -264,7 +267,7 @@ def test_a_second_one_starts_from_the_original(made, sensor, tmp_path):
 
 
 class Stray(StagePresser):
-    """Presses somewhere else, so many times, from the given press on."""
+    """A presser that misses the mark a given number of times, from a given press on."""
 
     at, times, off_um = 0, 1, 3000.0
 

@@ -48,7 +48,7 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """A whole session by the command line: its session file and its calibration file."""
+    """A complete session with the command line: its session file and its calibration file."""
     path = tmp_path_factory.mktemp("full") / "session.jsonl"
     for words in (["position"], ["force"], ["strain", "--strain-percent", 10], ["joint"]):
         assert run(*words, "--session", path) == 0
@@ -56,7 +56,7 @@ def full(tmp_path_factory):
 
 
 class Touched:
-    """A stage whose board was given a calibration file, and what it feels."""
+    """A stage whose board has a given calibration file, and the readings of its presses."""
 
     def __init__(self, sensor, path, folder=None):
         self.stage = Stage(sensor, seed=11)
@@ -220,7 +220,8 @@ def test_an_unfinished_joint_is_left_out_until_it_is_finished(full, tmp_path, ca
     path.write_bytes(b"".join([*others, *lines[len(others) :][:3]]))
     assert run("force", "--session", path) == 0
     said = capsys.readouterr().out
-    assert said.count("the joint is left out: a joint needs 4 angles or more in each dir") == 1
+    without = "the calibration is written without the joint: a joint needs 4 angles or more"
+    assert said.count(without) == 1
     assert file.load(out).lines == file.load(full.out).lines
     assert file.load(out).joint is None
     assert run("joint", "--session", path) == 0
@@ -235,7 +236,9 @@ def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
     assert run("joint", "--places", 4, "--session", path) == 0
     # Of the last three angles of seven, four have two already.
     assert run("joint", "--places", 7, "--session", path) == 0
-    assert capsys.readouterr().out.count("degrees was taken already: turn the joint further") == 4
+    assert (
+        capsys.readouterr().out.count("degrees was measured already: turn the joint further") == 4
+    )
     for direction in (1, -1):
         angles = [p.angle_deg for p in Session(path).of("joint") if p.direction == direction]
         assert len(angles) == len(set(angles)) == 5
@@ -292,11 +295,11 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["strain"], "--strain-percent: give it with 'strain'"),
-        (["position", "--strain-percent", 5], "only with 'strain'"),
-        (["position", "--places", 5], "position needs 12 or more"),
-        (["force", "--places", 5], "force needs 14 or more"),
-        (["position", "--places", 0], "position needs 12 or more"),
+        (["strain"], "give --strain-percent together with 'strain'"),
+        (["position", "--strain-percent", 5], "together with 'strain'"),
+        (["position", "--places", 5], "must be 12 or more for 'position'"),
+        (["force", "--places", 5], "must be 14 or more for 'force'"),
+        (["position", "--places", 0], "must be 12 or more for 'position'"),
         (["strain", "--strain-percent", 10], "calibrate position and force before strain"),
         (["joint"], "there is no file"),
         (["position", "--plan", "F1,F2"], "six different diodes"),
@@ -346,7 +349,7 @@ def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path
 
 
 class Wrong(StagePresser):
-    """Presses the tenth place wrongly, once or always."""
+    """A presser that presses the tenth position wrongly, once or always."""
 
     def __init__(self, stage, mistake, times):
         super().__init__(stage)
@@ -515,7 +518,7 @@ def test_a_calibration_of_something_else_is_refused_and_the_board_keeps_its_own(
 
 
 class Person(io.StringIO):
-    """Reads what is printed, and does it: presses the strip, answers questions."""
+    """A person who reads what is printed, presses the strip, and answers questions."""
 
     def __init__(self, held, sensor):
         super().__init__()
@@ -593,10 +596,10 @@ def test_a_terminal_shows_the_place_and_the_counts(sensor, tmp_path):
 
 
 def float_estimates(calibration, counts, dark):
-    """Evaluate a calibration in float64: what the integers approximate.
+    """Evaluate a calibration in float64, which the integers approximate.
 
-    Returns the estimates of every segment that the coarse contrast may stand for, within the
-    rounding of the integers at a border.
+    Returns the estimates of every segment that the coarse contrast may select, because the integers
+    are rounded at the border of a segment.
     """
     logs = np.log2(np.asarray(counts, float) - np.asarray(dark) / 4) * 2**20
     coarse = logs @ np.array(calibration.coarse) / 2**13

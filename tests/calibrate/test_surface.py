@@ -6,6 +6,7 @@ import pytest
 from spots.calibrate.presses import Noise, Presses
 from spots.calibrate.surface import fitted
 from spots_sim.bound import Bound
+from spots_sim.files import SensorFile, load
 
 PLAN = "F3", "F4", "F5", "F6", "F7", "F8"
 
@@ -25,3 +26,26 @@ def test_errors_of_weak_forces_do_not_spoil_firm_ones(sensor, seed):
     at_um, at_mN = np.full(12, length_um / 2), np.geomspace(500, 9000, 12)
     expected = np.log2([light.counts(x, f) for x, f in zip(at_um, at_mN)]).mean(axis=1)
     assert np.abs(surface.logs(at_um, at_mN).mean(axis=1) - expected).mean() < 0.02
+
+
+def test_straight_channels_show_the_errors_of_a_ruler():
+    sensor = load(SensorFile, "long_200mm")
+    light, length_um, off_um = Bound(sensor, PLAN, 9, 10_000, 20), 1000 * sensor.length_mm, []
+    at_um, at_mN = np.linspace(0.05, 0.95, 19) * length_um, np.full(19, 3000.0)
+    expected = np.log2([light.counts(x, f) for x, f in zip(at_um, at_mN)])
+    slopes = np.gradient(expected, at_um, axis=0)
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        places_um, forces_mN = (
+            rng.uniform(0, length_um, 39),
+            rng.permutation(np.geomspace(450, 10_000, 39)),
+        )
+        counts = np.array([light.counts(x, f) for x, f in zip(places_um, forces_mN)])
+        read_um = places_um + rng.uniform(-500, 500, 39)
+        read_mN = forces_mN * (1 + rng.uniform(-0.05, 0.05, 39))
+        taken = Presses(read_um, read_mN, counts, np.full_like(counts, 0.1), np.zeros(39, bool))
+        off = expected - fitted(taken, Noise.of(taken), 75, length_um).logs(at_um, at_mN)
+        off -= off.mean(axis=1, keepdims=True)
+        colours = slopes - slopes.mean(axis=1, keepdims=True)
+        off_um.append((off * colours).sum(axis=1) / (colours**2).sum(axis=1))
+    assert np.sqrt(np.mean(np.square(off_um))) < 100

@@ -25,7 +25,7 @@ ARGUMENTS = [
 
 @pytest.fixture
 def product_alone(monkeypatch):
-    """No module and no entry point of the laboratory."""
+    """Hide all modules and entry points of the simulator."""
     for module in (ports, spots.cli, arguments_module):
         known = module.entry_points
         monkeypatch.setattr(

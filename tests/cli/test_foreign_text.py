@@ -46,7 +46,7 @@ OURS = re.compile(r"\x1b\[(?:[0-9;]*m|[0-9]*[AK]|\?25[lh])|\r")
 
 
 class Screen:
-    """What commands print, on a terminal or into a pipe, from this process."""
+    """Captures what commands of this process print, on a terminal or into a pipe."""
 
     def __init__(self, monkeypatch, terminal):
         self._terminal = terminal
@@ -69,12 +69,12 @@ class Screen:
 
     @contextlib.contextmanager
     def on(self):
-        """Print on it."""
+        """Capture all output in a ``with`` block."""
         with contextlib.redirect_stdout(self._file), contextlib.redirect_stderr(self._file):
             yield
 
     def run(self, *arguments):
-        """Run a command, whatever its end: what it prints is looked at."""
+        """Run a command; ignore its exit code and errors, because only its output is checked."""
         with self.on():
             try:
                 return main([str(one) for one in arguments])
@@ -82,7 +82,7 @@ class Screen:
                 return end.code
 
     def text(self):
-        """Return all that was printed, without what this program itself says to a terminal."""
+        """Return all output, without the control sequences that this program itself prints."""
         self._file.close()
         self._thread.join(30)
         os.close(self._reader)
@@ -96,13 +96,13 @@ def screen(request, monkeypatch):
 
 
 def assert_shown(text, shown=True):
-    """What is printed has the foreign text, and nothing in it acts on a terminal."""
+    """Check that the output has the foreign text, and no characters that control a terminal."""
     assert not (found := DANGER.search(text)), text[max(0, found.start() - 200) :][:300]
     assert (MARK in text) == shown, text
 
 
 class Evil(Plug):
-    """A board whose every text is foreign; `error` and `fault` where they are wanted."""
+    """A board whose replies contain foreign text; `error` and `fault` add it to these values."""
 
     error = False
     fault = None
@@ -132,7 +132,7 @@ class Evil(Plug):
 
 @pytest.fixture
 def evil_board():
-    """The port of a board that answers with foreign texts, and the board."""
+    """A board that replies with foreign text, and its port."""
     with Hub(0) as hub:
         board = Evil("evil")
         board.plug()
@@ -142,7 +142,7 @@ def evil_board():
 
 @pytest.fixture
 def evil_usb(monkeypatch):
-    """A USB device whose descriptors are written by somebody else."""
+    """A USB device whose descriptors contain foreign text."""
     usb = SimpleNamespace(
         device="/dev/tty" + NAME, description=EVIL, product=EVIL, manufacturer=EVIL,
         serial_number=EVIL, vid=1, pid=2, location="1-1", interface=EVIL, hwid=EVIL, name=EVIL,
@@ -190,7 +190,7 @@ def listed(board):
 
 
 def a_session():
-    """Return the session file of a calibration that a board with a foreign name was given."""
+    """Return the session file of a calibration of a board with a foreign name."""
     of = {"board": NAME, "plan": (NAME, "F4", "F5", "F6", "F7", "F8"), "gain": 9}
     of |= {"exposure_us": 5000, "led_mA": 4, "time": NAME, "saturated": False}
     numbers = (1.0,) * 6
@@ -324,7 +324,7 @@ def test_a_variable_of_the_environment(screen, monkeypatch, variable):
 
 @pytest.fixture
 def network(tmp_path, monkeypatch):
-    """A session of somebody who may publish anything."""
+    """A Zenoh session that can publish any data."""
     net = Net(tmp_path)
     monkeypatch.setenv("ZENOH_CONFIG", str(net.leaf))
     monkeypatch.setattr("spots.remote.zenoh_session._PATIENCE_S", 60.0)

@@ -31,7 +31,7 @@ def port():
 
 
 def refused(capsys, *arguments):
-    """Run the command line; it must fail with one line, which is returned."""
+    """Run the command line, which must fail with one line; return this line."""
     assert main(list(arguments)) == 2
     output = capsys.readouterr()
     assert output.out == ""
@@ -115,7 +115,7 @@ def test_no_micropython_on_this_platform(capsys, monkeypatch):
     )
     monkeypatch.setattr(vm.shutil, "which", lambda name: None)
     assert main(["flash", "virtual", "--dry-run"]) == 2
-    assert "this needs MicroPython: pip install jonnor" in capsys.readouterr().err
+    assert "this command needs MicroPython: pip install jonnor" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

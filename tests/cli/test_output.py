@@ -19,7 +19,7 @@ TIMEOUT_S = 120
 
 
 def said(arguments, stdout, unbuffered=""):
-    """Run the command line with that output; return its exit code and what it says of it."""
+    """Run the command line with a given output; return exit code and error message."""
     run = subprocess.run(
         [sys.executable, "-m", "spots", *arguments],
         stdout=stdout,

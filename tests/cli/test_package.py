@@ -15,7 +15,7 @@ REPOSITORY = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def folder(installed, tmp_path_factory):
-    """A folder with a recording, for the commands that take one."""
+    """A folder with a recording, for commands that need one."""
     folder = tmp_path_factory.mktemp("work")
     run = command(installed, folder, "record", "a.spots", "--port", "virtual", "--seconds", "0.5")
     assert run.returncode == 0, run.stderr

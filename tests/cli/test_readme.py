@@ -47,7 +47,7 @@ PRINTED = {
 
 
 def _installed_by_make_demo():
-    """Return the names of the distributions, by what the Makefile asks pip for."""
+    """Return the names of the distributions that `make demo` installs, from the Makefile."""
     recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\n.venv/demo:")[1]
     extras = ",".join(re.findall(r"'\.\[([a-z,]+)\]'", recipe.split("\n\n")[0]))
     found, wanted = set(), [Requirement(f"spots-tactile[{extras}]")]
@@ -103,7 +103,7 @@ def newcomer(tmp_path_factory, installed):
 
 
 def run(words, said, newcomer):
-    """Run to the end, or until it says so and Ctrl-C; return its output."""
+    """Run a command to its end, or send Ctrl-C when it has printed `said`; return its output."""
     folder, environment = newcomer
     process = subprocess.Popen(
         words,
@@ -147,7 +147,7 @@ def test_a_program_of_the_readme_runs_after_make_demo(text, newcomer):
 
 
 def walk():
-    """Return the lines of hardware.md's list, as it says to change them for a virtual board."""
+    """Return the commands of hardware.md's list, changed for a virtual board as it describes."""
     text = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
     steps = text.split("## From bare board to key press\n")[1].split("\n## ")[0]
     numbers = [int(number) for number in re.findall(r"^(\d+)\. ", steps, re.MULTILINE)]

@@ -36,7 +36,7 @@ else:
 
 @pytest.fixture
 def interrupted():
-    """Return a function that starts a writer and returns it in the middle of its work."""
+    """Return a function that starts a writer in another process, and stops it during its work."""
     processes = []
 
     def start(*arguments):
@@ -58,7 +58,7 @@ def kill(process):
 
 
 def age(folder):
-    """Let all parts in a folder be as if nobody had changed them for hours."""
+    """Set the times of all temporary files in a folder to hours ago."""
     for path in folder.glob(".spots-*"):
         os.utime(path, (0, 0), follow_symlinks=False)
 

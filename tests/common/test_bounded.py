@@ -70,7 +70,7 @@ def special(kind, path):
 
 @pytest.fixture
 def bounded():
-    """Bound memory and time, so that a file that is read without end fails its test."""
+    """Limit memory and time, so that the test fails if a file is read without end."""
 
     def hang(number, frame):
         raise AssertionError(f"not refused in {HANGS_S} s")
@@ -90,7 +90,7 @@ def bounded():
 
 @pytest.fixture
 def refused(bounded, tmp_path, monkeypatch, capfd):
-    """Return a function that runs a command with bounded memory and returns its sentence."""
+    """Return a function that runs a command with limited memory, and returns its error message."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "drawn.toml").write_text(DRAWN)
 

@@ -52,7 +52,7 @@ with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False
 
 
 class Devices:
-    """What a computer knows of the devices of a process, from the events of the stand-in."""
+    """State of the virtual devices of a process, computed from the events of the substitute."""
 
     def __init__(self, path):
         self._path = path
@@ -71,7 +71,7 @@ class Devices:
 
 @pytest.fixture
 def start(environment, tmp_path):
-    """Return a function that starts a program in a job of its own, and waits until it plays."""
+    """Return a function that starts a program in its process group, and waits until it is ready."""
     with contextlib.ExitStack() as stack:
 
         def started(program, before=lambda: None):
@@ -100,7 +100,7 @@ def until(condition):
 
 
 def ignore_signals():
-    """As nohup does, and a shell's background without job control."""
+    """Ignore signals, as nohup does, and a shell for background jobs without job control."""
     for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
 
@@ -195,7 +195,7 @@ def test_no_signal_is_ignored_here():
 
 
 def test_nor_where_the_tests_were_started_with_signals_ignored():
-    """As nohup and a shell's background start them."""
+    """The signals are ignored as by nohup, or by a shell that starts a background job."""
     test = f"{__file__}::{test_no_signal_is_ignored_here.__name__}"
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", test]
     ran = subprocess.run(command, preexec_fn=ignore_signals, capture_output=True, text=True)
@@ -203,7 +203,7 @@ def test_nor_where_the_tests_were_started_with_signals_ignored():
 
 
 def test_a_console_event_of_windows_waits_until_all_is_released(monkeypatch):
-    """Its handler runs in a thread, and the process ends when that returns."""
+    """Windows calls the handler in a thread, and ends the process when the handler returns."""
     released, lines, found = threading.Event(), [], []
     monkeypatch.setattr(devices, "print", lambda line, flush: lines.append(line), raising=False)
 
@@ -235,7 +235,7 @@ def test_handlers_are_put_back():
 
 
 def test_an_end_that_is_caught_in_the_block_is_no_end():
-    """For programs that Ctrl-C ends in an orderly way."""
+    """A program may catch the exception of Ctrl-C and then end normally."""
     with released_by_signals(), contextlib.suppress(KeyboardInterrupt):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(DEADLINE_S)
@@ -255,7 +255,7 @@ points = [[0.20, 42.5, 0], [0.25, 42.5, 3000], [0.75, 42.5, 3000], [0.80, 42.5, 
 
 
 class Shell:
-    """An interactive shell on a terminal of its own."""
+    """An interactive shell on its own terminal."""
 
     def __init__(self, environment):
         self.pid, self._end = pty.fork()
@@ -267,7 +267,7 @@ class Shell:
         os.write(self._end, text.encode())
 
     def read(self):
-        """Take what it prints, so that nothing has to wait."""
+        """Read what the shell prints, so that no process blocks on a full terminal."""
         os.set_blocking(self._end, False)
         with contextlib.suppress(OSError):
             return os.read(self._end, 65_536)

@@ -48,7 +48,7 @@ KINDS = {
 
 
 def read(kind, path):
-    """Read a file as the program does, where that needs no other file."""
+    """Read a file of a kind as the program does, if this needs no other file."""
     if kind == "layout":
         return layout.load(path)
     if kind == "wearable":

@@ -38,7 +38,7 @@ ONE, TWO = 1, 2
 
 
 class Play:
-    """A controller, a clock, and what was sent."""
+    """A controller, a simulated clock, and the states that were sent."""
 
     def __init__(self, every_s=EVERY_S, start_us=0, **settings):
         settings = {"x": X, "z": Z, "rate_hz": 1000, **settings}

@@ -1,4 +1,4 @@
-"""A board plays a gamepad: from the scenario's finger to the kernel, for every exit path."""
+"""A board controls a gamepad: from the scenario's finger to the kernel, on every exit path."""
 
 import contextlib
 import io
@@ -261,7 +261,7 @@ def test_a_gamepad_that_is_gone_ends_it_in_a_sentence(rig, evdev):
 
 @pytest.fixture
 def process(environment, tmp_path):
-    """``spots controller`` on a virtual board, playing the stand-in; and its events."""
+    """``spots controller`` on a virtual board with a substitute gamepad, and its events."""
     if sys.platform == "win32":
         pytest.skip("Windows has no such signals and no FIFO")
     events, handle = tmp_path / "events", tmp_path / "handle"
@@ -322,7 +322,7 @@ def test_a_killed_process_leaves_no_handle_of_the_device_behind(process):
 
 
 class Person:
-    """Does what is asked, on a stage."""
+    """A person who presses the strip of a simulated stage as requested."""
 
     def __init__(self, held, touches):
         self.held, self.touches, self.said = held, dict(touches), []
@@ -531,7 +531,7 @@ ANCHOR = Anchored(number=5, to_percent=25)
 
 
 def anchored_states(rig, *fingers):
-    """Play fingers on a strip whose part near the sensor is an anchor; return (time, state)."""
+    """Move fingers on a strip with an anchor button near the sensor; return (time, state) pairs."""
     made = rig(Scenario(ScenarioFile(seconds=8.0, touch=list(fingers))))
     settings = msgspec.structs.replace(made.settings, button=[*made.settings.button, ANCHOR])
     made.controller = play.controller_for(made.board, settings)

@@ -1,4 +1,4 @@
-"""The files for each board: compiled if possible, and none from an earlier build."""
+"""The files for each board: compiled if possible, and without files of an earlier build."""
 
 import json
 import re
@@ -79,7 +79,7 @@ def test_an_led_that_no_board_has_is_refused(led, tmp_path, monkeypatch):
 
 
 def traceback_on_board(folder, code):
-    """Return the last place in the traceback of `code`: file and function."""
+    """Run code on a board, and return file and function of the last line of its traceback."""
     run = subprocess.run(
         [*micropython_command(), "-c", code], cwd=folder, capture_output=True, text=True
     )
@@ -123,7 +123,7 @@ def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
 
 def test_a_failure_leaves_the_old_build(tmp_path, monkeypatch):
     before = files_of(build("virtual", tmp_path))
-    monkeypatch.setattr(builder, "_mpy_cross", lambda: ["false"])
+    monkeypatch.setattr(builder, "mpy_cross_command", lambda: ["false"])
     with pytest.raises(SpotsError, match="mpy-cross refuses "):
         build("virtual", tmp_path)
     assert files_of(tmp_path / "virtual") == before

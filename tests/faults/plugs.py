@@ -22,7 +22,7 @@ _FINGER = 6  # readings with a finger, then as many without
 
 
 class Plug:
-    """One board: answers hello, get, set, stream and sync; touches come and go."""
+    """A board that answers hello, get, set, stream and sync, and sends alternating touches."""
 
     def __init__(self, board_id):
         self.board_id = board_id
@@ -32,7 +32,7 @@ class Plug:
         self._pending = b""
 
     def plug(self):
-        """Give it power, and a port; the name is one that it has not just had."""
+        """Switch the board on, with a port whose name differs from its last name."""
         previous, self._end = self.name, None
         ends = []
         while self._end is None:

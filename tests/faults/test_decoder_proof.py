@@ -1,10 +1,10 @@
 """The decoder under every possible damage of one byte, and many damages of several bytes.
 
-A piece of the stream is what lies between two delimiters. Damage that leaves the delimiters of a
-frame alone changes that piece only, so that variants of a frame are tried one behind the other in
-one stream, with a whole frame at the end that has to arrive.
+A piece of the stream is the bytes between two delimiters. Damage inside a frame changes only its
+piece. So one stream contains many damaged variants of a frame, one after the other, and at its end
+an undamaged frame, which must arrive.
 
-As a program it tries a million damages for each seed that it is given.
+Run as a program, it tries a million cases of damage for each seed given.
 """
 
 import sys
@@ -20,7 +20,7 @@ MULTIPLE = 200_000
 
 
 def made():
-    """Return the frames as bytes, and as what they mean."""
+    """Return the frames as bytes, and as decoded frames."""
     pieces = frames(COUNT)
     return pieces, [Decoder().feed(piece)[0] for piece in pieces]
 
@@ -31,7 +31,7 @@ def stream():
 
 
 def intruders(damaged, meaning, last, last_meaning):
-    """Return what a decoder makes of variants of a frame, but that frame; `last` must arrive."""
+    """Return the frames that a decoder finds in damaged variants; the frame `last` must arrive."""
     found = Decoder().feed(damaged + last)
     assert found[-1:] == [last_meaning]
     return [one for one in found[:-1] if one != meaning]
@@ -119,7 +119,7 @@ def damaged(piece, count, rng):
 
 
 def many_damages(stream, seed, multiple=MULTIPLE):
-    """Return the frames that are none of those sent."""
+    """Return the received frames that were never sent."""
     rng = np.random.default_rng(seed)
     pieces, meanings = stream
     each = multiple // COUNT

@@ -30,7 +30,7 @@ def faults(seed=0, seconds=60.0, **parts):
 
 
 def everything(data, damage, step=26, step_us=10_000.0):
-    """Send bytes in pieces, one each 10 ms, and return what arrives."""
+    """Send bytes in blocks, one every 10 ms, and return the bytes that arrive."""
     pieces = [data[i : i + step] for i in range(0, len(data), step)]
     return b"".join(damage(piece, i * step_us) for i, piece in enumerate(pieces))
 
@@ -139,7 +139,7 @@ def test_a_link_is_damaged_in_both_directions():
 
 @pytest.fixture
 def wired(sensor):
-    """Return a function that makes a faulty bus with a chip on it, long after power-on."""
+    """Return a function that makes a faulty bus with a chip, some time after power-on."""
 
     def make(**parts):
         bus = I2CBus(chip(sensor, Held(), 0), SimulatedClock(1000.0))
@@ -150,7 +150,7 @@ def wired(sensor):
 
 
 def failures(bus, transfers, step_us=1000.0):
-    """Return the errno of each of so many reads of the chip's id, 0 where it answers."""
+    """Return the errno of each of `transfers` reads of the chip's id; 0 for success."""
     found = []
     for _ in range(transfers):
         bus.clock.spend_us(step_us)

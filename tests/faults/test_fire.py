@@ -22,7 +22,7 @@ def run(capsys, *arguments, command=main):
 
 @pytest.fixture(scope="module")
 def quiet_fire(tmp_path_factory):
-    """`fire` without what acts on board and bus: only the bytes are damaged."""
+    """The scenario `fire` with damaged bytes only, without faults of board and bus."""
     lines = (DATA / "scenarios" / "fire.toml").read_text().split("[faults.i2c]")
     path = tmp_path_factory.mktemp("scenarios") / "quiet.toml"
     path.write_text(lines[0] + "[[touch]]" + lines[1].split("[[touch]]", 1)[1])

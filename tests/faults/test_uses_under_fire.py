@@ -1,7 +1,7 @@
 """Keys and controller with all faults: no press without a finger, and no stuck key.
 
-Two keyboards at once: the board's own engine, whose reports go out over USB, and the one on the
-host, which sees only what came through the damaged link.
+Two key engines run at once: that of the board, whose reports leave over USB, and that of the host,
+which gets only the frames that have passed the damaged link.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ LATE_S = 0.06
 
 
 class Timed:
-    """Key events with the time at which they came."""
+    """Key events with their times of arrival."""
 
     def __init__(self, now_s):
         self._now_s = now_s
@@ -99,7 +99,7 @@ def run(request, sensor, calibration, tmp_path_factory):
 
 
 def under(run, now_s):
-    """Return the keys under a finger at about this time."""
+    """Return the keys that fingers touch at about the time `now_s`."""
     moments = np.arange(now_s - LATE_S, now_s + 0.005, 0.005)
     found = set()
     for moment in moments:
@@ -144,7 +144,7 @@ def seen(events_s, touch):
 
 
 def test_every_press_is_seen_on_the_host_and_on_the_board(run):
-    """All last longer than the longest burst, and none lies in a brown-out as a whole."""
+    """Each press is longer than the longest burst, and not completely inside a brown-out."""
     presses_s = [now_s for now_s, _, pressed in run.host.events if pressed]
     reports_s = [now_s for now_s, usage in run.reports if usage]
     played = [

@@ -1,4 +1,4 @@
-"""A keypad in CPython: readings in, events out, with 10 ms between two readings."""
+"""A keypad in CPython, which gets a reading every 10 ms and records its events."""
 
 from __future__ import annotations
 
@@ -25,22 +25,23 @@ def key(low, high, tap=0, double=0, hold=0, firm=0, minus=0, plus=0):
 
 
 class Desk:
-    """A keypad with a layout, and a finger to play with.
+    """A keypad with a layout, and a simulated finger.
 
     Attributes
     ----------
     events : list of (int, bool)
-        Usages that went down or up; ``modifiers`` has those beside each press.
+        Usage of each key event, and whether the key was pressed; ``modifiers`` has the modifiers of
+        each press.
     """
 
-    def __init__(self, *lines, length_um=LENGTH_UM, number=int):
+    def __init__(self, *lines, length_um=LENGTH_UM, decay=DECAY, number=int):
         self._number = number
         self.events = []
         self.modifiers = []
         self.rests = 0
         self.now_ms = (TICKS * 1024 // 1000) - 300  # about to wrap
         self.pad = Keypad(self)
-        self.pad.set_layout(Layout(lines), number(length_um), number(DECAY))
+        self.pad.set_layout(Layout(lines), number(length_um), number(decay))
         self.lift(60)
 
     def key(self, page, usage, modifiers, pressed):
@@ -52,7 +53,7 @@ class Desk:
         self.rests += 1
 
     def read(self, flags, x_um=0, force_mN=0):
-        """One reading."""
+        """Process one reading."""
         t = self._number(self.now_ms * 1000 // 1024 % TICKS)
         number = self._number
         # 0.4 counts a millinewton, as on the default strip.
@@ -62,32 +63,32 @@ class Desk:
         self.now_ms += READING_MS
 
     def press(self, x_mm, milliseconds=60, force_mN=1000, flags=TOUCHING):
-        """Hold a finger there."""
+        """Hold a finger at a position."""
         for _ in range(milliseconds // READING_MS):
             self.read(flags, int(1000 * x_mm), force_mN)
 
     def slide(self, from_mm, to_mm, milliseconds):
-        """Move a finger that is down."""
+        """Slide a finger that already touches."""
         steps = milliseconds // READING_MS
         for i in range(steps):
             self.press(from_mm + (to_mm - from_mm) * (i + 1) / steps, READING_MS)
 
     def lift(self, milliseconds=60):
-        """Leave the strip alone."""
+        """Lift the finger, and wait."""
         for _ in range(milliseconds // READING_MS):
             self.read(TOO_DARK)
 
     def tap(self, x_mm, milliseconds=60, gap_ms=60, **options):
-        """Press and lift."""
+        """Press, lift, and wait."""
         self.press(x_mm, milliseconds, **options)
         self.lift(gap_ms)
 
 
 def clicks(*usages):
-    """Return the events of keys that go down and up one after the other."""
+    """Return the events of keys that are pressed and released one after the other."""
     return [event for usage in usages for event in ((usage, True), (usage, False))]
 
 
 def limit(name):
-    """Return a limit's default."""
+    """Return the default value of a limit."""
     return LIMITS[name][2]

@@ -42,7 +42,7 @@ class Usb:
 
 
 class Host(canned.Serial):
-    """A port on which a host sends lines and reads what is answered."""
+    """A substitute port, on which a host sends lines and reads the replies."""
 
     def __init__(self):
         super().__init__()
@@ -56,7 +56,7 @@ class Host(canned.Serial):
 
 
 class Board:
-    """The application on a canned sensor, and a host that talks to it."""
+    """The application with a substitute sensor, and a host that sends commands."""
 
     def __init__(self, settings=(), usb=None, calibration=()):
         self.host = Host()
@@ -82,7 +82,7 @@ class Board:
             self.app.step()
 
     def find(self):
-        """Plug it in again, and let the board sample."""
+        """Plug the sensor in again, and let the board take samples."""
         self.bus.read_into = self._registers
         while self.app.reconnect.fault:
             self.app.step()

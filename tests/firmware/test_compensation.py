@@ -1,4 +1,4 @@
-"""The compensation of hysteresis and creep: exact, within 31 bits, off without its lines."""
+"""The compensation of hysteresis and creep: exact, within 31 bits, off without its line."""
 
 import math
 
@@ -14,7 +14,7 @@ ONE = 4096
 
 
 def compensation(gain=ONE, play=(300, 0), creep=(1000, 0)):
-    """Return one with a single play operator and a single part of the creep."""
+    """Return a compensation with a single play operator and a single part of the creep."""
     return Compensation((gain, play[0], 0, 0, play[1], 0, 0, creep[0], 1, 1, creep[1], 0, 0))
 
 

@@ -28,7 +28,7 @@ def Dark():
 
 
 def window(dark, counts):
-    """Take a window of these counts, or of what they return for each sample."""
+    """Take a dark window of these counts, or of the counts that a function returns per sample."""
     dark.begin(EXPOSURE_US)
     samples = 1
     while not dark.add(counts() if callable(counts) else counts):

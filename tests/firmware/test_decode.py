@@ -128,7 +128,7 @@ def test_one_channel_no_brighter_than_its_dark_ends_the_touch(decoder, channel):
 
 
 def shifted(made, misfit):
-    """Give `LIT` a misfit (Q12) of which the calibration knows nothing."""
+    """Shift the misfits that a calibration expects, so that `LIT` has the misfit `misfit` (Q12)."""
     for segment in made.calibration.segments:
         for i in range(len(segment.fits)):
             segment.fits[i] -= misfit
@@ -198,6 +198,33 @@ def test_a_misfit_too_large_for_a_drift_is_good_for_nothing(decoder):
         decoder.update(LIT, 1, NO_DARK, 0)
         assert decoder.flags == FLAWED
         decoder.update(NO_DARK, 1, NO_DARK, 0)
+
+
+WEAK = [count * 30 // 100 for count in LIT]
+
+
+def test_light_that_fits_no_press_begins_a_touch_at_four_times_the_force(decoder):
+    begin = decoder.calibration.touch_on_mN
+    shifted(decoder, 1000)
+    for share in range(1, 101):
+        decoder.update([count * share // 100 for count in LIT], 1, NO_DARK, 0)
+        assert decoder.flags & decode.TOUCHING == (decoder.force_mN >= 4 * begin)
+        decoder.update(NO_DARK, 1, NO_DARK, 0)
+
+
+def test_light_that_fits_a_press_on_a_drifted_strip_begins_a_touch_at_its_force(decoder):
+    begin = decoder.calibration.touch_on_mN
+    shifted(decoder, decoder.calibration.drift_max)
+    begun = []
+    for _ in range(2):
+        decoder.update(WEAK, 1, NO_DARK, 0)
+        begun.append(decoder.flags)
+        assert begin < decoder.force_mN < 4 * begin
+        for _ in range(2):
+            for _ in range(3):
+                decoder.update(LIT, 1, NO_DARK, 0)
+            decoder.update(NO_DARK, 1, NO_DARK, 0)
+    assert begun == [decode.MISFIT, KEY]
 
 
 def test_without_a_calibration_nothing_is_claimed():

@@ -37,7 +37,7 @@ def test_no_current_is_not_the_largest_current():
 
 
 class Strip:
-    """Light as a strip would give it: gain in steps that are no exact powers of two."""
+    """Light of a strip for a search; the gain steps are not exact powers of two."""
 
     GAIN = (0.5, 1, 2, 4.1, 8, 16, 32, 64, 128, 253, 496)
 

@@ -1,4 +1,4 @@
-"""Readings move a gamepad's axes, in integers of 31 bits."""
+"""Readings move a gamepad's axes, in 31-bit integers."""
 
 import pytest
 from hypothesis import given

@@ -56,7 +56,7 @@ def report(*usages, modifiers=0):
 
 
 def pressed(reports):
-    """Return, report by report, the set of what is down."""
+    """Return, for each report, the set of pressed keys."""
     return [frozenset(one[2:]) - {0} for one in reports]
 
 
@@ -335,7 +335,7 @@ def test_a_report_id_stands_inside_the_collection():
 
 @pytest.fixture
 def adafruit_keyboard(monkeypatch):
-    """The module of Adafruit's keyboard, whose reports hosts have understood for years."""
+    """The module of Adafruit's keyboard, whose reports are known to work with hosts."""
     usb_hid = SimpleNamespace(Device=None)
     monkeypatch.setitem(sys.modules, "usb_hid", usb_hid)
     return importlib.import_module("adafruit_hid.keyboard")

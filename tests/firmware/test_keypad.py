@@ -27,7 +27,7 @@ PLAIN = key(500, 1000, letter(B))
 
 
 def one(*keys, **statements):
-    """Return a desk with one layer."""
+    """Return a desk whose layout has one layer."""
     lines = [f"{name} {value}" for name, value in statements.items()]
     return Desk(*lines, "layer 0 0", *keys)
 
@@ -348,7 +348,7 @@ def test_whatever_comes_no_key_is_doubled_or_stays_in_integers_of_31_bits(flavou
 
 @st.composite
 def taps(draw):
-    """Return somebody's taps on ten keys: where, how hard, how fast, how unsteadily."""
+    """Return random taps on ten keys: position, force, duration and unsteadiness of each."""
     hands = st.tuples(
         st.integers(0, 9),
         st.floats(0.12, 0.88),  # where on the key
@@ -456,7 +456,7 @@ THREE_KEYS = (
 
 
 def two_fingers(*lines):
-    """Return a desk with a finger at 10 mm, and one at 80 mm that presses its key."""
+    """Return a desk with a finger at 10 mm, and a second one at 80 mm that presses its key."""
     desk = Desk(*lines)
     desk.press(10)
     assert desk.pad.second(80_000, 2_000, 0)

@@ -34,7 +34,8 @@ class Usb:
 class Interrupts:
     """Raises KeyboardInterrupt at the given events of the firmware's code, counted from `arm` on.
 
-    Events are lines; in the functions that guard the others every bytecode is one.
+    Events are executed lines; in the functions that protect other functions from interrupts, every
+    bytecode is an event.
     """
 
     GUARDS = ("run", "_leave")
@@ -68,12 +69,12 @@ class Interrupts:
 
 @pytest.fixture(autouse=True)
 def _no_collection(monkeypatch):
-    """Leave out the collection at a start, which takes most of the time in a process of tests."""
+    """Skip the garbage collection at a start, which takes most of the time of such a test."""
     monkeypatch.setattr(app_module.gc, "collect", lambda: None)
 
 
 def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
-    """Leave a board whose key is down; return its USB and the interrupts that came meanwhile."""
+    """Interrupt a board while a key is pressed; return its USB, and the interrupts raised."""
     monkeypatch.chdir(tmp_path)
     if not (tmp_path / "settings.txt").exists():
         app_module.save_lines("settings.txt", ["keys=1"])

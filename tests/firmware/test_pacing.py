@@ -37,7 +37,7 @@ class Run:
         self.pacing.start(SmallInt(self.now % WRAP), nominal_us)
 
     def restart(self, nominal_us, true_us):
-        """Sample with another period from now on, on the same oscillator."""
+        """Continue with another sample period, on the same oscillator."""
         self.true_us, self.taken, self.samples = true_us, 0, []
         self.origin = self.now + 15_000
         self.learn()

@@ -18,15 +18,15 @@ from spots_sim.optics import Optics
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
-    """Keep the checks of `SmallInt` in what `solve` hands over: an array would end them."""
+    """Let `solve` keep the `SmallInt` values of its results: an array would convert them."""
     monkeypatch.setattr(second, "_solved", [0] * 4)
 
 
 @pytest.fixture(scope="module")
 def feel(sensor, calibration):
-    """Return a function from fingers (place in mm, share of full contact) to what the board has.
+    """Return a function from fingers (position in mm, share of full contact) to a reading.
 
-    Without a random generator there is no noise, and hardly any rounding.
+    Without a random generator, the reading has no noise and very little rounding.
     """
     calibration = Calibration(calibration)
     optics, made = Optics(sensor), calibration.conditions

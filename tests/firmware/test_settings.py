@@ -135,7 +135,7 @@ class PowerCutError(Exception):
 
 
 class Flash:
-    """A file system that loses power after so many bytes and changes of its directory."""
+    """A file system that loses power after a given number of bytes and directory changes."""
 
     def __init__(self, steps):
         self.left = steps
@@ -176,7 +176,7 @@ class Writer:
 
 
 def store(monkeypatch, path, lines, steps):
-    """Save with power for so many steps; return whether it lasted."""
+    """Save lines with power for a number of steps; return whether the save was completed."""
     flash = Flash(steps)
     with monkeypatch.context() as patch:
         patch.setattr(settings, "open", flash.open, raising=False)

@@ -34,7 +34,7 @@ HELD = ScenarioFile(
 
 
 class Computer(Keyboard):
-    """A keyboard that remembers, and may fail at its first key."""
+    """A keyboard that records its events, and may fail at its first key."""
 
     def __init__(self, fails=None):
         super().__init__()
@@ -49,7 +49,7 @@ class Computer(Keyboard):
 
 @pytest.fixture
 def board(sensor, calibration):
-    """A board on whose strip a finger comes down and stays."""
+    """A board with a finger that touches the strip and does not leave."""
     with Board(LockstepLink(sensor, Scenario(HELD), 0)) as made:
         prepare(made, calibration)
         yield made
@@ -64,7 +64,7 @@ def test_a_finger_types_and_the_end_of_the_time_lets_go(board):
 
 @pytest.mark.parametrize("end", [SpotsError("unplugged"), KeyboardInterrupt(), ValueError()])
 def test_whatever_ends_it_lets_go(board, monkeypatch, end):
-    """Unplugged, Ctrl-C, a fault in the program."""
+    """The board is unplugged, Ctrl-C is pressed, or the program has a fault."""
     touches = board.touches
 
     def ended(seconds):
@@ -141,7 +141,7 @@ WAITING = """[tuning]
 
 
 class Strip:
-    """A key engine, and the readings of a finger on it."""
+    """A key engine that gets the readings of a finger."""
 
     def __init__(self, tmp_path):
         path = tmp_path / "waiting.toml"
@@ -179,7 +179,7 @@ class Strip:
 @pytest.mark.parametrize("lifted", [True, False])
 @pytest.mark.parametrize("seconds", [0.4, 600, 4294.9])  # the last one: the board's clock wraps
 def test_silence_forgets_what_a_touch_would_have_pressed(tmp_path, ticking, key, lifted, seconds):
-    """However long it is, and also where nobody asked meanwhile."""
+    """This holds for any duration, also if `tick` was not called meanwhile."""
     strip = Strip(tmp_path)
     strip.press(key)
     if lifted:
@@ -357,7 +357,7 @@ def test_every_gesture_on_an_arm_that_moves_and_sweats(sensor, calibration, seed
 
 
 def test_a_held_press_is_never_taken_for_the_untouched_strip(sensor, calibration):
-    """For longer than anything is followed, while light leaks and the arm bends."""
+    """The press lasts longer than any change of the baseline; light leaks and the arm bends."""
     held = Finger(points=[(2.0, 40.0, 0), (2.1, 40.0, 2500), (14.0, 42.0, 2900), (14.1, 42.0, 0)])
     leak = [(0.0, 0.0, 30.0), (15.0, 0.01, 30.0)]
     found = gestures_of(

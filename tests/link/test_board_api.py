@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Strip(StandIn):
-    """A board that sends what it was told to stream, and keys; each read is one sample."""
+    """A substitute board that sends the streams it is asked for, and keys; one sample per read."""
 
     keys = 0
 

@@ -28,7 +28,7 @@ WRONG = [None, True, -1, 1e300, 0.5, "x", [], [[]], ["x"], {}, {"x": 1}, 2**70]
 
 
 class Told:
-    """A link to a board with the replies of a test."""
+    """A link to a substitute board that sends the replies of a test."""
 
     name = "told"
 

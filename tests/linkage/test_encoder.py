@@ -32,7 +32,7 @@ def touch(position_um, i=0, flags=decode.TOUCHING, time_s=None, start_us=0):
 
 
 def played(joint, angles_deg, noise_deg=0.0, seed=0, encoder=None, **options):
-    """Turn a joint with its play through angles and return what the encoder says of each."""
+    """Turn a joint with backlash through angles, and return the encoder's angles."""
     rng = np.random.default_rng(seed)
     encoder = encoder or Encoder(joint)
     at, half = angles_deg[0], joint.backlash_deg / 2

@@ -89,7 +89,7 @@ def test_a_reading_of_a_third_sensor_is_refused_in_one_sentence():
 
 
 class Shown(PageState):
-    """Remembers that a position of the end point was shown."""
+    """Records that a position of the end point was shown."""
 
     def __init__(self):
         super().__init__()

@@ -29,7 +29,7 @@ def files():
 
 @pytest.fixture(scope="module")
 def short(files):
-    """The first letter only."""
+    """A path with the first letter only."""
     sensor, linkage, path = files
     return sensor, linkage, msgspec.structs.replace(path, stroke=path.stroke[:1])
 
@@ -224,7 +224,7 @@ def test_a_path_beyond_the_linkage_is_refused(capsys, tmp_path):
 
 @pytest.fixture
 def quick(short, tmp_path):
-    """The options of a short run by the command line."""
+    """Command-line options of a short run."""
     path = tmp_path / "letter.toml"
     points = [list(point) for point in short[2].stroke[0].points]
     path.write_text(f"speed_mm_s = 40\n[[stroke]]\nsmooth = true\npoints = {points}\n")

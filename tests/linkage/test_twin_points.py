@@ -28,7 +28,7 @@ offset_deg = -108
 
 @pytest.fixture
 def files(tmp_path):
-    """A linkage as drawn, and measured points of the true one, of which one is wrong."""
+    """Nominal linkage file, and points measured on the true linkage, one of which is wrong."""
     (tmp_path / "drawn.toml").write_text(DRAWN)
     angles, seen = places(40, noise=1.0)
     seen[:, 7] += 3.0

@@ -1,8 +1,9 @@
 """Fixtures that run the scripts of this folder in MicroPython.
 
-Two real MicroPythons, one with words of 64 bits and one of 32, and CPython to compare them with.
-Each gets the firmware's package and the same scripts, unchanged, in a folder of its own; the one
-of 64 bits also with the sample path as machine code, which WebAssembly has no emitter for.
+There are two real MicroPythons, with words of 64 and of 32 bits, and CPython for comparison. Each
+gets the firmware's package and the same scripts, unchanged, in its own folder. The 64-bit one also
+runs the sample path as machine code; the 32-bit one is WebAssembly, for which no machine code can
+be made.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ HEAP_64_BYTES = 2 * HEAP_32_BYTES
 
 
 class Machine:
-    """Something that runs a script in a folder of its own."""
+    """An interpreter that runs a script in its own folder."""
 
     def __init__(self, folder: Path):
         self.folder = folder
@@ -45,7 +46,7 @@ class Machine:
         shutil.copy(canned.__file__, folder)
 
     def slip(self, module: str, code: str) -> None:
-        """Add code to the end of one of the firmware's modules, for this machine alone."""
+        """Append code to one of the firmware's modules, for this interpreter only."""
         path = self.folder / "spots_device" / f"{module}.py"
         path.write_text(path.read_text(encoding="utf-8") + code, encoding="utf-8")
 
@@ -57,12 +58,12 @@ class Machine:
         script : str
             Module in the folder ``scripts``.
         given : dict, optional
-            What it finds in given.json.
+            Content of the file given.json, which the script reads.
 
         Raises
         ------
         RuntimeError
-            If it ends with an exception; the text holds the traceback.
+            If the script ends with an exception; the text contains the traceback.
         """
         (self.folder / "given.json").write_text(json.dumps(given), encoding="utf-8")
         process = subprocess.Popen(

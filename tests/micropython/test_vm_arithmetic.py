@@ -54,7 +54,7 @@ def rng():
 
 @pytest.fixture
 def compare(machine, cpython):
-    """Let both run a trial on the same cases; each case has `width` results."""
+    """Return a function that runs a trial on both interpreters; their results must be equal."""
 
     def run(trial, cases, width=1):
         given = {"trial": trial, "cases": cases, "width": width}
@@ -90,7 +90,7 @@ def weights_of(rng, total):
 
 
 def a_table(rng, knots):
-    """Return knots and values whose steps are as far apart as a calibration may have them."""
+    """Return knots and values of a table with the largest steps that a calibration may have."""
     at = [-rng.randint(0, 1 << 26)]
     values = [rng.randint(-(1 << 20), 1 << 20)]
     direction = rng.choice((1, -1))
@@ -113,7 +113,7 @@ LIMIT_TABLES = {
 
 
 def accepted(calibration, knots, values):
-    """Whether a calibration may hold this table."""
+    """Whether a calibration may contain this table."""
     tables = ("segment ", "strain ", "from ", "x ")
     lines = [line for line in calibration if not line.startswith(tables)]
     lines += ["segment 0 0 0 0 0 0 8192 0 0 0 0 0", "strain 0", "from 0"]
@@ -126,7 +126,7 @@ def accepted(calibration, knots, values):
 
 
 def readings(rng, knots):
-    """Return where to look: at the knots, next to them, between them and as far as light goes."""
+    """Return arguments of a table to test: at the knots, next to them, between and beyond them."""
     some = rng.sample(knots, min(len(knots), 5))
     found = [knot + near for knot in some for near in (-1, 0, 1)]
     found += [rng.randint(knots[0], knots[-1]) for _ in range(20 - len(found))]
@@ -153,7 +153,7 @@ FULL = 65_535
 
 
 def a_column(rng, at, least, most):
-    """Return values at these knots that jump about as far as a calibration may let them."""
+    """Return values at these knots with the largest changes that a calibration may have."""
     values = [rng.randint(least, most)]
     for a, b in itertools.pairwise(at):
         farthest = SMALL_MAX // (b - a) - 1
@@ -163,7 +163,7 @@ def a_column(rng, at, least, most):
 
 
 def a_calibration(rng):
-    """Return tables as a calibration may have them, with weights as large as they may be."""
+    """Return random tables that a calibration may have, with the largest possible weights."""
     weights, tables = [], []
     for knots in rng.sample(range(2, 40), rng.randint(1, 5)):
         contrasts, positions = a_table(rng, knots)
@@ -185,7 +185,7 @@ def some_limits(rng, tables):
 
 
 def a_reading(rng):
-    """Return samples, sums of lit and dark counts, some of them too dark, and flags."""
+    """Return samples, sums of lit and of dark counts (some too dark), and flags of a reading."""
     samples = rng.choice((1, 1, 2, 63, 64))
     brightest = int(2 ** rng.uniform(1, 16))
     lit = [rng.choice((rng.randint(1, brightest), brightest, FULL)) for _ in range(CHANNELS)]
@@ -237,7 +237,7 @@ def test_power(compare, rng):
 
 
 def two_fingers(rng):
-    """Return a reading of two fingers as `locate` takes it, from plausible to impossible."""
+    """Return a reading of two fingers with the arguments of `locate`, plausible or impossible."""
     length_um = rng.choice((30_000, 85_000, 600_000))
     decay = rng.choice((1, 150, 289, 600, 1000))
     x1_um, x_um = rng.randint(0, length_um), rng.randint(0, length_um)
@@ -254,7 +254,7 @@ def test_locate(compare, rng):
 
 
 def a_finger(rng):
-    """Return readings of somebody who taps, holds, slides, presses firmly and with two fingers."""
+    """Return readings of random taps, holds, slides, firm presses and touches of two fingers."""
     t = rng.randint(0, contact.TICKS - 1)
     readings = []
 
@@ -302,7 +302,7 @@ WIDTH = 2 + HEADER_SIZE + TEXT_MAX + CRC_SIZE + 4
 
 
 def messages(rng):
-    """Return bodies of the lengths at which something changes, from no zero to only zeros."""
+    """Return frame bodies with critical lengths, from bodies without zeros to only zeros."""
     ends = [0, 1, 2, 24, 253, 254, 255, 256, 508]
     for length in [end - HEADER_SIZE - CRC_SIZE for end in ends[3:]] + ends[:3] + [TEXT_MAX]:
         yield [rng.randint(1, 255) for _ in range(length)]

@@ -37,7 +37,7 @@ DARK_FRAME_MS = 750  # sixteen of them
 
 
 def scene(flags, lit, calibration=REAL, lasts_ms=60, average=1, **other):
-    """Return what the script is to play, and the flags that the last reading must have."""
+    """Return a scene for the script, and the flags that its last reading must have."""
     usual = {"dark": DARK, "request_dark": False, "saturated": False}
     usual |= {"port_takes": True, "stall_us": 0}
     made = {"lit": lit, "calibration": calibration, "lasts_ms": lasts_ms, "average": average}

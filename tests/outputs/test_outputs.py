@@ -47,7 +47,7 @@ def press(device):
 
 
 def ended(device, end):
-    """Press something, then end the block by an exception."""
+    """Press a key or button, then end the device's block by an exception."""
     try:
         with device:
             press(device)

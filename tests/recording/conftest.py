@@ -39,7 +39,7 @@ def opened(sensor, calibration):
 
 @pytest.fixture(scope="session")
 def seen(opened, tmp_path_factory):
-    """Two seconds of readings, spectra, keys and contacts."""
+    """A recording of two seconds of readings, spectra, keys and contacts, and its frames."""
     path = tmp_path_factory.mktemp("seen") / "run.spots"
     board, frames, handed_s = opened(), [], []
     with board.record(path):

@@ -9,7 +9,7 @@ FRAMES = 1 << 16
 
 
 def pieces():
-    """Yield the frames of the recording, forever new, as reads of a busy link: 1 to 4 at once."""
+    """Yield the frames of a recording without end, 1 to 4 at once, as reads of a busy link."""
     i = 0
     while i < FRAMES:
         size = 1 + i % 4
@@ -18,7 +18,7 @@ def pieces():
 
 
 def run(path, told):
-    """Record for ever; send how many frames were handed on after each read."""
+    """Record without end; send the number of delivered frames after each read."""
     tap = recorder(path, pieces(), step_s=0.003, rotate_bytes=3000)
     handed = 0
     while True:

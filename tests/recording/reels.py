@@ -23,7 +23,7 @@ INFO = {
 
 
 class ScriptedLink:
-    """Delivers pieces, each of them `step_s` after the one before."""
+    """A link that delivers given blocks of bytes, each `step_s` after the previous one."""
 
     name = "script"
 
@@ -51,7 +51,7 @@ class ScriptedLink:
 
 
 class Recorded:
-    """A link and the recorder of all that is read from it."""
+    """A link, and the recorder of all bytes that are read from it."""
 
     def __init__(self, link, path, describe, **options):
         self._link = link
@@ -77,7 +77,10 @@ def clock():
 
 
 def recorder(path, pieces, step_s=0.01, known=None, **options):
-    """Return a recorder over a link that delivers pieces, and records what `known` maps then."""
+    """Return a recorder of a link that delivers blocks of bytes.
+
+    `known` is the clock map whose state is recorded.
+    """
     known = known or clock()
 
     def describe():
@@ -87,7 +90,10 @@ def recorder(path, pieces, step_s=0.01, known=None, **options):
 
 
 def record(path, pieces, step_s=0.01, **options):
-    """Record pieces, and return what a decoder makes of them and its statistics."""
+    """Record blocks of bytes.
+
+    Return the frames that a decoder finds in them, and its statistics.
+    """
     pieces = list(pieces)
     decoder, known, frames = Decoder(), clock(), []
     with recorder(path, pieces, step_s, known, **options) as tap:
@@ -102,7 +108,7 @@ def replayed(path):
 
 
 def cut(data, sizes):
-    """Cut bytes into pieces of these sizes and a last one."""
+    """Cut bytes into blocks of these sizes; the last block has the rest."""
     at = 0
     for size in sizes:
         yield data[at : at + size]

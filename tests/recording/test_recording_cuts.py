@@ -35,7 +35,7 @@ def key(sequence):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """A recording of touches and keys: its bytes, its frames, and where each of them ends."""
+    """A recording of touches and keys: its bytes, its frames, and the end of each frame."""
     path = tmp_path_factory.mktemp("whole") / "whole.spots"
     pieces = [key(i) if i % 3 else touch(i) for i in range(_FRAMES)]
     frames, _ = record(path, pieces, step_s=0.002)
@@ -86,7 +86,7 @@ def test_a_stop_in_another_thread_waits_for_the_frame_in_work(tmp_path):
 
 @contextlib.contextmanager
 def ctrl_c_at_line(count):
-    """Interrupt the recorder before the count-th line of it that is run."""
+    """Raise KeyboardInterrupt before the recorder executes its `count`-th line."""
     left = [count]
 
     def line(frame, event, argument):

@@ -22,7 +22,7 @@ KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "contact": Contact, "
 
 @pytest.fixture(scope="module")
 def truth(seen):
-    """Rows by kind: attribute names and values, straight from the frames."""
+    """Rows by kind of frame: attribute names and values, directly from the frames."""
     recording = spots.Recording(seen.path)
     begun_s = recording.header.host_s
     tables = {name: [] for name in KINDS}

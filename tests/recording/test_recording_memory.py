@@ -51,7 +51,7 @@ def recordings(tmp_path_factory):
 
 
 def growth_kib(folder, command, *options):
-    """Return by how much the peak of the long recording is above that of the short one."""
+    """Return how much more memory a command needs for a long recording than for a short one."""
     paths = folder / "short.spots", folder / "long.spots"
     done = subprocess.run(
         [sys.executable, "-c", RUN, *paths, command, *options],

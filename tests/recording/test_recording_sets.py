@@ -20,7 +20,7 @@ def at(seconds, sequence):
 
 @pytest.fixture
 def rotated(tmp_path):
-    """A set of files whose board's time wraps, and what was seen while it was made."""
+    """Path of a rotated recording in which the board's time wraps, and the frames in it."""
     path = tmp_path / "run.spots"
     seen, _ = spread(path, [at(1000 * i, i) for i in range(200)])
     return path, seen

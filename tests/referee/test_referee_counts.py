@@ -64,7 +64,7 @@ def test_the_presses_tell_channels_presses_and_gains_apart(sensor):
 
 @pytest.fixture(scope="module")
 def noisy(sensor):
-    """Both witnesses' counts of both plans, with the noise of the default sensor."""
+    """The counts of both drivers for both plans, with the noise of the default sensor."""
     conditions = {"exposure_us": 10_000, "gains": (8, 9), "presses": PRESSES, "samples": 40}
     ours = {}
     for plan in (LOW, HIGH):

@@ -19,16 +19,16 @@ ADDRESS = 0x39
 
 
 class Onlooker(adafruit_as7341.AS7341):
-    """Adafruit's driver on a chip that someone else has set up: it only reads."""
+    """Adafruit's driver on a chip that the other driver has set up: it only reads."""
 
     def initialize(self):
         pass
 
 
 class Ammeter:
-    """A light that makes as many counts of a lit sample as there are mA in the LED.
+    """A light whose counts with the LED on equal the LED current in mA, at gain 128x.
 
-    At 128x, which the published driver begins with.
+    The published driver begins with this gain.
     """
 
     def collect(self, start_us, end_us, led_mA):

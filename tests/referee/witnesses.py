@@ -49,7 +49,7 @@ def noiseless(sensor):
 
 
 def our_counts(sensor, plan, exposure_us, gains, presses, samples, led_mA=100):
-    """Return what our firmware reads, as {(gain, press): {diode: array of counts}}."""
+    """Return the counts that this firmware reads: {(gain, press): {diode: array of counts}}."""
     held = Held()
     readings = {}
     with Board(LockstepLink(sensor, held)) as board:
@@ -79,7 +79,7 @@ def since_now(board, samples, exposure_us):
 
 
 def their_counts(sensor, exposure_us, gains, presses, samples, led_mA=100):
-    """Return what Adafruit's driver reads, as `our_counts`, for every diode it has a name for."""
+    """Return the counts that Adafruit's driver reads, as `our_counts`, for every named diode."""
     held = Held()
     bus = I2CBus(chip(sensor, held, seed=1), SimulatedClock())
     readings = {}
@@ -97,18 +97,18 @@ def their_counts(sensor, exposure_us, gains, presses, samples, led_mA=100):
 
 
 def named_channels(driver):
-    """Return a reading of all that Adafruit's driver gives a name to."""
+    """Return a reading of all channels that have a name in Adafruit's driver."""
     reading = {f"F{i}": count for i, count in enumerate(driver.all_channels, 1)}
     return reading | {"CLEAR": driver.channel_clear, "NIR": driver.channel_nir}
 
 
 class Labelled:
-    """A light that gives every diode its own count at gain 64x, whatever is on and for how long.
+    """A light that gives each diode its own count at gain 64x, independent of LED and exposure.
 
     Parameters
     ----------
     integration_us : float
-        In which the counts are collected.
+        Exposure of the counts in us.
     """
 
     labels = {diode: 100 * (i + 1) for i, diode in enumerate(DIODES)}

@@ -19,7 +19,7 @@ RATE_HZ = 200
 
 
 class Net:
-    """Two files: `hub` listens, whoever has `leaf` calls it."""
+    """Two Zenoh configuration files: `hub` listens, and programs with `leaf` connect to it."""
 
     def __init__(self, folder):
         with socket.create_server(("127.0.0.1", 0)) as free:
@@ -42,7 +42,7 @@ def session(path):
 
 
 class Restarting(StandIn):
-    """A board that one can pull the plug of."""
+    """A substitute board that can be restarted."""
 
     restarting = False
 
@@ -56,7 +56,7 @@ class Restarting(StandIn):
 
 @contextlib.contextmanager
 def publishing(path, *links, kind=Publisher):
-    """Publish boards behind links from this process."""
+    """Publish the boards of some links in this process, in a ``with`` block."""
     ended = threading.Event()
     failed = []
 

@@ -31,7 +31,7 @@ def clock():
 
 @pytest.fixture
 def answers_of(clock):
-    """Return the answers of a board, and what notes a question of each kind."""
+    """Return a function from a board's `command` to its `Answers` and their query handlers."""
 
     def of(command):
         board = SimpleNamespace(

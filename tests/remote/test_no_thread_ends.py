@@ -40,7 +40,7 @@ ERRORS = ValueError, RecursionError, MemoryError
 
 
 class Fault:
-    """Puts an exception into a function, in one call of it."""
+    """Makes one call of a function raise an exception."""
 
     def __init__(self, error):
         self._error = error
@@ -267,7 +267,7 @@ def test_a_finger_that_another_process_moves(fault, monkeypatch, tmp_path):
     ("platform", "call"), [(sys.platform, "select.select"), ("win32", "os.read")]
 )
 def test_the_watch_over_a_parent_ends_the_virtual_board(platform, call):
-    """Without the thread nobody would end it any more."""
+    """Without this thread, nothing would end the virtual board."""
     program = f"""
 import time
 from spots_sim import starting

@@ -160,7 +160,7 @@ def test_a_publisher_that_stays_away_ends_the_reading(net, monkeypatch):
 
 
 class spots_open_while:  # noqa: N801
-    """A reader and a publisher that one can end and start again."""
+    """A reader, and a publisher that a test can end and restart."""
 
     def __init__(self, net):
         self._net = net

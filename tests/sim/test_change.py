@@ -148,6 +148,9 @@ def test_a_scenario_moves_each_change_in_time(tmp_path, sensor):
         def presses(self, time_s):
             return [Press(40.0, 3000.0, 4.0)]
 
+        def is_dark(self, start_s, end_s):
+            return False
+
     world = World(sensor, Pressed(load(ScenarioFile, path)), np.random.default_rng(0))
     got = world.collect(24e6, 26e6, 20.0)
     log = np.log([got[name] for name in PLAN])

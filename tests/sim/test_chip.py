@@ -11,7 +11,7 @@ SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512
 
 
 class Lamp:
-    """Counts at gain 1x per ms: 1 for F1, 2 for F2 ... while the LED is on, by its current."""
+    """A light of n counts per ms for diode Fn at gain 1x and 20 mA, proportional to the current."""
 
     def __init__(self, rate=1.0):
         self.rate = rate

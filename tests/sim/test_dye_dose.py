@@ -42,7 +42,7 @@ def test_dose_and_length_of_the_test_piece_count(capsys):
 
 
 class Person:
-    """Puts a test piece between the caps when asked; each touches LED and chip differently."""
+    """A person who inserts the requested test piece; each piece has its own coupling."""
 
     def __init__(self, stage, order=("clear", "dyed")):
         self._stage = stage

@@ -70,7 +70,10 @@ def test_no_part_needs_supports(made):
 
 
 def bridged(triangles):
-    """Return the longest of the shorter sides, in mm, of what hangs at one level."""
+    """Return the longest unsupported bridge at one level, in mm.
+
+    The length of a bridge is its shorter side.
+    """
     whole = CrossSection([one[::-1] for one in triangles], FillRule.NonZero)
     spans = [np.subtract(part.bounds()[2:], part.bounds()[:2]) for part in whole.decompose()]
     return max(min(span) for span in spans)

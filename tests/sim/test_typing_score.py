@@ -24,7 +24,10 @@ def at(began_s, usage, held_s=0.1):
 
 
 def scored(*presses, fingers, to_s=9.5):
-    """Return the figures of presses by (time, usage), each down for 50 ms unless it is None."""
+    """Return the score of presses, each given as (time, usage) or (time, usage, None).
+
+    A key is released after 50 ms; with None, it stays pressed.
+    """
     score = TypingScore(ScenarioFile(seconds=10, touch=fingers), DIGITS, LENGTH_MM, 0.5)
     for time_s, usage, *held_s in presses:
         score.key(7, usage, True, time_s)

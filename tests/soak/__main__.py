@@ -23,7 +23,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         *("--faults", "--scenario"), default="fire", metavar="FILE", help="scenario file or name"
     )
-    parser.add_argument("--sensor", default="default", metavar="FILE", help="sensor file or name")
+    parser.add_argument(
+        "--sensor",
+        default="default",
+        metavar="FILE",
+        help="sensor: a .toml file, or a name such as default",
+    )
     parser.add_argument("--strips", type=int, choices=(1, 2), default=1, help="strips (1)")
     parser.add_argument("--seed", type=seed, default=0, help="random seed of noise and faults (0)")
     parser.add_argument(

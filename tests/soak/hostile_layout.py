@@ -22,7 +22,7 @@ from pathlib import Path
 import aiohttp
 
 from spots.keyboard.layout import load
-from spots.web.settings_editor import KINDS
+from spots.web.editors import KINDS
 from spots_device.settings import checksum
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "web"))

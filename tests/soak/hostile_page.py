@@ -24,7 +24,7 @@ from pathlib import Path
 import aiohttp
 import msgspec
 
-from spots.web.calibration import DECODER
+from spots.web.calibration import PageCalibration
 from spots_sim.virtual import start_simulator
 
 _CLIENTS = 24
@@ -103,20 +103,20 @@ async def _hostile(port: int, seed: int, end_s: float, counts: dict) -> None:
 
 
 def _damaged(choice: random.Random) -> bytes:
-    """Return an order with a few bytes changed, added or removed, which is no order any more."""
+    """Return a request with a few bytes changed, added or removed, so that it is invalid."""
     while True:
         body = bytearray(choice.choice(_ORDERS))
         for _ in range(choice.randrange(1, 4)):
             at = choice.randrange(len(body))
             body[at : at + choice.randrange(2)] = choice.randbytes(choice.randrange(3))
         try:
-            DECODER.decode(bytes(body))
+            msgspec.json.decode(bytes(body), type=PageCalibration.requests)
         except (ValueError, msgspec.DecodeError):
             return bytes(body)
 
 
 async def _ordering(url: str, seed: int, number: int, statuses: dict) -> None:
-    """Send `number` orders that must be refused: nobody with the token has sent them."""
+    """Send `number` requests that must be refused, because none has a valid token."""
     choice = random.Random(seed)
     page, token = url.split("?token=")
     cookie = f"spots-token-{page.rstrip('/').rpartition(':')[2]}"

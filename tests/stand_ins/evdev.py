@@ -1,7 +1,8 @@
 """A substitute for python-evdev and the kernel, also in another process.
 
-Where the environment names a file (``STAND_IN_EVENTS``), each event is a line there. A FIFO
-(``STAND_IN_HANDLE``) is held open as a device's handle is: inherited by whoever inherits all.
+If the environment variable ``STAND_IN_EVENTS`` names a file, each event is written to it as a line.
+The FIFO that ``STAND_IN_HANDLE`` names is held open like a device's handle: child processes inherit
+it.
 """
 
 import os
@@ -33,14 +34,14 @@ NAMES = {code: name for name, code in ecodes.ecodes.items()}
 
 
 class UInput:
-    """A device that keeps what a program that reads it knows.
+    """A device that stores the state that a reader of its events would know.
 
     Attributes
     ----------
     made : list
-        All that there are, in the order of their opening.
+        All devices, in the order of their creation.
     fails : Exception or None
-        Raised where the next device is opened.
+        Error that is raised when the next device is created.
     """
 
     made: list = []

@@ -1,4 +1,4 @@
-"""Gestures are distinguished, with a confidence; drift means nothing."""
+"""Gestures are distinguished, with a confidence; drift of position and force has no effect."""
 
 import sys
 
@@ -20,7 +20,7 @@ STEP_S = 0.01
 
 
 class Arm:
-    """A strip that is played with, a reading every 10 ms."""
+    """A strip with a simulated finger, and a reading every 10 ms."""
 
     def __init__(self):
         self.gestures = Gestures()

@@ -27,7 +27,7 @@ def launch_options(playwright) -> dict:
     Raises
     ------
     FileNotFoundError
-        There is no browser yet: `make test` brings one.
+        If no browser is installed; `make test` installs one.
     """
     path, environment = _find(playwright)
     if path is None:
@@ -70,7 +70,7 @@ def _install() -> None:
 
 
 def main() -> None:
-    """Report the browser that the tests will use; install one where there is none."""
+    """Print the browser that the tests will use; install one if there is none."""
     with sync_playwright() as playwright:
         if _find(playwright)[0] is None:
             print("No system browser: installing a Chromium for the tests (once) ...", flush=True)

@@ -31,7 +31,7 @@ LOOK = """() => {
 
 
 def look(page):
-    """Return what the page shows of the calibration."""
+    """Return the state of the calibration that the page shows."""
     return page.evaluate(LOOK)
 
 
@@ -53,9 +53,12 @@ class Person:
     ----------
     now_s : callable
         Clock of the timeouts. That of a simulated board does not depend on the load of the machine.
+    looked : callable
+        Called after each look at the page.
     """
 
     now_s = staticmethod(time.monotonic)
+    looked = staticmethod(lambda: None)
 
     def __init__(self, page, held, length_mm, seed=0, place_mm=0.0, force_share=0.0):
         self.page = page
@@ -71,15 +74,16 @@ class Person:
         self.wait(lambda seen: not seen["starts"])
 
     def go_on(self, until=lambda seen: seen["starts"], timeout_s=120.0):
-        """Do what the page asks for until `until(seen)`; return what was seen last."""
+        """Do what the page asks for until `until(seen)` is true; return the last state seen."""
         return self.wait(until, self.act, timeout_s)
 
     def wait(self, until, act=lambda seen: None, timeout_s=60.0):
-        """Watch the page until `until(seen)`; return what was seen last."""
+        """Watch the page until `until(seen)` is true; return the last state seen."""
         end_s = self.now_s() + timeout_s
         while not until(seen := look(self.page)):
             assert self.now_s() < end_s, seen
             act(seen)
+            self.looked()
             self.page.wait_for_timeout(30)
         return seen
 

@@ -1,8 +1,9 @@
-"""A board in simulated time at the pace of its clock, and a web server in a thread."""
+"""A board in simulated time that runs in real time, and a web server in a thread."""
 
 from __future__ import annotations
 
 import asyncio
+import math
 import threading
 import time
 from concurrent.futures import Future
@@ -15,10 +16,9 @@ from spots.link.connect import prepare
 from spots.web.app import NOTHING
 from spots.web.board_feed import BoardReader
 from spots.web.calibration import PageCalibration
-from spots.web.layout_editor import LayoutEditor
+from spots.web.editors import LayoutEditor, SettingsEditor
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
-from spots.web.settings_editor import SettingsEditor
 from spots.web.state import PageState
 from spots.web.strip_choice import StripChoice
 from spots_sim.lockstep import LockstepLink
@@ -27,27 +27,34 @@ from spots_sim.stage import strip_lines
 
 
 class Cable(PacedLink):
-    """A link in simulated time that never runs ahead of the real one, with a cable to pull.
+    """A link in simulated time that never runs ahead of real time, and can be unplugged.
 
-    With a speed, its time passes so many times faster than the real one.
+    With a speed, simulated time passes faster than real time by this factor.
+
+    Attributes
+    ----------
+    pause_s : float
+        Simulated time at which the link waits, for a person who has not yet looked at the page.
     """
 
     def __init__(self, link, speed=1.0):
         super().__init__(link, 0.0)
-        self._speed = speed
+        self._speed, self.pause_s = speed, math.inf
         self.pace()
         self.plugged = True
         self.loss = SpotsError  # PortLostError, if the port is worth opening again
         self.written = []
 
     def pace(self, speed=None):
-        """Keep to the clock from here on, at a speed."""
+        """Follow real time from now on, multiplied by a speed."""
         self._speed = speed or self._speed
         self._begun_s, self._epoch_s = self.now_s(), time.monotonic()
 
     def _wait(self):
         ahead_s = (self.now_s() - self._begun_s) / self._speed
         time.sleep(max(ahead_s - (time.monotonic() - self._epoch_s), 0.0))
+        while self.now_s() > self.pause_s:
+            time.sleep(0.005)
 
     def read(self, timeout_s):
         self._check()
@@ -67,14 +74,14 @@ class Cable(PacedLink):
 
 
 class Bench:
-    """A board on a scenario, as often as it is plugged in, and a reader of it.
+    """A board with a scenario, which can be unplugged and plugged in again, and its reader.
 
     With `second`, the scenario of a second strip, the board has two strips.
 
     Attributes
     ----------
     link : Cable or None
-        Of the board that is plugged in.
+        Link of the board that is plugged in.
     """
 
     def __init__(
@@ -127,7 +134,7 @@ class Bench:
         return board
 
     def unplug(self):
-        """Pull the cable; the board forgets all."""
+        """Pull the cable; the board loses its state."""
         self.there = self.link.plugged = False
 
     def replug(self):
@@ -135,7 +142,7 @@ class Bench:
 
     @contextmanager
     def loose(self):
-        """A plug that has contact again at the end; the board has noticed nothing."""
+        """Interrupt the connection for a moment; the board keeps its power and its state."""
         self.link.loss = PortLostError
         self.link.plugged = False
         yield
@@ -146,7 +153,7 @@ class Bench:
 
 
 class Serving:
-    """A server in a thread with an event loop of its own."""
+    """A server in a thread with its own event loop."""
 
     def __init__(self, state, address="127.0.0.1", port=0, orders=NOTHING):
         self._server = Server(state, address, port, orders)
@@ -173,12 +180,15 @@ class Serving:
 
 
 def until(page, expression, timeout_s=60.0):
-    """Wait for something on a page; Playwright's own way needs what the page's policy forbids."""
+    """Wait until a JavaScript expression is true on a page.
+
+    Playwright's own function cannot be used, because the page's security policy forbids it.
+    """
     eventually(page, lambda: page.evaluate(expression), timeout_s)
 
 
 def eventually(page, condition, timeout_s=60.0, every_ms=20):
-    """Let a page live until a condition holds."""
+    """Wait until a condition is true, while the page continues to run."""
     end_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < end_s, "it never came"
@@ -186,7 +196,7 @@ def eventually(page, condition, timeout_s=60.0, every_ms=20):
 
 
 def apart(function, *arguments, timeout_s=120.0):
-    """Call a function in a thread: Playwright's loop runs in this one, and no other may."""
+    """Call a function in another thread, because Playwright's event loop runs in this one."""
     result = Future()
 
     def call():
@@ -200,7 +210,7 @@ def apart(function, *arguments, timeout_s=120.0):
 
 
 def send_from_other_site(browser, server, other_port, path, *messages):
-    """Let a page of another site send messages, in a browser that has the token of the server."""
+    """Let a page of another site send messages; its browser has the token of the server."""
     context = browser.new_context()
     try:
         context.new_page().goto(server.url)  # now this browser has the token

@@ -1,4 +1,4 @@
-"""The web UI's state from readings, also of slow and of silent boards."""
+"""The web UI's state, computed from readings, also of slow and of silent boards."""
 
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ keys = ["1", "2"]
 
 
 class Shown(PageState):
-    """Keeps what was put last."""
+    """Stores the last value of each part of the state."""
 
     def __init__(self):
         super().__init__()

@@ -55,7 +55,7 @@ FIGURE_MESSAGES = 12
 
 
 def ready(page):
-    """Wait until readings come: a finger that was there before presses no key."""
+    """Wait until readings arrive: a finger that was there before presses no key."""
     until(page, "drawn.length > 5")
 
 
@@ -366,7 +366,7 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
 
 
 def begun(asked):
-    """How often the reader began. The gamepad says hello, too: hellos alone count no restarts."""
+    """How often the reader has started; the gamepad sends hello too, so hellos are not counted."""
     return sum(a.startswith("stream ") and b == "hello" for a, b in pairwise([*asked]))
 
 

@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 from serving import Bench, until
 from spots.link.board import Board
 from spots.web.board_feed import _NEXT
-from spots.web.settings_editor import KINDS
+from spots.web.editors import KINDS
 from spots.web.state import PageState
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
@@ -19,7 +19,7 @@ LONG_MS = 60_000
 
 
 def serious(page):
-    """Return the serious findings of axe-core: colours, rule, element and remedy."""
+    """Return the serious findings of axe-core: rule, element, colours and remedy."""
     found = []
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
@@ -140,7 +140,7 @@ def test_a_calibration(sensor, serve, open_page, tmp_path):
 
 
 def reached(page, panel):
-    """Press Tab until all controls of a panel had the focus; return how many had it not."""
+    """Press Tab through all controls of a panel; return how many never had the focus."""
     wanted = page.evaluate(
         f"""[...document.querySelectorAll(
           '#{panel} :is(button, input, select, summary, [role=separator])'

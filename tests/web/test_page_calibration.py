@@ -63,12 +63,12 @@ def pressing(seen):
 
 
 def at_press(number):
-    """Return whether the page asks for a press by hand after `number` others."""
+    """Return a function that checks whether the page asks for a press after `number` presses."""
     return lambda seen: pressing(seen) and seen["count"].startswith(f"{number} of 1")
 
 
 def press_and_read(page, held, places_mm):
-    """Press places, until the figure on the page is each of them to a millimetre."""
+    """Press at positions; wait until the page shows each of them to within a millimetre."""
     for place_mm in places_mm:
         held.press = Press(place_mm, 4000.0, 4.0)
         until(page, f"Math.abs({FIGURE} - {place_mm}) < 1.0")

@@ -50,7 +50,7 @@ def half_open(server, count, data=HALF["half a header"]):
 
 
 def has_ended(connection, timeout_s=WAIT_S):
-    """Whether the server has closed a connection; what it sent before is read."""
+    """Whether the server has closed a connection; data that it sent before is read."""
     try:
         while select.select([connection], [], [], timeout_s)[0]:
             if not connection.recv(1 << 16):

@@ -27,7 +27,7 @@ def at_a_screen(monkeypatch):
 
 @pytest.fixture
 def shown(monkeypatch):
-    """What was shown, by name."""
+    """A list of what the demo has opened: ``page`` or ``terminal``."""
     shown = []
     monkeypatch.setattr(spots_sim.demo, "show_page", lambda *_: shown.append("page"))
     monkeypatch.setattr(spots_sim.demo, "demo", lambda *_: shown.append("terminal") or {})

@@ -78,7 +78,7 @@ def test_a_foreign_host_is_refused(serve, host, path):
 
 
 def raw(server, *lines, body=b""):
-    """Send a request as it is written here; return the whole answer."""
+    """Send a request with exactly these lines; return the complete answer."""
     head = "\r\n".join([*lines, "Connection: close", "", ""]).encode(errors="surrogateescape")
     with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
         connection.sendall(head + body)

@@ -1,8 +1,8 @@
 """Age of a reading on the screen. ``pytest -s`` prints the values of docs/page.md.
 
-Times are not asserted: what else runs on a machine is none of the page's making. What is: a page
-draws readings once and in their order, never has more than two messages underway, and draws on
-while another one stands still.
+Times are not asserted, because they depend on other programs on the machine. Asserted is this: a
+page draws each reading once and in order, never has more than two unacknowledged messages, and
+continues to draw while another page is suspended.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from serving import eventually, until
 from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
 from spots.web.board_feed import BoardReader
-from spots.web.layout_editor import LayoutEditor
+from spots.web.editors import LayoutEditor
 from spots.web.state import Cursor, PageState
 from spots_sim.demo import open_fast
 from spots_sim.files import ScenarioFile
@@ -32,7 +32,7 @@ RECORDED_S = 90.0  # longer than a test takes
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    """A recording: a board that takes no processor from the pages, as a real one does not."""
+    """A recording to play, because a virtual board would take processor time from the pages."""
     path = tmp_path_factory.mktemp("recordings") / "demo.spots"
     board, _ = open_fast("default", Scenario(load_file(ScenarioFile, "demo")), seed=0)
     with board, board.record(path):
@@ -44,7 +44,7 @@ def path(tmp_path_factory):
 
 @pytest.fixture
 def played(path):
-    """The state of the board that plays it, and the boards, one after the other."""
+    """The state of a board that plays the recording, and the boards, one after the other."""
     boards, state = [], PageState()
 
     def open_board(_):
@@ -58,7 +58,7 @@ def played(path):
 
 
 def stall(page):
-    """Stop a page dead, without using the processor; return what wakes it."""
+    """Suspend a page without using the processor; return a function that resumes it."""
     dialogs = []
     page.on("dialog", lambda dialog: dialogs.append(dialog))
     page.evaluate("() => { setTimeout(() => alert('stalled'), 0); }")
@@ -112,7 +112,7 @@ def test_a_frame_with_a_reading_draws_one_chart_at_most_and_all_get_their_turn(
 
 
 def edit(page):
-    """Keep a page busy: move a border of the layout for ever."""
+    """Keep a page busy: move a border of the layout back and forth without end."""
     page.locator("#edit").click(timeout=60_000)
     page.locator("#editor .border").first.wait_for()
     page.evaluate("""() => {

@@ -13,7 +13,7 @@ from fuzzing import fuzz_change_nothing
 from serving import Bench, Serving, apart, eventually, send_from_other_site, until
 from spots.errors import SpotsError
 from spots.keyboard.layout import compiled, load
-from spots.web.layout_editor import LayoutEditor
+from spots.web.editors import LayoutEditor
 from spots.web.state import PageState
 from spots_device.settings import checksum
 from spots_sim.scenario import Held, Press
@@ -73,14 +73,14 @@ def open_editor(page):
 
 
 def choose(page, name, typed):
-    """Choose an action by search, with the keyboard alone."""
+    """Choose an action by search, using only the keyboard."""
     field = page.get_by_role("combobox", name=name, exact=True)
     field.fill(typed)
     field.press("Enter")
 
 
 def fill_keys(page, keys):
-    """Give the zones of a layer the actions of a layout file."""
+    """Set the actions of all zones of a layer to those of a layout file."""
     for _ in keys[1:]:
         page.get_by_role("button", name="Add a zone").click()
     for i, key in enumerate(keys):

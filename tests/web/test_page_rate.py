@@ -19,10 +19,13 @@ SETTLED_S = 10.0
 
 
 def drawing(pages, draw_s, stalled=0, away_s=0.0):
-    """Let pages draw on two processors; return the times it took and the draws a second of each.
+    """Simulate pages that draw on two processors.
 
-    A message is drawn at the next frame of the screen, when those before it are; `away_s` goes by
-    until it is there, and again until that is known.
+    Returns the delays of the messages in s, and the number of messages drawn by each page per
+    second.
+
+    A message is drawn at the next frame of the screen, after all earlier messages. `away_s` is the
+    network delay of a message, and of its acknowledgement.
     """
     clock = SimpleNamespace(now_s=0.0)
     paces = [PagePace(lambda: clock.now_s) for _ in range(pages + stalled)]

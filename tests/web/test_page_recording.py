@@ -46,7 +46,7 @@ def token_of(server):
 
 
 def ready(one):
-    """Wait until a board is read."""
+    """Wait until the reader has opened a board."""
     while True:
         with pytest.raises(SpotsError) as refused:
             one.recordings.submit("stop").result(60)
@@ -57,7 +57,7 @@ def ready(one):
 
 @pytest.fixture
 def recorded(bench, serve, tmp_path):
-    """A bench with a finger on it that may be recorded, and its server."""
+    """A bench with a finger, and its server, which allows recordings."""
     held = Held()
     held.press = Press(40.0, 4000, 4.0)
     one = bench(held, record_to=tmp_path)
@@ -168,7 +168,7 @@ def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
 
 
 def recorded_at(sensor, calibration, path, place_mm, lasting_s):
-    """Record a finger that presses."""
+    """Record a board whose strip is pressed by a finger."""
     held = Held()
     held.press = Press(place_mm, 4000, 4.0)
     with Board(LockstepLink(sensor, held)) as board:
@@ -182,7 +182,7 @@ def recorded_at(sensor, calibration, path, place_mm, lasting_s):
 
 @pytest.fixture
 def folder(sensor, calibration, bench, serve, tmp_path):
-    """A bench and its server, and a folder with two recordings and with what is none of them."""
+    """A bench, its server, and a folder with two recordings and with other files."""
     inside = tmp_path / "inside"
     inside.mkdir()
     # A slow machine has time to see them.

@@ -18,7 +18,7 @@ from spots.controller.controller_settings import load
 from spots.controller.one_euro import OneEuro
 from spots.controller.shaping import deflection, shaped
 from spots.wearable import wearable
-from spots.web.settings_editor import KINDS, SettingsEditor
+from spots.web.editors import KINDS, SettingsEditor
 from spots.web.state import PageState
 from spots_sim.scenario import Held, Press
 from test_page_recording import post, token_of
@@ -75,7 +75,7 @@ def state(page, name="controller"):
 
 
 def slide(page, words, value):
-    """Move a slider with the mouse near a value, and with the arrow keys to the value."""
+    """Move a slider close to a value with the mouse, and exactly to it with the arrow keys."""
     slider = page.get_by_label(f"{words}, slider", exact=True)
     box = slider.bounding_box()
     if box["y"] > 800 or box["y"] < 60:

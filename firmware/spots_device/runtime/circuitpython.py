@@ -3,6 +3,8 @@
 import sys
 import time
 import traceback
+from binascii import crc32
+from struct import pack_into
 
 import adafruit_as7341
 import board
@@ -15,7 +17,21 @@ import usb_cdc
 from adafruit_bus_device.i2c_device import I2CDevice
 from micropython import const
 
+from .. import kernel
 from ..as7341 import AS7341, SensorError
+from ..decode import (
+    BRIGHTNESS,
+    CONTRAST,
+    CRC_SIZE,
+    FLAGS,
+    FORCE_MN,
+    GAP,
+    KIND,
+    POSITION_UM,
+    SEQUENCE,
+    TIME_HIGH,
+    TIME_LOW,
+)
 from ..settings import BoardSettings, load_lines
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
 from .stay import must_stay
@@ -25,6 +41,9 @@ _PERIOD_US = const(1 << 29)
 _HALF_PERIOD_US = const(1 << 28)
 _FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
 _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
+_TOUCH_SIZE = kernel.TOUCH_SIZE + CRC_SIZE  # bytes of a TOUCH frame before its encoding
+_TOUCH_COPY = "%ds" % _TOUCH_SIZE
+_ZERO = b"\0"
 
 
 class BusioBus:
@@ -165,6 +184,72 @@ class MonotonicClock:
             microcontroller.delay_us(us)
 
 
+_views = {}  # by size: the last bytes object of this size, and a view of its first `size` bytes
+
+
+def view_of(data, size):
+    """Return a view of the first `size` bytes of `data`; cached, because slicing allocates."""
+    view = _views.get(size)
+    if view is None or view[0] is not data:
+        view = (data, memoryview(data)[:size])
+        if size <= _COMMON_SIZE:
+            _views[size] = view
+    return view[1]
+
+
+def fast_crc32(data, size, crc):
+    """Update a CRC-32 as `kernel.crc32` does, but faster.
+
+    For a frame it takes 0.1 ms instead of 0.5 ms, and allocates 70 bytes for the long integer.
+
+    The arguments are those of `kernel.crc32`, but the register `crc` must have its initial value.
+    """
+    pack_into("<I", crc, 0, crc32(view_of(data, size)))
+    crc[0] ^= 0xFFFF
+    crc[1] ^= 0xFFFF
+
+
+def fast_touch(head, payload, state, encoded):
+    """Replace `kernel.touch`; arguments and result are the same.
+
+    Takes 0.5 ms instead of 1.3 ms, and allocates 70 bytes for the long integer of the CRC.
+    """
+    sequence = head[SEQUENCE]
+    head[SEQUENCE] = (sequence + 1) & 0xFFFF
+    pack_into(
+        "<BHHHBiiiH",
+        payload,
+        0,
+        head[KIND],
+        sequence,
+        head[TIME_LOW],
+        head[TIME_HIGH],
+        state[FLAGS] | head[GAP],
+        state[CONTRAST],
+        state[BRIGHTNESS],
+        state[POSITION_UM],
+        state[FORCE_MN],
+    )
+    pack_into("<I", payload, kernel.TOUCH_SIZE, crc32(view_of(payload, kernel.TOUCH_SIZE)))
+    # COBS of fewer than 255 bytes: a copy in which each zero byte gives the place of the next one.
+    pack_into(_TOUCH_COPY, encoded, 1, payload)
+    at = 0
+    zero = payload.find(_ZERO, 0, _TOUCH_SIZE)
+    while zero >= 0:
+        encoded[at] = zero + 1 - at
+        at = zero + 1
+        zero = payload.find(_ZERO, at, _TOUCH_SIZE)
+    encoded[at] = _TOUCH_SIZE + 1 - at
+    encoded[_TOUCH_SIZE + 1] = 0
+    return _TOUCH_SIZE + 2
+
+
+def speed_up():
+    """Replace functions of the sample's path by functions that use CircuitPython's C modules."""
+    kernel.crc32 = fast_crc32
+    kernel.touch = fast_touch
+
+
 class CdcSerial:
     """The USB serial port for frames and commands; the console is a separate port.
 
@@ -183,7 +268,6 @@ class CdcSerial:
         self._port = port
         self._clock = clock
         self._byte = bytearray(1)
-        self._views = {}  # slices by size: the port's `write` takes no size, and slicing allocates
 
     def write(self, buffer, size):
         """Write a frame if the port accepts it at once; return whether it was sent completely.
@@ -197,13 +281,9 @@ class CdcSerial:
         size : int
             Bytes of the frame.
         """
-        view = self._views.get(size)
-        if view is None or view[0] is not buffer:
-            view = (buffer, memoryview(buffer)[:size])
-            if size <= _COMMON_SIZE:
-                self._views[size] = view
-        sent = self._port.write(view[1])
-        return sent == size or (sent > 0 and self._finish(view[1], sent))
+        view = view_of(buffer, size)
+        sent = self._port.write(view)
+        return sent == size or (sent > 0 and self._finish(view, sent))
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits."""
@@ -295,6 +375,7 @@ def main():
         print("no port for data, so the application was not started: press reset, not the button")
         return
 
+    speed_up()
     clock = MonotonicClock
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)

@@ -73,7 +73,8 @@ class Bench:
     path : Path
         Calibration file of the strip.
     spent : int
-        Number of requested presses that are not stored as presses by hand.
+        Number of requested presses that do not become presses by hand in the session, such as
+        refused ones. A session by hand counts them as part of its limit.
     trace : list of tuple of float
         All readings of the present press: time in s, then the six counts.
     holds : list of (float, float)
@@ -91,7 +92,10 @@ class Bench:
 
     @property
     def window(self) -> int:
-        """Number of samples in a short reading of a press; a long reading averages several."""
+        """Number of samples in a short reading of a press.
+
+        Several short readings form a long one.
+        """
         return samples_of("", self.reader.info["exposure_us"])
 
     def take(
@@ -101,7 +105,7 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = CONTINUES,
     ) -> Reading:
-        """Ask for a press until the press is valid; on return, the strip is still pressed.
+        """Repeat the request for a press until it is valid; on return, the strip is still pressed.
 
         Parameters
         ----------
@@ -191,7 +195,7 @@ class Bench:
         return reading
 
     def _hold(self, hold_s: float) -> None:
-        """Extend the last hold until it has lasted `hold_s`."""
+        """Continue to read a press until its last hold has lasted `hold_s` seconds."""
         begin_s, end_s = self.holds.pop()
         while end_s - begin_s < hold_s:
             reading = self._window()
@@ -204,7 +208,9 @@ class Bench:
     def _held(self, noise: Noise | None, kind: str, before: float | None = None) -> Reading:
         """Wait for a steady press and return its reading; raise `BadPressError` if invalid.
 
-        `before` is the sum of the counts before a change of the force; None without a change.
+        `noise` is the noise of the sensor, if known; `kind` is the kind of the press, see
+        `session.Wanted`. `before` is the sum of the counts before a change of the force; None
+        without a change.
         """
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason: BadPressError = TooDarkError("no press is seen")
@@ -236,7 +242,11 @@ class Bench:
 
 
 def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str) -> None:
-    """Raise `BadPressError` if brightness or colour change during a reading."""
+    """Raise `BadPressError` if brightness or colour change during a short reading.
+
+    `noise` is the noise of the sensor, if known; `window` is the number of samples in the reading;
+    `kind` is the kind of the press: a finger may drift more than an indenter.
+    """
     if reading.unlit:
         raise TooDarkError("no press is seen")
     if noise is None:
@@ -284,7 +294,7 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     if (np.diff(contrasts) < -_SIGMAS * sigma).any():
         raise BadPressError(
             "the colour does not lie between those of the neighbouring presses: check the position "
-            "of this press and of the last one"
+            "of this press and of the previous one"
         )
     near = np.sort(np.argsort(np.abs(places - wanted.place_um))[:2])
     if np.abs(places[near] - wanted.place_um).min() > 1.5 * np.ptp(places[near]):
@@ -322,5 +332,5 @@ def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     sigma = np.sqrt(2 * noise.log_variance(counts).sum() / window) / len(counts)
     if (np.diff(light[np.argsort(forces)]) < -_SIGMAS * sigma).any():
         raise BadPressError(
-            "the brightness does not increase with the force: check this force and the last one"
+            "the brightness does not increase with the force: check this force and the previous one"
         )

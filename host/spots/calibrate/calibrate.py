@@ -23,13 +23,15 @@ def calibrate_command(options: argparse.Namespace) -> None:
     """Run ``spots calibrate`` with the options that `cli` parsed."""
     kind = "rough" if options.rough else options.kind
     if options.rough and options.kind != "fine":
-        raise SpotsError(f"--rough: not valid for '{options.kind}'")
+        raise SpotsError(f"--rough cannot be used with '{options.kind}': leave out one of them")
     usual, least = COUNTS[kind]
     count = usual if options.places is None else options.places
     if count < least:
-        raise SpotsError(f"--places: {kind} needs {least} or more")
+        raise SpotsError(f"--places must be {least} or more for '{kind}'")
     if (kind == "strain") != (options.strain_percent is not None):
-        raise SpotsError("--strain-percent: give it with 'strain', and only with 'strain'")
+        raise SpotsError(
+            "give --strain-percent together with 'strain': neither works without the other"
+        )
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
     if out.resolve() == session.path.resolve():

@@ -45,7 +45,7 @@ class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Residual(_Struct, kw_only=True):
-    """Errors of the calibrated board at the presses of the calibration, for one strain.
+    """Errors of the board's positions and forces at the presses of the calibration, for one strain.
 
     Attributes
     ----------
@@ -287,7 +287,9 @@ def _checked(path: Path, body: str) -> CalibrationFile:
     except (msgspec.ValidationError, CalibrationError, KeyError) as error:
         raise SpotsError(f"{path} is not a calibration ({error}): {_AGAIN}") from None
     if made.conditions != found.conditions:
-        raise SpotsError(f"{path} contradicts itself (its lines are for other settings): {_AGAIN}")
+        raise SpotsError(
+            f"the calibration lines in {path} do not match the settings in it: {_AGAIN}"
+        )
     return found
 
 

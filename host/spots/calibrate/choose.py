@@ -36,7 +36,7 @@ class Choice:
         Least possible standard deviation of the position from one sample with this plan, in um,
         averaged over the strip.
     present_sigma_um : float
-        The same with the plan of the first pass; infinite if one of its channels is unusable.
+        The same with the first plan of `passes`; infinite if one of its channels is unusable.
     """
 
     plan: tuple[str, ...]
@@ -81,8 +81,8 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     usable, places_um, logs = _merge(plans, measured, full_scale)
     if len(usable) < len(plans[0]):
         raise SpotsError(
-            f"only {len(usable)} channels are neither too dark nor too bright: run without "
-            "--keep-settings, or set gain and LED current; then begin another session"
+            f"only {len(usable)} channels are neither too dark nor too bright, but six are needed: "
+            "run without --keep-settings, or set gain and LED current; then begin another session"
         )
     used = [np.isin(plan, usable) for plan in plans]
     noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))
@@ -102,10 +102,12 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Return the usable diodes, the positions in um, and log2 of these diodes' counts.
+    """Merge the readings of both passes (presses along the whole strip with one plan each).
 
-    The counts of the second pass are scaled to the force of the first pass. The arguments are
-    those of `choose`.
+    The arguments are those of `choose`. Returns the names of the usable diodes, the positions in
+    um, and log2 of the counts of these diodes.
+
+    The counts of the second pass are scaled to the force of the first pass.
     """
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {

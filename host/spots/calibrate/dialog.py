@@ -58,10 +58,14 @@ class Dialog(Protocol):
     """
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
-        """Begin a series of `total` presses; `plan` has the names of the channels."""
+        """Begin a series of presses on a strip of the length `length_um`.
+
+        `title` is the name of the series, `total` the number of its presses, `plan` the names of
+        the channels.
+        """
 
     def skip(self, count: int = 1) -> None:
-        """Add `count`, which may be negative, to the displayed number of presses taken."""
+        """Add `count` to the displayed number of presses taken; a negative number subtracts."""
 
     def want(self, wanted: Wanted) -> None:
         """Show where to press next."""
@@ -70,7 +74,7 @@ class Dialog(Protocol):
         """Show a reading, why the press is unsteady (`trouble`), and the steady share (0 to 1)."""
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
-        """Show that a press was taken."""
+        """Show that the press `wanted` was taken; `reading` has its counts."""
 
     def fitted(self, progress: Progress) -> None:
         """Show the progress after a press of a session by hand."""

@@ -171,7 +171,11 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
 
 
 def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
-    """Return the best weights of the channels in a part of the strip: for position, for force."""
+    """Return the channel weights for the position and those for the force, in one segment.
+
+    `curve` has log2 of the counts along the strip, `noise` is that of the sensor, and `part` are
+    start and end of the segment in um.
+    """
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
     # With the mean slope of the part, the mean error of the force in the part is 0.
     slope = curve.logs(part[1]) - curve.logs(part[0])
@@ -223,8 +227,9 @@ def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
 def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:
     """Return the largest standard deviations along the strip: position in um, misfit in log2 units.
 
-    `dimmer` contains n brightnesses relative to the firm press, in log2 units; both results have
-    shape (n,). `parts` contains the weights of each segment, and `test` those of the misfit.
+    `rest` has log2 of the counts of firm presses along the strip. `dimmer` contains n brightnesses
+    relative to these presses, in log2 units; both results have shape (n,). `parts` contains the
+    weights of each segment, and `test` those of the misfit.
     """
     places = np.linspace(*rest.ends_um, _NOISE_PLACES)
     variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
@@ -254,7 +259,9 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the table from brightness to force: ascending forces in mN, and brightnesses in Q20.
 
-    `rest` has the curves of the firm presses along the strip; `firm` is their brightness in Q20.
+    `rest` has log2 of the counts of firm presses along the strip, and `firm` is their brightness in
+    Q20. `parts` contains the weights of each segment; `pressed` has the presses with different
+    forces.
     """
     lit = pressed.lit_everywhere()
     brightness = np.array(

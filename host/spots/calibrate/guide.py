@@ -77,7 +77,7 @@ class Guide:
         self.say(f"{title}: {total} presses, channels {' '.join(plan)}")
 
     def skip(self, count: int = 1) -> None:
-        """Add `count`, which may be negative, to the displayed number of presses taken."""
+        """Add `count` to the displayed number of presses taken; a negative number subtracts."""
         self._done += count
 
     def want(self, wanted: Wanted) -> None:
@@ -125,7 +125,7 @@ class Guide:
     def fitted(self, progress: Progress) -> None:
         """Show the accuracy expected after the last press, and where more presses are needed."""
         self._done, self._total = progress.done, progress.total
-        thin = f"; few presses {', '.join(progress.thin)}" if progress.thin else ""
+        thin = f"; too few presses {', '.join(progress.thin)}" if progress.thin else ""
         force = f", force {progress.sigma_share:.1%}" if progress.force_mN.any() else ""
         self.say(f"expected error: position {progress.sigma_um / 1000:.2f} mm{force}{thin}")
 
@@ -154,7 +154,7 @@ class Guide:
         if self._live is not None:
             self._live.start()
         if not line:
-            raise SpotsError("standard input is closed: run this in a terminal")
+            raise SpotsError("standard input is closed: run this command in a terminal")
         if line.strip().lower() == "undo":
             raise UndoError
         return line.strip()

@@ -55,8 +55,8 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     session : Session
         Presses taken so far; the new presses are added.
     count, least : int
-        `count` presses by hand are enough; repeated presses reduce this number, but not below
-        `least`.
+        Number of presses by hand to take, and its lower limit. Repeated and refused presses reduce
+        the number, so that the total does not grow.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
 
@@ -126,7 +126,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
 
 
 def material(session: Session, length_um: float) -> tuple[Surface, Presses, Presses]:
-    """Compute the data that the fit of a calibration needs, from a session by hand.
+    """Fit a session by hand, and compute from the fit the presses that `fit.fit` needs.
 
     Parameters
     ----------
@@ -169,7 +169,10 @@ def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: floa
 
 
 def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
-    """Return the forces and the hold of the next press with two forces, which is at `place_um`.
+    """Return the next press with two forces: first force, second force, and hold of the first.
+
+    Forces are in mN, the hold is in s. At the position `place_um`, both forces light all channels,
+    as far as the fit `surface` shows.
 
     Returns None before such presses are due, and after the last of them.
     """
@@ -188,8 +191,9 @@ def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
 def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     """Return how much firm presses have softened the strip, and the standard deviation of this.
 
-    A softened place gives more light under forces below the largest earlier force. So the error of
-    each force is fitted to a constant, the logarithm of the force, and this softening.
+    Both are shares of the force. A softened place gives more light under forces below the largest
+    earlier force. So a constant, a multiple of the logarithm of the force, and this softening are
+    fitted to the errors of the forces.
     """
     forces_mN, off_share = surface.taken.force_mN, surface.misfits[2]
     errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))
@@ -221,17 +225,20 @@ def _next(
         share, force_mN = first[min(len(known), len(first) - 1)]
         place_um = share * length_um
     elif rough:  # without a scale, only the place can be chosen
-        places_um, sigma_um = surface.errors()[0]
+        places_um, sigma_um = surface.bent.errors()[0]
         place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
     else:
-        place_um, force_mN = surface.next_press(dark_mN)
+        place_um, force_mN = surface.bent.next_press(dark_mN)
     place_um = np.clip(round(place_um, -3), _END_UM, length_um - _END_UM)
     load = _load(session, surface, place_um) if loads and surface else None
     return _wanted(place_um, *(load or (force_mN,)))
 
 
 def _surface(session: Session, length_um: float, start: Surface | None = None) -> Surface | None:
-    """Return the fit of all presses of a session, or None if there are too few presses."""
+    """Return the fit of all presses of a session; None if there are too few.
+
+    `length_um` is the length of the strip. The search for the best fit begins at `start`, if given.
+    """
     taken = presses([p for kind in _KINDS for p in session.of(kind) if min(p.counts) > 1])
     if len(taken.force_mN) < len(_FIRST):
         return None
@@ -242,7 +249,11 @@ def _surface(session: Session, length_um: float, start: Surface | None = None) -
 
 
 def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
-    """Remove the worst outlier of the presses by hand; return False if there is no outlier."""
+    """Remove from a session the press by hand that fits worst, if it is an outlier.
+
+    `surface` is the fit of the session, and `guide` shows a message to the person. Returns False if
+    there is no outlier.
+    """
     misfit, taken = surface.misfits[0], surface.taken
     worst = int(np.argmax(misfit))
     at = taken.position_um[worst], taken.force_mN[worst]

@@ -26,7 +26,7 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     Parameters
     ----------
     session : Session
-        Presses of the session. An unfinished joint or strain is ignored.
+        Presses of the session. An unfinished series of presses for a joint or a strain is ignored.
     say : callable
         ``say(line)`` shows a message if the joint cannot be included in the calibration.
 
@@ -102,7 +102,7 @@ def _joint(session: Session, say: Callable[[str], None]) -> dict:
         return {"joint": fit_joint(turned), "joint_marks": joint_marks(turned)}
     except SpotsError as error:
         # The joint may be unfinished; the calibration of the strip does not need the joint.
-        say(f"the joint is left out: {error}")
+        say(f"the calibration is written without the joint: {error}")
         return {}
 
 

@@ -112,7 +112,11 @@ class Presser:
         )
 
     def _read(self, what: str, default: str, length_um: float):
-        """Ask for a position and a force, as `typed` returns them; None to repeat the press."""
+        """Ask for position and force until the answer is valid; return them as `typed` does.
+
+        `what` and `default` are parts of the question. Returns None if the person wants to repeat
+        the press.
+        """
         while True:
             answer = self._guide.ask(f"what {what}? (Enter: {default}; again; undo) ")
             if answer.lower() == "again":
@@ -173,7 +177,10 @@ class Presser:
         return Wanted(kind="joint", place_um=0, force_mN=0, angle_deg=angle, direction=direction)
 
     def _number(self, question: str, lowest: float, highest: float) -> float:
-        """Ask for a number until the answer is valid. A decimal comma is valid."""
+        """Ask `question` until the answer is a number from `lowest` to `highest`.
+
+        A decimal comma is valid.
+        """
         while True:
             answer = self._guide.ask(question)
             try:

@@ -51,7 +51,7 @@ def rezero(
     force_mN: float | None = None,
     joint: bool = False,
 ) -> file.CalibrationFile:
-    """Ask for presses at the marks, and return the corrected calibration; write no file.
+    """Ask for presses at the marks, and return the corrected calibration without writing a file.
 
     Parameters
     ----------
@@ -157,8 +157,9 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the shifts of three marks, corrected for presses that missed their mark.
 
-    A drift of LED, filters or dye changes the counts as if the marks had moved by distances that
-    depend linearly on their positions. Any other movement of the marks is an error of the presses.
+    The arguments are those of `drift.described`. A drift of LED, filters or dye has the same effect
+    as a movement of the marks, by distances that are a linear function of their positions. So any
+    other apparent movement is an error of the presses, and is removed.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]
@@ -170,7 +171,8 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
 def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
     """Ask for presses at a mark until `presses` of them agree; return each channel's mean shift.
 
-    `log` is log2 of the counts of this mark at the time of the calibration.
+    `wanted` is the press to ask for, and `log` is log2 of its counts at the calibration. `marks`
+    are all marks of the calibration; a press nearer to another mark is repeated.
     """
     logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])

@@ -169,7 +169,7 @@ class Session:
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 raise SpotsError(
                     f"line {number} of the session {path} is damaged ({error}): remove that line "
-                    "to take its press again, or begin another session"
+                    "to repeat its press, or begin another session"
                 ) from None
 
     def add(self, taken: Point) -> None:

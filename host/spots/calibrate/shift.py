@@ -82,9 +82,10 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield the start of each segment in um: all of one strain, then all of the next strain.
+    """Yield the start of each segment of the strip in um, for one strain after the other.
 
-    `rows` are the statements of a calibration, as pairs of name and list of integers.
+    `rows` are the statements of a calibration, as pairs of name and list of integers; `segments` is
+    the number of segments.
     """
     places: list[list[int]] = []
     for name, values in rows:

@@ -1,9 +1,9 @@
 """Fits the board's compensation of hysteresis and creep to a recording of known forces.
 
-The compensated force is the gain times the force that the board read without compensation, minus
-play operators of that force times weights (hysteresis), minus low-pass filters of the true force
-times shares (creep). The force is linear in the gain, the weights and the shares, which are fitted.
-See `spots_device.silicone`.
+The compensated force is a gain times the force that the board reads without compensation, minus
+hysteresis and creep. Hysteresis is a weighted sum of play operators of the force read. Creep is a
+sum of low-pass filters of the true force, times their shares. The force is linear in the gain, the
+weights and the shares, which are fitted. See `spots_device.silicone`.
 """
 
 from __future__ import annotations
@@ -186,20 +186,34 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
 
 
 def _prior(plays: float, creep: float, terms: int) -> np.ndarray:
-    """Return the expected size of each unknown: gain - 1, weights, shares, errors of forces."""
+    """Return the expected size of each unknown of the fit, in the order of the fit.
+
+    The unknowns are: gain - 1, the weights (`plays` is their size), the shares (`creep`), and
+    errors of forces, relative to their standard deviation. `terms` is the number of all unknowns.
+    """
     sizes = [max(plays, creep), *[plays] * len(PLAYS_MN), *[creep] * len(TAUS_MS)]
     return np.array(sizes + [1.0] * (terms - len(sizes)))
 
 
 def _evidence(prior: np.ndarray, information: np.ndarray, values: np.ndarray) -> float:
-    """Return the logarithm of the probability of the recording, plus a constant."""
+    """Return the logarithm of the probability of a recording, plus a constant.
+
+    `prior` has the expected sizes of the p unknowns; `information`, shape (p, p), and `values`,
+    shape (p,), are the normal equations of the least-squares fit.
+    """
     total = np.eye(len(prior)) + information * np.outer(prior, prior)
     scaled = prior * values
     return float(scaled @ np.linalg.solve(total, scaled) - np.linalg.slogdet(total)[1]) / 2
 
 
 def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
-    """Return the terms of the force without their gain, weights and shares, shape (n, 7)."""
+    """Return the columns of the least-squares fit for each reading, shape (n, 7).
+
+    The columns are: the force that the board read, three play operators of it (hysteresis), and
+    three low-pass filters of the true force (creep).
+
+    The arguments are those of `fit_silicone`.
+    """
     radii, taus_s = np.array(PLAYS_MN, float), np.array(TAUS_MS) / 1000
     plays, crept = np.zeros(len(radii)), np.zeros(len(taus_s))
     rows = np.zeros((len(time_s), 1 + len(radii) + len(taus_s)))

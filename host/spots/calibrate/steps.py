@@ -121,7 +121,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
 
 
 def missing_step(session: Session) -> str | None:
-    """Return the command that takes the presses still needed for a calibration, or None."""
+    """Return the command for the presses that a calibration still needs; None if it needs none."""
     if len(session.of("hand")) >= COUNTS["rough"][1]:
         return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):
@@ -140,7 +140,10 @@ class _Steps:
     session: Session
 
     def settle(self, options: argparse.Namespace, kind: str) -> None:
-        """Choose gain, LED current and channels, unless earlier presses of the session fix them."""
+        """Choose gain, LED current and channels, unless earlier presses of the session fix them.
+
+        `kind` and `options` are those of `calibrate`.
+        """
         session, reader = self.session, self.bench.reader
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
         if not session.plan_is_open:
@@ -224,7 +227,10 @@ class _Steps:
             self.bench.reader.set_up("plan=" + ",".join(plan))
 
     def places(self, kind: str, count: int, strain_ppm: int) -> None:
-        """Take presses at positions along the strip, which is at rest or stretched."""
+        """Take `count` presses along the strip, which has the strain `strain_ppm`.
+
+        `kind` is the kind of the presses, see `session.Wanted`.
+        """
         length_um = self.bench.length_um * (1 + strain_ppm * 1e-6)
         self.bench.presser.stretch(strain_ppm, length_um)
         self.bench.reader.set_up()
@@ -236,7 +242,7 @@ class _Steps:
         self._series(title, row, length_um)
 
     def forces(self, count: int) -> None:
-        """Take presses with different forces at a few positions."""
+        """Take presses with `count` different forces at each of a few positions."""
         guide, length_um = self.bench.guide, self.bench.length_um
         places_um = [round(share * length_um, -2) for share in sorted(FORCE_PLACES, reverse=True)]
         # The first press of a session has the least force, at the dimmest place.
@@ -282,7 +288,10 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take presses at angles of a joint, upwards and then downwards; calibrate the joint."""
+        """Take presses at `count` angles of a joint upwards, then downwards.
+
+        Calibrate the joint.
+        """
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board
@@ -317,7 +326,7 @@ class _Steps:
         taken = [(p.angle_deg, p.direction) for p in self.session.of("joint")]
         if (wanted.angle_deg, wanted.direction) in taken:
             self.bench.guide.skip()
-            self.bench.guide.say(f"{wanted} was taken already: turn the joint further")
+            self.bench.guide.say(f"{wanted} was measured already: turn the joint further")
             return
         reading = self.bench.take(wanted, self._noise())
         position = self.bench.reader.positions_um(self.bench.window, self.bench.presser.patience_s)
@@ -333,7 +342,10 @@ class _Steps:
         self.bench.guide.begin(title, count, plan, length_um or self.bench.length_um)
 
     def _series(self, title: str, row: list[Wanted], length_um: float | None = None) -> None:
-        """Take the presses of `row` that the session does not have yet; `title` names the row."""
+        """Take those presses of the list `row` that the session lacks; show `title` above them.
+
+        `length_um` is the length of the strip, if it is stretched.
+        """
         self._begin(title, len(row), length_um)
         for wanted in row:
             if self.session.has(wanted, self.bench.reader.conditions.plan):

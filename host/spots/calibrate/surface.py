@@ -2,10 +2,11 @@
 
 The model of log2 of the counts of channel c is ``s_c(x) + g(F)``: by Eq. 1 of the paper, place and
 force act on the logarithm separately. `s_c` and `g` are Chebyshev series whose coefficients have a
-Gaussian prior, which is narrower for higher degrees. An error of the position shifts the channels
-along the slopes of `s_c`; an error of the force shifts all channels alike. The sizes of these
-errors and of the coefficients are those with the largest evidence (Rasmussen and Williams, Gaussian
-Processes for Machine Learning, section 5.4.1).
+Gaussian prior, which is narrower for higher degrees; its width differs between channels. An error
+of the position shifts the channels along the slopes of `s_c`; an error of the force shifts all
+channels alike. The sizes of these errors and of the coefficients are those with the largest
+evidence (Rasmussen and Williams, Gaussian Processes for Machine Learning,
+section 5.4.1).
 """
 
 from __future__ import annotations
@@ -49,8 +50,10 @@ class Sizes:
     force_mN : float
         Standard deviation that is the same for all forces, in mN: rounding of the scale, and creep
         of earlier presses. It matters for weak forces.
-    bend, rise : float
-        Expected sizes of the coefficients of degree 2 of `s_c` and of `g`, in log2 units.
+    bends : tuple of float
+        Expected sizes of the coefficients of degree 2 of each `s_c`, in log2 units.
+    rise : float
+        Expected size of the coefficient of degree 1 of `g`, in log2 units.
     dark_share : float
         Force at which the strip begins to give light, as a share of the least force of the presses.
     misfit : float
@@ -60,7 +63,7 @@ class Sizes:
     place_um: float = 300.0
     force_share: float = 0.03
     force_mN: float = 20.0
-    bend: float = 0.03
+    bends: tuple[float, ...] = (0.03,) * CHANNELS
     rise: float = 0.3
     dark_share: float = 0.8
     misfit: float = 3e-4
@@ -70,11 +73,19 @@ _GRIDS = {
     "place_um": (1.0, 10.0, 30.0, 60.0, 100.0, 200.0, 300.0, 500.0),
     "force_share": (0.0003, 0.003, 0.01, 0.02, 0.03, 0.05, 0.08),
     "force_mN": (0.3, 3.0, 20.0),
-    "bend": (0.003, 0.01, 0.03, 0.1, 0.3),
+    "bends": (3e-4, 1e-3, 0.003, 0.01, 0.03, 0.1, 0.3),
     "rise": (0.03, 0.1, 0.3, 1.0),
     "dark_share": (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98),
     "misfit": (3e-4, 1e-3, 3e-3, 1e-2),
 }
+# Each channel has its own size of the bends. Most channels are nearly straight, because they
+# receive a narrow band of the spectrum. Errors of the ruler would bend all channels along the
+# slopes, so straight channels reduce the effect of these errors on the fit.
+_SEARCHED = [
+    (name, channel)
+    for name in _GRIDS
+    for channel in (range(CHANNELS) if name == "bends" else (None,))
+]
 
 
 class Surface:
@@ -121,10 +132,10 @@ class Surface:
         self._low, self._high = np.log(
             [self.least_mN - self._dark_mN, self.most_mN - self._dark_mN]
         )
-        bends = sizes.bend * _RATIO ** (np.arange(_PLACE) - 2.0)
+        bends = np.outer(sizes.bends, _RATIO ** (np.arange(_PLACE) - 2.0))
         rises = sizes.rise * _RATIO ** (np.arange(_FORCE) - 1.0)
-        bends[:2] = rises[0] = _WIDE
-        self._prior = np.concatenate([np.tile(bends, CHANNELS), rises])
+        bends[:, :2] = rises[0] = _WIDE
+        self._prior = np.concatenate([bends.ravel(), rises])
         self._mean = start._mean if start else np.zeros_like(self._prior)
         for _ in range(1 if start else _ROUNDS):
             self._solve()
@@ -153,7 +164,11 @@ class Surface:
         )
 
     def _rows(self, place_um, force_mN) -> np.ndarray:
-        """Return derivatives of log2(counts) by the coefficients, shape (n, 6, coefficients)."""
+        """Return derivatives of log2(counts) by the model's coefficients.
+
+        The arguments are positions in um and forces in mN of n presses; 0 is an unknown force. The
+        result has the shape (n, 6, number of coefficients).
+        """
         place = chebyshev.chebvander(2 * np.asarray(place_um) / self.length_um - 1, _PLACE - 1)
         force = chebyshev.chebvander(self._share(force_mN), _FORCE)[:, 1:]
         force *= (np.asarray(force_mN) > 0)[:, None]
@@ -171,14 +186,18 @@ class Surface:
         return chebyshev.chebval(share, chebyshev.chebder(series)).T * 2 / self.length_um
 
     def _rises(self, force_mN) -> np.ndarray:
-        """Return the derivatives of log2(counts) by the logarithm of the force, shape (n,)."""
+        """Return the derivatives of log2(counts) by the logarithm of n forces, shape (n,)."""
         series = np.concatenate([[0.0], self._mean[CHANNELS * _PLACE :]])
         rises = chebyshev.chebval(self._share(force_mN), chebyshev.chebder(series))
         lit = np.maximum(np.asarray(force_mN) - self._dark_mN, 1.0)
         return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
 
     def _own(self, place_um, force_mN, counts) -> np.ndarray:
-        """Return covariances of six log2(counts) due to errors of each press, shape (n, 6, 6)."""
+        """Return covariances of log2(counts) due to errors of each press itself, shape (n, 6, 6).
+
+        The arguments are positions in um, forces in mN and counts of n presses. The errors are
+        noise, misfit of the model, and errors of position and force.
+        """
         noise = self._noise.log_variance(counts) / self._samples
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         slopes = self._slopes(place_um) * self.sizes.place_um
@@ -210,6 +229,16 @@ class Surface:
         """Return the surface fitted to all presses except the one with index `press`."""
         kept = self.taken.keep(np.arange(len(self.taken.force_mN)) != press)
         return Surface(kept, self._noise, self._samples, self.length_um, self.sizes, self)
+
+    @cached_property
+    def bent(self) -> Surface:
+        """Fit of the same presses with the largest expected bend for every channel.
+
+        It is used to choose the next press. So a strip whose curves seem straight is also checked
+        between its ends.
+        """
+        sizes = replace(self.sizes, bends=(max(self.sizes.bends),) * CHANNELS)
+        return Surface(self.taken, self._noise, self._samples, self.length_um, sizes, self)
 
     def find(self, counts: np.ndarray) -> tuple[float, float]:
         """Return position in um and force in mN whose expected counts are nearest to `counts`."""
@@ -273,7 +302,11 @@ class Surface:
         return Presses(place_um, force_mN, counts, self._noise.variance(counts), saturated)
 
     def _grid(self, places: int, dark_mN: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions in um and forces in mN of a grid of presses that light all channels."""
+        """Return positions in um and forces in mN of a grid of presses that light all channels.
+
+        The grid has `places` positions. `dark_mN` is the largest force so far at which a channel
+        had no light.
+        """
         low_mN = max(_LOWER * self.least_mN, _LEAST_MN, _ABOVE_DARK * dark_mN)
         forces_mN = np.geomspace(low_mN, FULL_MN, 12)
         far_um = np.full_like(forces_mN, _FAR * self.length_um)
@@ -284,7 +317,11 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return two matrices: from errors of the coefficients to errors of place, and of force."""
+        """Return two matrices: they convert coefficient errors to position and force errors.
+
+        The matrices have a row for each of the presses at the positions `place_um` with the forces
+        `force_mN`.
+        """
         rows = self._rows(place_um, force_mN)
         light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))
         light = (rows * light[:, :, None]).sum(axis=1) / self._rises(force_mN)[:, None]
@@ -366,11 +403,15 @@ def fitted(
     best = Surface(presses, noise, samples, length_um, sizes)
     for _ in range(_SWEEPS):
         before = best
-        for name, grid in _GRIDS.items():
-            at = grid.index(getattr(best.sizes, name))
+        for name, channel in _SEARCHED:
+            grid, value = _GRIDS[name], getattr(best.sizes, name)
+            at = grid.index(value if channel is None else value[channel])
             for step in (-1, 1):
-                for value in grid[at + step :: step] if at + step >= 0 else ():
-                    tried = replace(best.sizes, **{name: value})
+                for size in grid[at + step :: step] if at + step >= 0 else ():
+                    changed = size
+                    if channel is not None:
+                        changed = (*value[:channel], size, *value[channel + 1 :])
+                    tried = replace(best.sizes, **{name: changed})
                     surface = Surface(presses, noise, samples, length_um, tried, best)
                     if surface.evidence <= best.evidence:
                         break

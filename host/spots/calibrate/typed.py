@@ -54,7 +54,8 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
             if not _LEAST_MN <= force_mN <= _MOST_MN:
                 other = "g" if unit in ("n", "mn") else "N"
                 raise SpotsError(
-                    f"{found[0].strip()} is no force of a finger: did you mean {found[1]} {other}?"
+                    f"{found[0].strip()} is not a possible force of a finger: did you mean "
+                    f"{found[1]} {other}?"
                 )
     return place_um, force_mN
 

@@ -17,7 +17,7 @@ def keys(parser: Parser):
       spots keys push mylayout.toml
     """
     parser.option("what", "ACTION", "check, show or push", choices=["check", "show", "push"])
-    parser.option("layout", "LAYOUT", "a .toml file, or a name such as mini")
+    parser.option("layout", "LAYOUT", "key layout: a .toml file, or a name such as mini")
     arguments.add_port(parser)
     return _keys
 
@@ -29,7 +29,9 @@ def keyboard(parser: Parser):
       spots keyboard
       spots keyboard --layout mini --dry-run
     """
-    parser.option("--layout", "LAYOUT", "a .toml file, or a name such as mini", default="digits")
+    parser.option(
+        "--layout", "LAYOUT", "key layout: a .toml file, or a name such as mini", default="digits"
+    )
     _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.keyboard.keyboard:keyboard_command")
 
@@ -69,18 +71,30 @@ def twin(parser: Parser):
     parser.flag("--json", "print one JSON object per line")
     arguments.add_ports(parser)
     parser.option(
-        "--record", "FILE.spots", "new recording; once for each board", action="append", default=[]
+        "--record",
+        "FILE.spots",
+        "file for a new recording; once for each board",
+        action="append",
+        default=[],
     )
     group = parser.add_argument_group("calibrate a linkage")
-    group.add_argument("--measure", metavar="POINTS.csv", help="measure positions of the end point")
-    group.add_argument("--calibrate", metavar="POINTS.csv", help="compute the linkage from points")
+    group.add_argument(
+        "--measure",
+        metavar="POINTS.csv",
+        help="add measured positions of the end point to this table",
+    )
+    group.add_argument(
+        "--calibrate", metavar="POINTS.csv", help="fit the linkage to the positions in this table"
+    )
     group.add_argument(
         "--place-sigma-mm",
         type=arguments.sigma_mm,
         default=0.1,
         help="standard error of a measured coordinate; 0.1 if not given",
     )
-    group.add_argument("--out", metavar="FILE.toml", help="the linkage file to write")
+    group.add_argument(
+        "--out", metavar="FILE.toml", help="the linkage file to write, for --calibrate"
+    )
     arguments.add_simulation(parser, "linkage")
     return calls("spots.linkage.twin:twin_command")
 

@@ -49,7 +49,9 @@ def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None
         entry.load()(parser)
 
 
-def add_seconds(parser: argparse.ArgumentParser, text: str = "stop after this time") -> None:
+def add_seconds(
+    parser: argparse.ArgumentParser, text: str = "stop after this time in seconds"
+) -> None:
     """Add the option for the duration of a command.
 
     Parameters

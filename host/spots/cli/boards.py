@@ -50,7 +50,7 @@ def flash(parser: Parser):
       spots flash pico --dry-run
     """
     _add_board(parser)
-    parser.flag("--dry-run", "print the changes, but copy nothing")
+    parser.flag("--dry-run", "print which files would change, but copy nothing")
     _add_strips(parser)
     return calls("spots.deploy.flash:flash", "board", "port", "dry_run", "strips")
 
@@ -77,12 +77,12 @@ def calibrate(parser: Parser):
     parser.option(
         "kind",
         "KIND",
-        "fine (with ruler and scale) if not given; position, force, strain or joint",
+        "fine (with ruler and scale; the default), position, force, strain or joint",
         nargs="?",
         default="fine",
         choices=["fine", "position", "force", "strain", "joint"],
     )
-    parser.flag("--rough", "with a fingertip and a ruler, without a scale: relative forces")
+    parser.flag("--rough", "for a fingertip and a ruler, without a scale; forces are then relative")
     arguments.add_port(parser)
     parser.option(
         "--session",
@@ -90,17 +90,25 @@ def calibrate(parser: Parser):
         "file for the presses; an existing file continues its session",
         default="calibration.jsonl",
     )
-    parser.option("--out", "FILE.toml", "the new file; named like the session if not given")
     parser.option(
-        "--places", "N", "number of presses, places, forces or angles", type=arguments.places
+        "--out", "FILE.toml", "calibration file to write; named like the session if not given"
     )
     parser.option(
-        "--length-mm", "N", "length of the strip at rest; 85 if not given", type=arguments.length_mm
+        "--places", "N", "number of presses, positions, forces or angles", type=arguments.places
     )
     parser.option(
-        "--strain-percent", "N", "the strain, for KIND 'strain'", type=arguments.strain_percent
+        "--length-mm",
+        "N",
+        "length of the strip at rest in mm; 85 if not given",
+        type=arguments.length_mm,
     )
-    parser.option("--plan", "F3,F4,...", "six channels; the best ones if not given")
+    parser.option(
+        "--strain-percent",
+        "N",
+        "strain of the strip in percent, for KIND 'strain'",
+        type=arguments.strain_percent,
+    )
+    parser.option("--plan", "F3,F4,...", "six channels to measure; the best ones if not given")
     parser.flag("--keep-settings", "do not adjust gain and LED current")
     return calls("spots.calibrate.calibrate:calibrate_command")
 
@@ -117,16 +125,18 @@ def rezero(parser: Parser):
         nargs="?",
         default="calibration.toml",
         metavar="FILE.toml",
-        help="the calibration to correct; calibration.toml if not given",
+        help="calibration file to correct; calibration.toml if not given",
     )
     arguments.add_port(parser)
-    parser.flag("--quick", "press only the middle mark; cannot correct a bleached dye")
-    parser.flag("--joint", "turn the joint to its two end stops and a middle stop")
-    parser.option("--presses", "N", "presses at each mark", type=arguments.presses, default=1)
+    parser.flag("--quick", "press only the middle mark; this cannot correct a bleached dye")
+    parser.flag("--joint", "use two end stops and a middle stop of a joint as marks")
+    parser.option(
+        "--presses", "N", "number of presses at each mark", type=arguments.presses, default=1
+    )
     parser.option(
         "--force-N",
         "N",
-        "force of each press, read from a scale; corrects the force, too",
+        "force of each press in N, read from a scale; corrects the force, too",
         type=arguments.force_N,
     )
     parser.set_defaults(length_mm=None)
@@ -183,16 +193,9 @@ def _boards(options: argparse.Namespace) -> None:
     from ..deploy.staging import board_names, device_of
 
     rows = [
-        {
-            "name": device.name,
-            "title": device.title,
-            "runtime": device.runtime,
-            "arch": device.march,
-            "sda": device.wiring.get("sda"),
-            "scl": device.wiring.get("scl"),
-            "led": device.wiring.get("led"),
-        }
-        for device in map(device_of, board_names())
+        {"name": one.name, "title": one.title, "runtime": one.runtime, "arch": one.march}
+        | {wire: one.wiring.get(wire) for wire in ("sda", "scl", "led")}
+        for one in map(device_of, board_names())
     ]
     if options.json:
         print(json.dumps(rows))

@@ -33,24 +33,34 @@ def serve(parser: Parser):
       spots serve --http-port 8080
     """
     arguments.add_ports(parser)
-    parser.option("--linkage", "FILE.toml", "linkage file of two boards")
+    parser.option("--linkage", "FILE.toml", "show the five-bar linkage of this file")
     arguments.add_simulation(parser)
-    parser.option("--layout", "LAYOUT", "key layout: a file or a name", default="digits")
+    parser.option(
+        "--layout", "LAYOUT", "key layout: a .toml file, or a name such as mini", default="digits"
+    )
     parser.add_argument(
         "--address", default="127.0.0.1", help="address to listen on; other machines need the token"
     )
     parser.option(
-        "--http-port", "N", "port of the server; 0 for any", type=arguments.http_port, default=8765
+        "--http-port",
+        "N",
+        "TCP port of the server; 0 for any free port",
+        type=arguments.http_port,
+        default=8765,
     )
     parser.option("--edit", "FILE.toml", "let browsers with the token change this key layout")
     parser.option(
-        "--edit-controller", "FILE.toml", "let browsers with the token change these settings"
+        "--edit-controller",
+        "FILE.toml",
+        "let browsers with the token change these controller settings",
     )
     parser.option(
         "--edit-gestures", "FILE.toml", "let browsers with the token change the keys of gestures"
     )
     parser.option("--record-to", "FOLDER", "let browsers with the token record to this folder")
-    parser.option("--session", "FILE.jsonl", "let browsers with the token calibrate with this file")
+    parser.option(
+        "--session", "FILE.jsonl", "let browsers with the token calibrate; file for the presses"
+    )
     return calls("spots.web.serve:serve_command")
 
 
@@ -64,7 +74,9 @@ def command(parser: Parser):
     _, *texts = (inspect.getdoc(Commands) or "").split("\n\n")
     parser.description += "\n\n".join(["", *texts[:1]])
     arguments.add_port(parser)
-    parser.add_argument("line", nargs="+", metavar="LINE", help="one of the commands above")
+    parser.add_argument(
+        "line", nargs="+", metavar="LINE", help="a command of the board, see the list above"
+    )
     return _command
 
 

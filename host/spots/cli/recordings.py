@@ -20,11 +20,16 @@ def record(parser: Parser):
     """
     parser.option("file", "FILE.spots", "a new file")
     arguments.add_port(parser)
-    arguments.add_seconds(parser, "stop after this time; Ctrl-C stops, too")
+    arguments.add_seconds(parser, "stop after this time in seconds; Ctrl-C stops, too")
     parser.option(
-        "--rotate-mb", "N", "continue in FILE-001.spots after this size", type=arguments.megabytes
+        "--rotate-mb",
+        "N",
+        "continue in FILE-001.spots after this size in MB",
+        type=arguments.megabytes,
     )
-    parser.option("--calibration", "FILE.toml", "the board's calibration, to be recorded")
+    parser.option(
+        "--calibration", "FILE.toml", "calibration file of the board, to be stored in the recording"
+    )
     return _record
 
 
@@ -36,7 +41,11 @@ def replay(parser: Parser):
     """
     parser.option("file", "FILE.spots", "a recording")
     parser.option(
-        "--speed", "N", "2 is twice as fast, inf has no pauses", type=arguments.speed, default=1.0
+        "--speed",
+        "N",
+        "speed of the playback: 2 is twice as fast, inf has no pauses",
+        type=arguments.speed,
+        default=1.0,
     )
     return _replay
 
@@ -59,7 +68,9 @@ def export(parser: Parser):
       spots export run.spots --to csv
     """
     parser.option("file", "FILE.spots", "a recording")
-    parser.add_argument("--to", required=True, choices=["mcap", "csv", "npz"], help="the format")
+    parser.add_argument(
+        "--to", required=True, choices=["mcap", "csv", "npz"], help="format of the new file"
+    )
     parser.option("--out", "NAME", "the new file; named like the recording if not given")
     return _export
 

@@ -10,7 +10,7 @@ from rich.panel import Panel
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.calibrated import hello_often, ticks
+from ..link.calibrated import fed, hello_often
 from ..link.connect import open_named
 from ..link.frames import Touch
 from ..outputs.devices import Gamepad, State
@@ -98,25 +98,21 @@ def play(
     SpotsError
         If the board is lost, or the gamepad refuses events.
     """
-
-    def send(state: State | None) -> None:
+    for touch, state in fed(board, controller, seconds, _TICK_S):
         if state is not None:
             for watcher in watchers:
                 watcher.sent(state, board.now_s())
             gamepad.update(*state)
-
-    for touches in ticks(board, seconds, _TICK_S, controller.release):
-        for touch in touches:
-            send(controller.take(touch, board.now_s()))
+        if touch is not None:
             for watcher in watchers:
                 watcher.read(touch, controller.state)
-        send(controller.tick(board.now_s()))
 
 
 def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     """Return a controller for the strip of a board.
 
-    If necessary, ``release_ms`` is increased, so that one failed reading does not end a touch.
+    If necessary, ``release_ms`` is increased, so that a single reading that is too dark does not
+    end a touch.
 
     Parameters
     ----------

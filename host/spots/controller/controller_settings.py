@@ -127,9 +127,10 @@ class Tapped(_Button, tag="tapped"):
 
 
 class Anchored(_Button, tag="anchored"):
-    """A button that is down while a touch, which began in the button's zone, rests as an anchor.
+    """A button that is down while a finger rests in the button's zone, where it touched first.
 
-    This touch moves no axis and presses no other button. Position axes follow a second finger.
+    This finger is the anchor: it moves no axis and presses no other button. Position axes follow a
+    second finger.
     """
 
 

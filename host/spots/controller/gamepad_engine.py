@@ -54,6 +54,8 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
+    rests = 0  # a controller asks for no baseline, see `link.calibrated.fed`
+
     def __init__(self, settings: ControllerSettings, length_um: float, decay: int | None = None):
         self.length_um = length_um
         self._hold_s = settings.hold_ms / 1000
@@ -144,7 +146,10 @@ class Controller:
             self._end(now_s)
 
     def _stays(self, contacts: list[Contact]) -> bool:
-        """Return whether the anchor still rests, after a reading with these contacts."""
+        """Return whether the anchor still rests; `contacts` are the fingers in the latest reading.
+
+        The anchor is the first finger, if it touched in the zone of an `Anchored` button.
+        """
         if self._anchor_id is None:
             self._anchor_id = next((one.id for one in contacts if not one.ended), None)
             return True
@@ -209,7 +214,10 @@ class _Axis:
         self._move(getattr(touch, self._field), dt_s)
 
     def take_position(self, position_um: float, dt_s: float) -> None:
-        """Follow a position, unless the axis follows the force."""
+        """Move the axis to `position_um`, `dt_s` after the last value.
+
+        Do nothing if the axis follows the force.
+        """
         if self._field == "position_um":
             self._move(position_um, dt_s)
 
@@ -287,7 +295,10 @@ class _Button:
         return self._zone_um[0] <= position_um <= self._zone_um[1]
 
     def begin(self, mine: bool) -> None:
-        """Handle the start of a touch; `mine` is true if the touch may press this button."""
+        """Handle the start of a touch; `mine` is true if the touch may press this button.
+
+        That is the case if the start of the touch was measured, and is in the button's zone.
+        """
         self._mine = mine
 
     def take(self, force_mN: float) -> None:
@@ -296,14 +307,14 @@ class _Button:
     def tick(self, now_s: float) -> None:
         pass
 
+    def end(self, lasted_ms: float, now_s: float) -> None:
+        self.down = False
+
 
 class _PressedButton(_Button):
     def take(self, force_mN: float) -> None:
         least_mN = self._settings.release_mN if self.down else self._settings.press_mN
         self.down = self._mine and force_mN >= least_mN
-
-    def end(self, lasted_ms: float, now_s: float) -> None:
-        self.down = False
 
 
 class _TappedButton(_Button):
@@ -321,9 +332,6 @@ class _TappedButton(_Button):
 class _AnchoredButton(_Button):
     def take(self, force_mN: float) -> None:
         self.down = self._mine
-
-    def end(self, lasted_ms: float, now_s: float) -> None:
-        self.down = False
 
 
 _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton, Anchored: _AnchoredButton}

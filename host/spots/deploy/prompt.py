@@ -232,7 +232,10 @@ class Prompt:
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt; return the facts about the board that a program on it prints."""
+        """Enter the raw prompt.
+
+        Return facts about the board, which a program on the board prints.
+        """
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors

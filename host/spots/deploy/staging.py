@@ -86,7 +86,7 @@ class Device(toml.Strict, kw_only=True):
         if not 1 <= len(self.strips) <= STRIPS_MAX:
             raise ValueError(f"there must be 1 to {STRIPS_MAX} [[strips]] tables, or none")
         if self.runtime != "micropython" and any("MUX_CHANNEL" in one for one in self.strips):
-            raise ValueError("MUX_CHANNEL needs runtime = micropython")
+            raise ValueError("MUX_CHANNEL needs runtime = micropython: give pins instead")
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(

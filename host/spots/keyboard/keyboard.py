@@ -5,7 +5,7 @@ import math
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.calibrated import hello_often, request_baseline, ticks
+from ..link.calibrated import fed, hello_often
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
@@ -57,12 +57,7 @@ def type_on(
     engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"])
     board.patience_s = math.inf  # wait for a lost board: no key is down meanwhile
     try:
-        for touches in ticks(board, seconds, _TICK_S, engine.release):
-            for touch in touches:
-                engine.take(touch, board.now_s())
-            engine.tick(board.now_s())
-            if engine.rests:
-                engine.rests = 0
-                request_baseline(board)
+        for _ in fed(board, engine, seconds, _TICK_S):
+            pass
     finally:
         engine.release()

@@ -218,7 +218,9 @@ class _Compiler:
         verb, _, name = text.partition(" ")
         if verb in LAYER_VERBS:
             if name not in self._names:
-                self._refuse(text, f"{where}: no layer is called '{name}'", self._names)
+                known = ", ".join(self._names)
+                why = f"{where}: no layer is called '{name}'; valid names are {known}"
+                self._refuse(text, why)
             number = self._names.index(name)
             self._reached.add(number)
             if verb == "toggle":
@@ -245,10 +247,9 @@ class _Compiler:
                     name, f"no key leaves layer '{name}': add 'toggle {name}' to one of its keys"
                 )
 
-    def _refuse(self, value: str, why: str, known: list[str] | None = None) -> None:
-        line = _line_of(self._text, value)
-        there = f"; valid names are {', '.join(known)}" if known else ""
-        raise SpotsError(f"layout {self._path}{line}: {why}{there}") from None
+    def _refuse(self, value: str, why: str) -> None:
+        line = _line_of(self._text, rf"""(["']){re.escape(value)}\1""")
+        raise SpotsError(f"layout {self._path}{line}: {why}") from None
 
 
 def _label(key: _Key) -> str:
@@ -287,19 +288,17 @@ def typed(page: int, usage: int) -> str:
     return character.upper() if len(character) == 1 else ""
 
 
-def _line_of(text: str, value: str) -> str:
-    """Return where a TOML text contains a string value, as ``, line 7``; empty if nowhere."""
+def _line_of(text: str, pattern: str) -> str:
+    """Return the place of a regular expression in a text as ``, line 7``; empty if not found."""
     for number, line in enumerate(text.splitlines(), 1):
-        if f'"{value}"' in line or f"'{value}'" in line:
+        if re.search(pattern, line):
             return f", line {number}"
     return ""
 
 
 def _line_of_path(text: str, error: str) -> str:
-    """Return where a text has the TOML key of a msgspec error, as ``, line 7``; else empty."""
+    """Return the place of the TOML key that a msgspec error names, as ``, line 7``; else empty."""
     names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
-    for name in (part for pair in reversed(names) for part in pair if part):
-        for number, line in enumerate(text.splitlines(), 1):
-            if re.search(rf"(?<!\w){name}\s*=", line):
-                return f", line {number}"
-    return ""
+    keys = (part for pair in reversed(names) for part in pair if part)
+    found = (_line_of(text, rf"(?<!\w){key}\s*=") for key in keys)
+    return next(filter(None, found), "")

@@ -52,14 +52,14 @@ _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
 
 
 def of_sensor(line: str, sensor: int) -> str:
-    """Return a command for one sensor of a board.
+    """Append ``sensor=N`` to a command, unless N is 0.
 
     Parameters
     ----------
     line : str
         The command.
     sensor : int
-        Number of the sensor; more than 0 only on a board with several strips.
+        Number N of the sensor; more than 0 only on a board with several strips.
 
     Returns
     -------
@@ -105,8 +105,9 @@ class Board:
     link : serial_link.Link
         Link to the board; `close` closes it.
     only : int, optional
-        Number of a sensor: this object then is the board of this strip alone. Its commands go to
-        this sensor, and frames of other sensors are dropped; in its frames, `sensor` is 0.
+        Number of a sensor, on a board with several strips. The object then represents this strip
+        only: its commands go to this sensor, and frames of other sensors are dropped. In its
+        frames, `sensor` is 0.
 
     Attributes
     ----------
@@ -155,7 +156,7 @@ class Board:
         self._streams: dict[int, list[str]] = {}  # streams that should be on, by sensor
         self._chosen = False  # whether `command` chose the streams
         self._loss = LinkLoss(link.now_s())
-        self._resuming = False
+        self._stopped: set[int] = set()  # sensors whose streams ended with a restart of the board
         self._late = False  # whether the reply to an earlier command may still arrive
         self._closed = False
         self._times_us: deque[int] = deque(maxlen=_RATE_READINGS)
@@ -319,7 +320,8 @@ class Board:
         with self._turn:
             if self._late:
                 # The board replies in order, so no late reply follows the reply to this `hello`.
-                self._late = self._exchange("hello", _HELLO_TIMEOUT_S) is None
+                hello_s = min(timeout_s, _HELLO_TIMEOUT_S)
+                self._late = self._exchange("hello", hello_s) is None
             reply = self._exchange(line, timeout_s)
             if reply is None:
                 self._late = True
@@ -335,6 +337,7 @@ class Board:
             sensor = number if isinstance(number, int) and self._only is None else 0
             if content["re"] == "stream":
                 self._streams.pop(sensor, None)
+                self._stopped.discard(sensor)
                 if kinds := [kind for kind in content["stream"] if kind != "off"]:
                     self._streams[sensor] = kinds
                 self._loss.expect(self.now_s() if self._streams else None)
@@ -608,7 +611,11 @@ class Board:
 
     def _advance(self, timeout_s: float) -> None:
         self._pump_or_resume(timeout_s)
-        self._report_state()
+        state = self.state
+        if state != self._reported_state:
+            self._reported_state = state
+            for action in list(self._on_state):
+                action(state)
 
     def record(
         self, path: str | Path, *, rotate_bytes: int | None = None
@@ -722,7 +729,9 @@ class Board:
 
     def _map_clocks(self) -> None:
         for i in range(TRIPS):
-            self._idle(spread_s(i))
+            end_s = self.now_s() + spread_s(i)
+            while self.now_s() < end_s:
+                self._pump(end_s - self.now_s())
             self._sync()
         self._clocks.keep(self.now_s())
 
@@ -757,13 +766,6 @@ class Board:
                 raise
             self._loss.unplug(self.now_s())
 
-    def _report_state(self) -> None:
-        state = self.state
-        if state != self._reported_state:
-            self._reported_state = state
-            for action in list(self._on_state):
-                action(state)
-
     def _ask_time(self) -> None:
         if question := self._clocks.ask(self.now_s()):
             self._link.write(question)
@@ -784,7 +786,14 @@ class Board:
             loss.tries += 1
             if reply is None and loss.tries < WHO_TRIES:
                 return  # its firmware may be starting
-            self.info = self._recognised(self._checked(reply))
+            info, known = self._checked(reply), self.info.get("id")
+            if info.get("id") != known:
+                self._link.close_port()
+                raise RefusedError(
+                    f"{self.port} now has board {info.get('id')} instead of {known}: plug in board "
+                    f"{known} again"
+                )
+            self.info = info
             self._take_settings(self.info)
         except SpotsError as error:
             if loss.unplugged_for_s(self.now_s()) >= self.patience_s:
@@ -793,15 +802,6 @@ class Board:
                 self.log.append({"log": "error", "text": str(error)})
             return
         loss.plug(self.now_s())
-
-    def _recognised(self, info: Hello) -> Hello:
-        if info.get("id") != self.info.get("id"):
-            self._link.close_port()
-            raise RefusedError(
-                f"{self.port} now has board {info.get('id')} instead of "
-                f"{self.info.get('id')}: plug in board {self.info.get('id')} again"
-            )
-        return info
 
     def _resume(self) -> None:
         # Ask a silent board for its streams. A board without streams has restarted.
@@ -814,31 +814,27 @@ class Board:
             loss.unanswered(self.now_s())
             return
         known = self._validated(reply)
-        if known["stream"] != []:
+        if known["stream"] != [] and not self._stopped:
             return  # it still streams, or its firmware does not report its streams
-        if not self._resuming:
+        if not self._stopped:
             # The reply may answer any of the questions asked since the first one.
             self._restarted(loss.first_asked_s, known["t_us"])
         for _ in range(_STREAM_TRIES):
             try:
-                for sensor, kinds in list(self._streams.items()):
-                    self._command(of_sensor("stream " + " ".join(kinds), sensor), ANSWER_S)
+                for sensor in sorted(self._stopped):
+                    kinds = " ".join(self._streams[sensor])
+                    self._command(of_sensor("stream " + kinds, sensor), ANSWER_S)
                 return
             except SpotsError:
                 loss.ask_s = self.now_s()  # the command or its reply was damaged
 
     def _restarted(self, sent_s: float, t_us: int) -> None:
-        self._resuming = bool(self._streams)
+        self._stopped = set(self._streams)
         self.stats.restarts += 1
         self._times_us.clear()
         self._decoder.restarted(self.stats.restarts)
         self._clocks.restart(sent_s, t_us, self.now_s())
         self._loss.ask_s = self.now_s()
-
-    def _idle(self, seconds: float) -> None:
-        end_s = self.now_s() + seconds
-        while self.now_s() < end_s:
-            self._pump(end_s - self.now_s())
 
     def _exchange(self, line: str, timeout_s: float) -> Text | None:
         self._check_open()
@@ -863,7 +859,7 @@ class Board:
         self._check_open()
         frames = self._decoded(self._link.read(timeout_s))
         arrived_s = self.now_s()
-        if frames:
+        if frames and not self._stopped:
             self._loss.heard(arrived_s)
         for frame in frames:
             if not isinstance(frame, Note):
@@ -895,7 +891,6 @@ class Board:
             if frame.sensor != self._only:
                 return
             frame = frame._replace(sensor=0)
-        self._resuming = False
         self._loss.expect(self.now_s())
         if isinstance(frame, Touch) and frame.sensor == 0:
             self._times_us.append(frame.t_us)

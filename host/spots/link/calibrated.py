@@ -2,7 +2,8 @@
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from typing import Any
 
 from ..errors import SpotsError
 from ..signals import resumed
@@ -69,41 +70,36 @@ def hello_often(
     return info
 
 
-def request_baseline(board: Board) -> None:
-    """Ask the board to take the present light as the baseline; ignore a missing reply.
+def fed(
+    board: Board, engine: Any, seconds: float | None, tick_s: float
+) -> Iterator[tuple[Touch | None, Any]]:
+    """Feed the readings of a board to an engine, such as a `KeyEngine`; yield its results.
 
-    The baseline is the light of the untouched strip.
-    """
-    if not board.read_only:
-        with contextlib.suppress(SpotsError):
-            board.command("rest")
-
-
-def ticks(
-    board: Board, seconds: float | None, tick_s: float, forget: Callable[[], None]
-) -> Iterator[Iterator[Touch]]:
-    """Turn on baseline tracking; divide time into ticks, and yield the readings of each tick.
-
-    The setting ``baseline=1`` is sent again after a restart of the board. When this process is
-    resumed after Ctrl-Z, older readings are dropped. When all readings become untrusted, the cause
-    is printed on stderr.
+    The board's baseline tracking is turned on. The setting ``baseline=1`` is sent again after a
+    restart of the board. When this process is resumed after Ctrl-Z, older readings are dropped, and
+    the engine releases the present touch. When all readings become untrusted, the cause is printed
+    on stderr. If the engine detects an object that is not a finger, the board takes the present
+    light as its baseline, the light of the untouched strip.
 
     Parameters
     ----------
     board : Board
         The board to read.
+    engine : object
+        Has ``take(touch, now_s)``, ``tick(now_s)``, ``release()`` and ``rests``, the number of
+        times that it has detected such an object; this function sets it to 0.
     seconds : float or None
         Duration, in seconds by the clock of `Board.now_s`; no limit if None. The end of a
         recording also ends the iteration.
     tick_s : float
-        Length of a tick, in seconds.
-    forget : callable
-        ``forget()`` is called when this process is resumed; it should drop the present touch.
+        Time between two calls of ``tick``, in seconds.
 
     Yields
     ------
-    iterator of frames.Touch
-        Readings of the board's first sensor, as they arrive until the end of the tick.
+    touch : frames.Touch or None
+        Reading of the board's first sensor; None at the end of a tick.
+    result : object
+        What the engine returned for the reading or the tick.
     """
     restarts = board.stats.restarts
     if not board.read_only:
@@ -111,13 +107,6 @@ def ticks(
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
     since_s, untrusted = -math.inf, Untrusted()
-
-    def taken() -> Iterator[Touch]:
-        for touch in board.touches(tick_s):
-            if touch.sensor == 0 and (touch.time_s or 0.0) >= since_s:
-                untrusted.warn(touch, board.now_s())
-                yield touch
-
     while not board.ended and (end_s is None or board.now_s() < end_s):
         if board.stats.restarts != restarts and not board.read_only:
             before = board.stats.restarts
@@ -125,6 +114,14 @@ def ticks(
                 board.command(_FOLLOW, ANSWER_S)
                 restarts = before
         if resumed():
-            forget()
+            engine.release()
             since_s = board.now_s()
-        yield taken()
+        for touch in board.touches(tick_s):
+            if touch.sensor == 0 and (touch.time_s or 0.0) >= since_s:
+                untrusted.warn(touch, board.now_s())
+                yield touch, engine.take(touch, board.now_s())
+        yield None, engine.tick(board.now_s())
+        if engine.rests and not board.read_only:
+            with contextlib.suppress(SpotsError):  # a missing reply does not matter
+                board.command("rest")
+        engine.rests = 0

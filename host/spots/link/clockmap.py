@@ -22,11 +22,11 @@ _OFF_S = 1.0  # a larger error of the board's time shows that the board restarte
 class ClockMap:
     """Unwraps a board's 32-bit time in microseconds, and maps this time to the host's clock.
 
-    A question is sent at host time a, answered at board time t, and the answer arrives at host
-    time b. So the host time of t lies between a and b: each round trip bounds the offset between
-    the clocks from both sides. All bounds together are tighter than those of the shortest round
-    trip. Because clocks drift, the offset is a linear function of time. The slope is chosen so that
-    the upper and lower bounds of the latest round trips are farthest apart.
+    A question is sent at host time a, answered at board time t, and the answer arrives at host time
+    b. So the host time of t lies between a and b: each round trip bounds the offset between the
+    clocks from both sides. All bounds together are tighter than those of the shortest round trip.
+    Because clocks drift, the offset is a linear function of time. Its slope is that for which the
+    gap between the upper and the lower bounds of the latest round trips is largest.
 
     Parameters
     ----------

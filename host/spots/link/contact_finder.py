@@ -1,4 +1,4 @@
-"""Finds fingers in readings on the host, with the code of a board."""
+"""Finds fingers in readings on the host, with the firmware's code."""
 
 import math
 from typing import Any
@@ -23,7 +23,7 @@ def tracker_arguments(touch: Touch) -> tuple[int, int, int, int, int]:
 
 
 class ContactFinder:
-    """Finds one or two fingers in the readings of a strip, as a board that streams contacts.
+    """Finds one or two fingers in the readings of a strip, as the firmware does for CONTACT frames.
 
     Parameters
     ----------

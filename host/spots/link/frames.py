@@ -34,7 +34,7 @@ NOTE = 15
 def whole(data: bytes) -> int:
     """Return the number of bytes up to and including the last delimiter (a zero byte).
 
-    If there is no delimiter: 0, or ``len(data)`` if no frame can be that long.
+    Without a delimiter, return 0; but if the data is longer than any frame, return ``len(data)``.
     """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
@@ -305,8 +305,8 @@ class LinkStats:
 class Decoder:
     """Decodes a byte stream, which may be damaged, into frames.
 
-    A piece with a wrong CRC is counted and dropped; the decoder resynchronises at the next
-    delimiter. Memory is limited to the length of the longest frame.
+    Bytes between two delimiters that have a wrong CRC are counted and dropped; the decoder
+    resynchronises at the next delimiter. Memory is limited to the length of the longest frame.
 
     Attributes
     ----------
@@ -395,13 +395,8 @@ class Decoder:
                 self.stats.bad_crc += 1
             else:
                 frames.append(found)
-                if isinstance(found, Note):
-                    self._noted(found.content)
-
-    def _noted(self, content: dict[str, Any]) -> None:
-        restarts = content.get("restarts")
-        if isinstance(restarts, int):
-            self.restarted(restarts)
+                if isinstance(found, Note) and isinstance(found.content.get("restarts"), int):
+                    self.restarted(found.content["restarts"])
 
     def _count(self, sequence: int) -> None:
         if self._expected is not None:
@@ -413,7 +408,7 @@ class Decoder:
 
 
 def checked(piece: bytes) -> bytes | None:
-    """Return the payload of a piece between two delimiters; None if the piece is damaged."""
+    """Return the payload of the bytes between two delimiters; None if these bytes are damaged."""
     try:
         payload = cobs.decode(piece)  # pyright: ignore[reportUnknownMemberType]
     except cobs.DecodeError:

@@ -55,10 +55,11 @@ def mains_hz(board: Board) -> int:
 def _light(
     board: Board, exposure_us: int, settings: Mapping[str, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Take n samples; return for each its time in s and the sum of its channels, both shape (n,).
+    """Take n samples; return the time of each in s, and the sum of its counts, shape (n,) each.
 
-    Time 0 is the first sample. `settings` are set first. If they contain ``led_mA``, only samples
-    without the LED are returned; otherwise, only samples with the LED.
+    The sum is over the channels. Time 0 is the first sample. The exposure and the `settings` are
+    set on the board before. If the settings contain ``led_mA``, only samples without the LED are
+    returned; otherwise, only samples with the LED.
     """
     board.set(exposure_us=exposure_us, **settings)
     begun_s = board.now_s() + 1e-6 * exposure_us
@@ -73,7 +74,10 @@ def _light(
 
 
 def _strongest(time_s: np.ndarray, light: np.ndarray) -> int:
-    """Return the mains frequency in Hz of the lamp that flickers most; 0 if no lamp flickers."""
+    """Return the mains frequency in Hz of the lamp that flickers most; 0 if no lamp flickers.
+
+    `time_s` and `light` are the results of `_light`.
+    """
     if len(light) < _SAMPLES_MIN:
         return 0
     powers = {hz: max(_power(time_s, light, 2 * hz + off) for off in _OFF_HZ) for hz in _MAINS_HZ}
@@ -82,7 +86,10 @@ def _strongest(time_s: np.ndarray, light: np.ndarray) -> int:
 
 
 def _power(time_s: np.ndarray, light: np.ndarray, hz: float) -> float:
-    """Return the power of a sine of the frequency `hz` in the light, relative to the noise."""
+    """Return the power of a sine of the frequency `hz` in the light, relative to the noise.
+
+    `time_s` and `light` are the results of `_light`.
+    """
     phase = 2 * np.pi * hz * time_s
     waves = np.stack([np.ones_like(time_s), time_s, np.cos(phase), np.sin(phase)], axis=1)
     with_sine, without = (

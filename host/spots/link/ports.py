@@ -23,11 +23,10 @@ and may have
     Returns a context manager that yields a `deploy.place.Place`: a board to flash.
 """
 
-import difflib
 from types import ModuleType
 from typing import Any
 
-from ..errors import missing
+from ..errors import did_you_mean, missing
 from ..plugins import entry_points
 
 GROUP = "spots.ports"
@@ -44,11 +43,9 @@ def known() -> str:
 
 def no_port(port: str) -> str:
     """Return the error message for a port that does not exist; suggest a similar scheme."""
-    names = [entry.name for entry in entry_points(group=GROUP)]
-    similar = difflib.get_close_matches(port.partition(":")[0].lower(), names, n=1, cutoff=0.7)
-    if similar:
-        return f"there is no port {port}: did you mean {_FORMS.get(similar[0], similar[0])}?"
-    return f"there is no port {port}: 'spots ports' lists the ports"
+    names = (entry.name for entry in entry_points(group=GROUP))
+    hint = did_you_mean(port.partition(":")[0], names, "'spots ports' lists the ports", _FORMS)
+    return f"there is no port {port}: {hint}"
 
 
 def scheme_name(port: str | None) -> str:

@@ -21,7 +21,7 @@ _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
 class FrameLog:
-    """Stores each frame until all readers have taken it.
+    """Stores each frame until all readers (iterators and callbacks) have taken it.
 
     A new reader begins with the first frame that no reader has taken.
     """

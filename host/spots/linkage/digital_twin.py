@@ -246,7 +246,10 @@ class Twin:
 
 
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
-    """Return a joint's angle at `time_s`, interpolated between `angles`; None in a long gap."""
+    """Return a joint's angle at `time_s`, interpolated between `angles`.
+
+    None if the angles before and after `time_s` are too far apart in time, see `_is_gap`.
+    """
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:
         i -= 1
@@ -271,7 +274,10 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
 
 
 def _is_gap(old: Angle, new: Angle) -> bool:
-    """Return whether two readings are too far apart, or the board restarted between them."""
+    """Return whether the angles `old` and `new` are too far apart in time to interpolate.
+
+    This is also true if the board has restarted between them.
+    """
     # The clock of a board starts from 0 again at a restart.
     return not 0 < new.device_s - old.device_s <= _GAP_S
 

@@ -145,7 +145,7 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the standard deviation of the angle from one reading, in degrees.
+        """Return the standard deviation of the angle at a position, from one reading, in degrees.
 
         The noise grows exponentially with the distance from the sensor.
         """
@@ -194,8 +194,9 @@ class Encoder:
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
         """Return velocity and its standard error in degrees per second; None if unknown.
 
-        The velocity is the slope of a line through the last readings: as few readings as possible
-        for a slope above its noise. `noise_deg` is the noise of a reading in degrees.
+        The velocity is the slope of a line through the last readings. Their number is the smallest
+        for which the slope is clearly larger than its noise. `noise_deg` is the standard deviation
+        of the angle from one reading, in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

@@ -373,7 +373,9 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm in rad, and `Limit` codes, which name arm 1 even for arm 2.
+    """Return the angle of an arm's inner bar in rad, and a `Limit` code of arm 1.
+
+    The caller changes the code if the arm is arm 2.
 
     (`x`, `y`) is the end point relative to the arm's base joint; `inner` and `outer` are the
     lengths of the arm's bars, all in mm.

@@ -187,7 +187,9 @@ def calibrate(
         raise SpotsError("angles_rad must have shape (2, n), and x_mm and y_mm shape (n,)")
     places = np.stack([x_mm, y_mm], axis=-1)
     if not (np.isfinite(angles).all() and np.isfinite(places).all()):
-        raise SpotsError("the angles and positions of a kinematic calibration must be finite")
+        raise SpotsError(
+            "angles and positions of a kinematic calibration must be finite: remove other points"
+        )
     angle_sigma_rad = np.broadcast_to(np.asarray(angle_sigma_rad, dtype=float), angles.shape)
     if not ((angle_sigma_rad > 0).all() and place_sigma_mm > 0):
         raise SpotsError("the standard errors of angles and positions must be more than 0")
@@ -274,8 +276,8 @@ class _Fit:
     def weights(self, found, angle_sigma_rad, place_sigma_mm) -> np.ndarray:
         """Return whitening matrices of the residuals, shape (n, 2, 2).
 
-        `angle_sigma_rad` (shape (2, n)) and `place_sigma_mm` are the standard errors of the
-        measured angles and coordinates.
+        They are computed at the parameters `found`. `angle_sigma_rad` (shape (2, n)) and
+        `place_sigma_mm` are the standard errors of the measured angles and coordinates.
         """
         values = self.values(found)
 

@@ -112,7 +112,7 @@ class Mounted(toml.Strict, kw_only=True):
         return found
 
     def encoders(self, strips: list[CalibrationFile]) -> tuple[Encoder, Encoder]:
-        """Return a new encoder for each strip."""
+        """Return the encoder of each joint, from its strip's calibration and its mounting."""
         return tuple(
             Encoder(strip.joint, *mounting)
             for strip, *mounting in zip(strips, self.offset_rad, self.gain)

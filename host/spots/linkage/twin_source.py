@@ -40,7 +40,7 @@ class Source(NamedTuple):
 
     twin: Twin
     boards: list[Board]
-    restarted: Callable[[Board], None] = lambda board: None
+    restarted: Callable[[Board], object] = lambda board: None
     sensors: tuple[int, ...] | None = None
 
     def readings(self, seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
@@ -106,11 +106,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
                 f"{boards[0].port}: name the calibrations of two strips in the linkage file"
             )
         record_all(stack, list(dict.fromkeys(boards)), record)
-
-        def restarted(board: Board) -> None:
-            give_all([board])
-
-        yield Source(twin, boards, restarted, sensors)
+        yield Source(twin, boards, lambda board: give_all([board]), sensors)
 
 
 def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[CalibrationFile]]:

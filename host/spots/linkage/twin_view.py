@@ -79,7 +79,7 @@ class TwinView:
         return text
 
     def _cells(self, *lines: np.ndarray) -> np.ndarray:
-        """Plot arrays of points in mm; return the braille dots to set in each character."""
+        """Plot lines, each an array of points in mm; return the braille dots of each character."""
         dots = np.zeros(_LAST_DOT + 1, int)
         for points in lines:
             if len(points):
@@ -100,7 +100,10 @@ class TwinView:
 
 
 def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
-    """Return each arm's corners in mm: joint, elbow and, if known, end point; shape (n, 2)."""
+    """Return the corners of each arm in mm, shape (n, 2): joint, elbow and, if known, end point.
+
+    `terminal` is the position to draw.
+    """
     inner1, _, _, inner2 = twin.linkage.bar_mm
     base_mm = twin.linkage.base_mm
     a, b = terminal.theta_rad
@@ -111,7 +114,10 @@ def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
 
 
 def _filled(ends: tuple[np.ndarray, np.ndarray], dots_per_mm: float) -> np.ndarray:
-    """Return points in mm along the line between the points `ends`, one for each dot to draw."""
+    """Return points in mm along the line between two points, one for each dot to draw.
+
+    `ends` are the two points, and `dots_per_mm` is the scale of the plot.
+    """
     return np.linspace(*ends, math.ceil(math.dist(*ends) * dots_per_mm) + 1)
 
 

@@ -26,8 +26,8 @@ class DesktopKeyboard(Keyboard):
         except ImportError as error:
             why = "" if "pynput" in str(error) else f" ({error})"
             raise SpotsError(
-                f"this needs pynput and a desktop{why}: pip install pynput, or use --dry-run to "
-                "print instead"
+                f"typing on this computer needs pynput and a desktop{why}: pip install pynput, or "
+                "use --dry-run to print instead"
             ) from None
         self._names = keyboard.Key
         self._controller = keyboard.Controller()

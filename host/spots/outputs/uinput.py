@@ -96,7 +96,7 @@ def _why_not(error: Exception) -> str:
         return f"there is no {_NODE}: run 'sudo modprobe uinput', or use --dry-run"
     if "for writing" in text or isinstance(error, PermissionError):
         return (
-            f"{_NODE} is not writable: put the rule at the end into "
+            f"{_NODE} is not writable: put the rule at the end of this message into "
             "/etc/udev/rules.d/60-spots.rules, then run 'sudo udevadm control --reload' and "
             f"'sudo udevadm trigger {_NODE}': {_UINPUT_RULE}"
         )

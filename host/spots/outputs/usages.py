@@ -5,12 +5,11 @@ The character that a key types on an American keyboard is also a name of the key
 is ``usage_of("ONE")``.
 """
 
-import difflib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from ..errors import SpotsError
+from ..errors import SpotsError, did_you_mean
 
 KEYBOARD = 0x07
 CONSUMER = 0x0C
@@ -80,9 +79,7 @@ def usage_of(name: str) -> tuple[int, int]:
     """
     found = _BY_NAME.get(name.upper()) or _BY_CHARACTER.get(name.lower())
     if found is None:
-        near = difflib.get_close_matches(name.upper(), _SIMILAR, n=3, cutoff=0.7)
-        near = dict.fromkeys(_SIMILAR[one] for one in near)
-        hint = f"did you mean {' or '.join(near)}?" if near else "use a name such as ENTER or F5"
+        hint = did_you_mean(name, _SIMILAR, "use a name such as ENTER or F5", _SIMILAR)
         raise SpotsError(f"there is no key '{name}': {hint}")
     return found.page, found.usage
 

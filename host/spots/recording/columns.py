@@ -1,7 +1,9 @@
-"""Decodes COBS and checks CRC-32 for many pieces (coded frames) of one size at once.
+"""Decodes COBS and checks CRC-32 for many frames of one length at once.
+
+A *piece* is an encoded frame without its delimiter.
 
 Each NumPy call processes one byte of every piece. So a piece takes about 100 ns; in `link.frames`,
-which decodes one piece after the other, a piece takes microseconds.
+which decodes one piece at a time, a piece takes microseconds.
 """
 
 import zlib

@@ -177,7 +177,9 @@ def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
     begun_ns = round(1e9 * header.utc_s)
     writer = Writer(files.new(out))
     writer.start(profile="", library=header.program)
-    writer.add_metadata("spots", _metadata(msgspec.to_builtins(header)))
+    facts = msgspec.to_builtins(header).items()
+    texts = {name: one if isinstance(one, str) else json.dumps(one) for name, one in facts}
+    writer.add_metadata("spots", texts)
     channels: dict[tuple, int] = {}
 
     def channel(table: Table, sensor: int) -> int:
@@ -204,13 +206,6 @@ def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
             message = dict(zip(table.columns, row))
         writer.add_message(channels[key], time_ns, encode(message), time_ns, sequence)
     writer.finish()
-
-
-def _metadata(values: dict) -> dict[str, str]:
-    return {
-        name: value if isinstance(value, str) else json.dumps(value)
-        for name, value in values.items()
-    }
 
 
 EXPORTS = {"mcap": _mcap, "csv": _csv, "npz": _npz}

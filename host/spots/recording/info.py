@@ -47,7 +47,7 @@ def report(found: dict) -> str:
     calibration = found["header"]["calibration"]
     frames = ", ".join(f"{count} {name}" for name, count in found["frames"].items() if count)
     cut = found["cut_bytes"]
-    end = "complete" if found["complete"] else "no end: cut off, or still being recorded"
+    end = "complete" if found["complete"] else "no end mark: cut off, or still being recorded"
     rows = {
         "files": ", ".join(found["files"]),
         "size": f"{found['bytes']} bytes",

@@ -151,7 +151,7 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
         if part not in found:
             raise SpotsError(
                 f"{part_path(path, part)} is missing or damaged: restore it, or name the other "
-                "files of the set one by one"
+                "files of the recording one by one"
             )
     return dict(found.values())
 

@@ -54,7 +54,7 @@ class Judge(Protocol):
         """
 
     def facts(self) -> dict:
-        """Return the results to show, as dicts from a shown name to its value.
+        """Return the results to show; the keys of the inner dicts are the names to show.
 
         Key ``link``: dict that is added to the row with the counters of received and lost frames.
         Key ``rows``: list with a dict for each further row.

@@ -289,7 +289,7 @@ class _Path:
         self._lately: deque[tuple[float, int]] = deque(maxlen=_KEPT)
 
     def extend(self, now_s: float, x_um: int, force_mN: int) -> None:
-        """Add a reading: time in seconds, position in um, force in mN."""
+        """Add a reading: time `now_s`, position `x_um`, force `force_mN`."""
         self.end_s, self.end_um, self.force_mN = now_s, x_um, force_mN
         self.hardest_mN = max(self.hardest_mN, force_mN)
         self._low_um, self._high_um = min(self._low_um, x_um), max(self._high_um, x_um)

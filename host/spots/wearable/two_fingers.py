@@ -1,8 +1,8 @@
 """Detects gestures of two fingers: both press harder, or one rests while the other slides.
 
 The first finger must be alone for a moment before the second one touches. Two fingers that both
-move cannot be separated; so a slide counts only if the finger that remains at its end is where it
-was located before.
+move cannot be separated; so a slide counts only if, after one finger has left, the other one is at
+the position where it was located before.
 """
 
 import math
@@ -49,7 +49,10 @@ class TwoFingers:
         self.both = False
 
     def take(self, touch: Touch) -> tuple[str, float, int, int] | None:
-        """Add a reading; return name, confidence, position and distance in um of a gesture."""
+        """Add a reading; return the gesture that is now complete, or None.
+
+        A gesture is a tuple: name, confidence, position in um, distance in um.
+        """
         contacts = self._finder.take(touch)
         there = [one for one in contacts if not one.ended]
         pair = self._pair
@@ -87,7 +90,11 @@ class _Pair:
     def extend(
         self, touch: Touch, first: Contact, second: Contact
     ) -> tuple[str, float, int, int] | None:
-        """Add a reading of both fingers; return a squeeze if it is complete."""
+        """Add a reading of both fingers; return a squeeze if it is complete.
+
+        `first` and `second` are the contacts of the fingers in this reading. The result is that of
+        `TwoFingers.take`.
+        """
         now_s, light = touch.time_s or 0.0, touch.brightness_q20 / (1 << 20)
         self.lasted_s = now_s - self._began_s
         if self._decided or not self.settled or {first.id, second.id} != self.ids:
@@ -113,7 +120,10 @@ class _Pair:
         return TWO_FINGER_SQUEEZE, confidence, round(self._first.position_um), 0
 
     def slide(self, left: Contact) -> tuple[str, float, int, int] | None:
-        """Return a slide if the finger `left`, which is alone now, is where it was before."""
+        """Return a slide if the remaining finger `left` is where it was located before, else None.
+
+        The other finger has just left. The result is that of `TwoFingers.take`.
+        """
         moved_um = self._to.position_um - self._from.position_um
         before = self._to if left.id == self._to.id else self._first
         off_um = abs(left.position_um - before.position_um)

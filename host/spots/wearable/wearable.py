@@ -10,7 +10,7 @@ import msgspec
 from .. import toml
 from ..errors import SpotsError, did_you_mean
 from ..link.board import Board
-from ..link.calibrated import hello_often, request_baseline, ticks
+from ..link.calibrated import fed, hello_often
 from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
@@ -150,19 +150,15 @@ def play(
     """
     info, found = hello_often(board, RELEASE_S), []
     length_um = info["length_um"]
-    gestures = Gestures(length_um, info.get("decay"))
-    pace, touch = Pace(), None
+    engine = Gestures(length_um, info.get("decay"))
+    pace, last = Pace(), None
     with drawn(drawing) as display:
-        for touches in ticks(board, seconds, _TICK_S, gestures.release):
-            for touch in touches:
-                for gesture in gestures.take(touch, board.now_s()):
-                    found.append(gesture)
-                    on_gesture(gesture)
-            gestures.tick(board.now_s())
-            if gestures.rests:
-                gestures.rests = 0
-                request_baseline(board)
-            if display and pace.due(board.now_s()):
-                view = picture(touch, length_um, found, mapping.names, board.stats)
+        for touch, gestures in fed(board, engine, seconds, _TICK_S):
+            last = touch or last
+            for gesture in gestures or ():
+                found.append(gesture)
+                on_gesture(gesture)
+            if touch is None and display and pace.due(board.now_s()):
+                view = picture(last, length_um, found, mapping.names, board.stats)
                 display.update(view, refresh=True)
     return found

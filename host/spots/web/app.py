@@ -1,8 +1,9 @@
-"""The web application: static files, a WebSocket for the state, and requests if allowed.
+"""The web application: static files, a WebSocket for the state, and requests for changes.
 
-Messages that a browser sends on the WebSocket only acknowledge the server's messages. A request to
-change something is a POST, and needs the access token. A browser acknowledges each message after
-drawing it, and then gets the newest state. So old states never wait in a queue or in a socket.
+Messages that a browser sends on the WebSocket only acknowledge the server's messages. A request
+that changes something is a POST, and needs the access token. A browser acknowledges each message
+after drawing it, and then gets the newest state. So old states never wait in a queue or in a
+socket.
 """
 
 import asyncio
@@ -111,7 +112,14 @@ class PageApp:
             news.set()
 
     async def _static(self, request: web.Request) -> web.Response:
-        return _file(request.match_info.get("name", "index.html"))
+        # Not a FileResponse: its sendfile raises RuntimeError if the client has disconnected.
+        name = request.match_info.get("name", "index.html")
+        path = _FILES.get(name)
+        if path is None:
+            raise web.HTTPNotFound
+        kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
+        charset = "utf-8" if kind.startswith("text/") else None
+        return web.Response(body=path.read_bytes(), content_type=kind, charset=charset)
 
     async def _order(self, receiver: Orders, request: web.Request) -> web.Response:
         try:
@@ -189,16 +197,6 @@ class PageApp:
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server ends")
-
-
-def _file(name: str) -> web.Response:
-    # Not a FileResponse: its sendfile raises RuntimeError if the client has disconnected.
-    path = _FILES.get(name)
-    if path is None:
-        raise web.HTTPNotFound
-    kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
-    charset = "utf-8" if kind.startswith("text/") else None
-    return web.Response(body=path.read_bytes(), content_type=kind, charset=charset)
 
 
 async def _body(request: web.Request, most: int) -> bytes:

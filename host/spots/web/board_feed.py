@@ -129,7 +129,10 @@ class BoardReader:
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
 
     def _read(self, board: Board, strips: Sequence[Board | OneStrip]) -> None:
-        """Read a board until it restarts, or until a request may have changed its settings."""
+        """Read a board until it restarts, or until a request may have changed its settings.
+
+        `strips` are the strips of the board.
+        """
         restarts = board.stats.restarts
         for one in self._orders:
             self._settings |= one.feel
@@ -270,7 +273,10 @@ class _Health:
         self._pace = Pace(_HEALTH_PER_S)
 
     def took(self, now_s: float, latency_s: float) -> None:
-        """Count a reading, with its arrival time (from `Board.now_s`) and latency, in seconds."""
+        """Count a reading.
+
+        `now_s` is its arrival time from `Board.now_s`, `latency_s` its latency in s.
+        """
         self._latest.append((now_s, latency_s))
         self.show()
 

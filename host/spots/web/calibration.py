@@ -34,7 +34,7 @@ PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 REZERO = "rezero"  # kind of a session that corrects the drift of a calibration
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
 _UNCHANGED = "stopped: nothing was saved"  # a re-zero
-_BEHIND = "the answer is for an earlier step: answer the step that the page shows"
+_BEHIND = "the answer is for an earlier step: answer the step that the web UI shows"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
@@ -64,9 +64,6 @@ class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields
     """Request of a browser: end the session; its presses are stored."""
 
 
-DECODER = msgspec.json.Decoder(Start | Answer | Undo | Cancel)
-
-
 class PageCalibration(Orders):
     """Runs calibration sessions for browsers, one at a time, in the thread that reads the board.
 
@@ -84,8 +81,11 @@ class PageCalibration(Orders):
         If the session file is damaged.
     """
 
+    nobody = "there is no board to calibrate: plug one in"
+    requests = Start | Answer | Undo | Cancel
+
     def __init__(self, path: Path, state: PageState):
-        super().__init__("there is no board to calibrate: plug one in")
+        super().__init__()
         self._first, self._state = path, state
         self._step = 0
         self._shown = {"running": False}
@@ -97,10 +97,6 @@ class PageCalibration(Orders):
         self._session = Session(path)
         if self._session.length_um:
             self._show(length_um=self._session.length_um)
-
-    def decode(self, body: bytes) -> Start | Answer | Undo | Cancel:
-        """Return the request in a browser's message; raise a ValueError if invalid."""
-        return DECODER.decode(body)
 
     def attend(self, board: Board | OneStrip) -> bool:
         """Run a session to its end if a browser has requested one; return whether a session ran."""
@@ -179,12 +175,12 @@ class PageCalibration(Orders):
     # The dialog of the session, see `calibrate.dialog.Dialog`.
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
-        """Show the title and the number of presses of a series."""
+        """Show the title of a series of presses and their number, see `Dialog.begin`."""
         self._plan = plan
         self._show(title=title, done=0, total=total, length_um=length_um, phase=WORK, note=None)
 
     def skip(self, count: int = 1) -> None:
-        """Add `count`, which may be negative, to the displayed number of presses taken."""
+        """Add `count` to the displayed number of presses taken; a negative number subtracts."""
         self._show(done=self._shown["done"] + count)
 
     def want(self, wanted: Wanted) -> None:
@@ -201,7 +197,7 @@ class PageCalibration(Orders):
         self._show(phase=phase, step=self._step, todo=None, note=note)
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show how steady a press is, and its rough position; handle the requests of browsers."""
+        """Show a reading of a press, see `Dialog.watch`; handle the requests of browsers."""
         place_um = self._place_um(reading.counts)
         self._state.put("hold", {"trouble": trouble, "steady": steady, "place_um": place_um})
         if self._board.stats.restarts != self._restarts:
@@ -209,7 +205,7 @@ class PageCalibration(Orders):
         self._listen()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
-        """Show that one more press was taken."""
+        """Show that one more press was taken, see `Dialog.taken`."""
         self._show(done=self._shown["done"] + 1, phase=WORK, note=None)
 
     def fitted(self, progress: Progress) -> None:

@@ -70,7 +70,7 @@ class Feel:
                 self._buttons = max((one.number for one in settings.button), default=0)
                 self._controller = controller_for(board, settings)
             if not info["keys"] or _is_on(info, layout):
-                sink = SimpleNamespace(key=_ignored) if info["keys"] else self
+                sink = SimpleNamespace(key=lambda *event: None) if info["keys"] else self
                 self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
         engines = self._engine, self._gestures, self._controller
         self._engines = self._untried = [one for one in engines if one is not None]
@@ -103,7 +103,7 @@ class Feel:
         self._show()
 
     def _try(self) -> None:
-        """Start to try the present draft if it has been replaced; stop if there is none."""
+        """Compute keys also with the draft of the layout that a browser edits, if there is one."""
         length_um, decay = self._sizes
         draft = self._draft() if length_um else None
         if draft is not self._tried:
@@ -127,14 +127,14 @@ class Feel:
         self._show()
 
     def silence(self, sentence: str) -> None:
-        """Show why no readings arrive from the strip, until the next reading."""
+        """Show until the next reading why no readings arrive from the strip: `sentence`."""
         if not self._silent:
             self.release()
             self._silent = sentence
             self._show()
 
     def release(self) -> None:
-        """Release all keys and the gamepad; call this when the present touch becomes unknown."""
+        """Release all keys and the gamepad; call this when the finger's state becomes unknown."""
         if self._engine:
             self._engine.release()
         if self._own:
@@ -202,10 +202,6 @@ class Feel:
 
 def _name(page: int, usage: int) -> str:
     return typed(page, usage) or name_of(page, usage).lower().replace("_", " ")
-
-
-def _ignored(*event) -> None:
-    pass
 
 
 def stored_layout(info: Mapping, layout: KeyLayout) -> str:

@@ -7,6 +7,8 @@ from pathlib import Path
 from queue import Empty, Full, Queue
 from typing import Any
 
+import msgspec
+
 from ..errors import SpotsError
 from ..guarded import sentence_of
 from ..link.board import Board
@@ -17,10 +19,8 @@ _WAITING_MAX = 8
 class Orders:
     """Queue of requests from browsers with the access token; a subclass handles them.
 
-    Parameters
-    ----------
-    nobody : str
-        Error message for requests while no board is read.
+    A subclass has the method ``_handle(board, request)``, which returns the answer, or its own
+    `attend`.
 
     Attributes
     ----------
@@ -35,19 +35,21 @@ class Orders:
     """
 
     what = "a request"  # for error messages
+    nobody = "there is no board: plug one in"  # error message while no board is read
     request_max = 1024  # bytes
+    requests: Any = None  # a union of structs
+    _changes_board = False  # whether each request may change the settings of the board
     feel: Mapping[str, Any] = {}
     playing: Path | None = None
     sensor = 0
 
-    def __init__(self, nobody: str):
-        self._nobody = nobody
+    def __init__(self):
         self._asked: Queue[tuple[Any, Future]] = Queue(_WAITING_MAX)
         self._attended = self.stopping = False
 
     def decode(self, body: bytes) -> Any:
         """Return the request in the body of a message, or raise ValueError with the reason."""
-        raise NotImplementedError
+        return msgspec.json.decode(body, type=self.requests)
 
     def attend(self, board: Board) -> bool:
         """Handle all waiting requests; the thread that reads the board calls this often.
@@ -55,9 +57,15 @@ class Orders:
         Returns
         -------
         bool
-            Whether the settings of the board may have changed.
+            Whether the settings of the board, or what is shown of it, may have changed.
         """
-        raise NotImplementedError
+        self._attended, changed = True, False
+        before = self.sensor, self.playing
+        while asked := self._next():
+            request, answer = asked
+            self._answer(answer, self._handle, board, request)
+            changed = self._changes_board
+        return changed or (self.sensor, self.playing) != before
 
     def leave(self) -> None:
         """Handle the loss of the board: refuse all waiting requests."""
@@ -106,4 +114,4 @@ class Orders:
 
     def _refuse(self) -> None:
         while asked := self._next():
-            asked[1].set_exception(SpotsError(self._nobody))
+            asked[1].set_exception(SpotsError(self.nobody))

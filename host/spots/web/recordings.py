@@ -45,11 +45,12 @@ class Recordings(Orders):
     """
 
     what = "a recording"
+    nobody = "there is no board to record: plug one in"
 
     def __init__(self, folder: Path, state: PageState):
         if not folder.is_dir():
             raise SpotsError(f"there is no folder {folder} for recordings: make it first")
-        super().__init__("there is no board to record: plug one in")
+        super().__init__()
         self._folder, self._state = folder, state
         self._recorder: Recorder | None = None
         self._pace = Pace(_SHOWN_PER_S)
@@ -65,7 +66,7 @@ class Recordings(Orders):
         return body.decode()
 
     def submit(self, request: str) -> Future:
-        """Answer a request that only reads recordings in a separate thread; queue any other one."""
+        """Queue a request; but if it only reads recordings, answer it in a separate thread."""
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)
@@ -74,9 +75,8 @@ class Recordings(Orders):
             answer.set_exception(SpotsError("recordings are being read: wait a moment"))
             return answer
         answer.set_running_or_notify_cancel()  # a client that no longer waits changes nothing
-        read = self._list if word == "list" else self._compare
         self._reading = answer
-        self._thread.submit(self._answer, answer, read, *names)
+        self._thread.submit(self._answer, answer, getattr(self, f"_{word}"), *names)
         return answer
 
     def attend(self, board: Board) -> bool:
@@ -87,23 +87,23 @@ class Recordings(Orders):
         bool
             Whether another recording, or the board again, must be read.
         """
-        self._attended = True
-        before = self.playing
-        while asked := self._next():
-            (word, *names), answer = asked[0].split("\n"), asked[1]
-            handle = {"start": self._start, "stop": self._stop, "play": self._play}.get(word)
-            self._answer(answer, handle or self._live, board, *names)
+        changed = super().attend(board)
         if self._recorder and self._pace.due(time.monotonic()):
             self._show(board, on=True)
         if self.playing and board.ended:
             self._live(board)
-        return self.playing != before
+            return True
+        return changed
 
     def leave(self) -> None:
         """Handle the loss of the board, which also ends the recording; refuse waiting requests."""
         self._recorder = self.playing = None
         self._put({**self._shown, "on": False, "playing": None})
         super().leave()
+
+    def _handle(self, board: Board, request: str) -> None:
+        word, *names = request.split("\n")
+        getattr(self, f"_{word}")(board, *names)  # `decode` has checked the word
 
     def _start(self, board: Board) -> None:
         if self._recorder:
@@ -185,7 +185,8 @@ def _curve(path: Path) -> dict:
     -------
     dict
         ``name``; ``points``: at most `_POINTS` lists of time in s, position in um and force in mN,
-        both null without a press; ``cut``: whether the recording is longer than what was read.
+        both null without a press; ``cut``: whether the recording has more than `_READ_MAX`
+        readings.
     """
     parts, count = [], 0
     for block in RecordingBlocks(path):

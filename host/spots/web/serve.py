@@ -19,10 +19,9 @@ from ..linkage.twin_source import is_recording, linkage_factory
 from .board_feed import BoardReader, finder
 from .calibration import PageCalibration
 from .connections import Connections
-from .layout_editor import LayoutEditor
+from .editors import KINDS, LayoutEditor, SettingsEditor
 from .orders import Orders
 from .recordings import Recordings
-from .settings_editor import KINDS, SettingsEditor
 from .state import PageState
 from .strip_choice import StripChoice
 from .twin_feed import driven_readers, linkage_readers

@@ -99,7 +99,7 @@ class PageState:
 
 
 class Beside(PageState):
-    """State of a strip that is not shown in detail: its latest reading and its warning, no more.
+    """Latest reading and warning of a strip that the web UI does not show in detail.
 
     Parameters
     ----------

@@ -167,7 +167,11 @@ def _reader_of_both(
     layout: KeyLayout,
     state: PageState,
 ) -> BoardReader:
-    """Return the reader of a board that has the strips of both joints."""
+    """Return the reader of a board that has the strips of both joints.
+
+    The board is found at `port`, or by its id `found_by` on USB. `strips` are the calibrations of
+    both joints; the other arguments are those of `linkage_readers` and `TwinFeed`.
+    """
     feed, search = TwinFeed(twin, state), finder(port)
     joint_of: dict[int, int] = {}
 

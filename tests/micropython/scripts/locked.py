@@ -4,7 +4,10 @@ import micropython
 
 
 def locked(function, given, results):
-    """Call ``function(given, results)``; what allocates in there ends in MemoryError."""
+    """Call ``function(given, results)`` while the heap is locked.
+
+    An allocation is a MemoryError.
+    """
     micropython.heap_lock()
     try:
         function(given, results)

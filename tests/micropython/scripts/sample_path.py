@@ -28,7 +28,7 @@ _PIECE_BYTES = 64
 
 
 class Port:
-    """A serial port that keeps all that is written while it `takes`."""
+    """A serial port that stores all that is written while `takes` is true."""
 
     def __init__(self, size):
         self.kept = bytearray(size)
@@ -47,7 +47,7 @@ class Port:
 
 
 class Usb:
-    """USB interfaces that keep their reports; they refuse two offers of three."""
+    """USB interfaces that store their reports; they refuse two of three offers."""
 
     def __init__(self, size):
         self.kept = Port(size)
@@ -62,7 +62,7 @@ class Usb:
 
 
 def step_for(lasts_us, lit, dark):
-    """Step for some time; the counts are dark while the LED is off."""
+    """Run the loop for some time; the counts are dark while the LED is off."""
     until = clock.ticks_add(clock.now, lasts_us)
     while clock.ticks_diff(until, clock.now) > 0:
         bus.counts(lit if bus.registers[_LED] & _LED_ON else dark)
@@ -70,7 +70,7 @@ def step_for(lasts_us, lit, dark):
 
 
 def play(scenes, ends):
-    """Step through the scenes; note how many bytes were sent up to the end of each."""
+    """Run the scenes; record how many bytes were sent up to the end of each."""
     for i in range(len(scenes)):
         scene = scenes[i]
         if strip.decode.calibration is not calibrations[scene["calibration"]]:
@@ -88,7 +88,7 @@ def play(scenes, ends):
 
 
 def print_kept(port, begin, end):
-    """Print what was kept, in a line."""
+    """Print the stored bytes in one line."""
     while begin < end:
         piece = min(_PIECE_BYTES, end - begin)
         print(hexlify(port.kept[begin : begin + piece]).decode(), end="")
@@ -97,7 +97,7 @@ def print_kept(port, begin, end):
 
 
 def allocated_by(scenes, ends):
-    """Play the scenes and return how many bytes they left allocated."""
+    """Run the scenes, and return how many bytes they have left allocated."""
     count = getattr(gc, "mem_alloc", int)  # CPython does not count: always 0
     gc.collect()
     before = count()

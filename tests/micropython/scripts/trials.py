@@ -193,7 +193,7 @@ _payload = bytearray(64)
 
 
 class Events:
-    """Keeps key events where results are wanted: time, page and direction, usage, modifiers."""
+    """Stores key events in the array of results: time, page and direction, usage, modifiers."""
 
     def __init__(self):
         self.results = None

@@ -8,7 +8,7 @@ class Key(Enum):
 
 
 class Controller:
-    """Keeps what is pressed; `refuses` are keys that it raises at."""
+    """Stores the pressed keys; a key in `refuses` raises an error."""
 
     made: list = []
 

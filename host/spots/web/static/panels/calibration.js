@@ -252,7 +252,7 @@ function residuals(root) {
       [(Math.log(force / 1000) - low) / (high - low), 100 * off, `${(force / 1000).toPrecision(2)} N`]);
     const expected = [`expected error of a position: ${(sigma_um / 1000).toFixed(2)} mm`];
     if (sigma_share !== null) expected.push(`of a force: ${(100 * sigma_share).toFixed(1)} %`);
-    words.textContent = [expected.join(", "), ...thin.map((one) => `few presses ${one}`)].join("; ");
+    words.textContent = [expected.join(", "), ...thin.map((one) => `too few presses ${one}`)].join("; ");
     chart(charts[0], places, sigma_um / 1000, "mm", ["0", mm(length_um)]);
     chart(charts[1], sigma_share === null ? [] : forces, 100 * sigma_share, "%", FORCES.map((one) => `${one} N`));
   };

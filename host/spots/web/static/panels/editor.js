@@ -10,14 +10,14 @@ import { comments } from "../toml.js";
 const USUAL_LENGTH_UM = 85000, STEP_MM = 0.5, FINE_MM = 0.1, TRIED = 8;
 const FORCE_S = 4, FORCE_KEPT = 512, FORCE_HEIGHT = 130;
 const TUNING = {
-  detect: ["Readings that make a press", ""], flavour: ["A hold is decided", ""],
+  detect: ["Number of readings that make a press", ""], flavour: ["A hold is decided", ""],
   press_mN: ["Force that begins a touch", "mN"], release_mN: ["Force that ends a touch", "mN"],
   firm_mN: ["Force of a firm press", "mN"], firm_ms: ["Time for a firm press", "ms"],
   tapping_ms: ["A longer touch is a hold", "ms"], double_ms: ["Longest pause of a double tap", "ms"],
-  quick_ms: ["Pause of a repeated tap", "ms"], slack_um: ["Slack of a repeated tap", "µm"],
+  quick_ms: ["Longest pause before a repeated tap", "ms"], slack_um: ["Position tolerance of a repeated tap", "µm"],
   slide_um: ["Step of a slide", "µm"], swipe_um: ["Least length of a swipe", "µm"],
   swipe_ms: ["Longest time of a swipe", "ms"], release_ms: ["Release debounce", "ms"],
-  jump_um: ["Longest jump of a finger", "µm"], stuck_ms: ["An object, not a finger, after", "ms"],
+  jump_um: ["Longest jump of a finger", "µm"], stuck_ms: ["A touch is an object, not a finger, after", "ms"],
 };
 const STORED = {
   this: "on the board", default: "not on the board: it has its default layout",

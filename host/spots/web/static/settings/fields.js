@@ -4,7 +4,7 @@ import { make } from "../dom.js";
 
 // Words, unit, end of the slider and its step.
 const NUMBERS = {
-  hold_ms: ["Hold while readings are missing", "ms", 1000, 5], release_ms: ["A touch ends without light after", "ms", 200, 1],
+  hold_ms: ["Keep the last state without readings for", "ms", 1000, 5], release_ms: ["A touch ends without light after", "ms", 200, 1],
   rate_hz: ["States per second", "Hz", 500, 5],
   rest_percent: ["Rest", "% of the strip", 100, 0.5], min_percent: ["Low end", "% of the strip", 100, 0.5], max_percent: ["High end", "% of the strip", 100, 0.5],
   rest_mN: ["No deflection up to", "mN", 12000, 50], max_mN: ["Full deflection from", "mN", 12000, 50],

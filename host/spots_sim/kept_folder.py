@@ -1,0 +1,46 @@
+"""A folder with files that several processes reuse: calibrations, and compiled firmware.
+
+The environment variable SPOTS_CALIBRATIONS names the folder; without it, nothing is stored. The
+files are valid for one version of firmware and simulator. For another version, use an empty folder.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+FOLDER = "SPOTS_CALIBRATIONS"
+
+
+def kept_folder(name: str, make: Callable[[Path], object]) -> Path | None:
+    """Return a folder that is made once for all processes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the folder.
+    make : callable
+        ``make(path)`` fills an empty folder.
+
+    Returns
+    -------
+    Path or None
+        The folder; None if the environment variable SPOTS_CALIBRATIONS is not set.
+    """
+    root = os.environ.get(FOLDER)
+    if not root:
+        return None
+    path = Path(root) / name
+    if not path.exists():
+        with tempfile.TemporaryDirectory(dir=root) as temporary:
+            made = Path(temporary) / name
+            made.mkdir()
+            make(made)
+            try:
+                made.rename(path)
+            except OSError:
+                if not path.exists():  # another process may have been faster
+                    raise
+    return path
