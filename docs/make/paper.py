@@ -214,7 +214,7 @@ def _resolutions(found: list[dict], exposures: int) -> str:
     text = (
         "\nThe paper states no integration time, no rate and no filter. If it measured both "
         "resolutions with\nthe same duration of a reading, the published position resolution shows "
-        "which column to compare:\n\n"
+        "which duration to compare with:\n\n"
         "| duration of a reading | strip | position resolution | force resolution |\n"
         "| --- | --- | --- | --- |\n"
         "| not stated | paper | 7 µm | 5 mN |\n"

@@ -13,9 +13,10 @@ UP    TWO    readings disagree for 40 ms: fingers touched together at unknown po
 DOWN  DOWN   the position is that of the finger, or the finger slides
 DOWN  TWO    otherwise; the first finger keeps its position of one reading *earlier*
 TWO   DOWN   the position rests where the first finger was: the second finger has left
-TWO   DOWN   the position rests elsewhere, and the first finger has left: the brightness fell, or
-             was never that of two fingers, or no second finger could cause this position
-TWO   DOWN   the first finger lifts, and the position has almost reached the second finger
+TWO   DOWN   the position rests elsewhere, and the first finger has left: it was lifting, or the
+             brightness was never that of two fingers, or no second finger could cause this position
+TWO   DOWN   the first finger lifts, and the position has almost reached the second finger, which
+             it approaches in ever smaller steps, or which was estimated there before
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
 TWO   TWO    the first finger rests, and readings agree on the position of the second finger
              (second.py), even if the light of the first finger is unknown
@@ -62,6 +63,7 @@ _TWO = const(3)
 # Product of the light in counts and the standard deviation of the position in um by ADC noise, at
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
+_TYPICAL = const(289)  # decay for which `_NOISE` was measured, see `second.locate`
 _REST_UM = const(250)  # largest difference between two readings of a resting position
 _SAME_UM = const(450)  # largest distance of a reading from the mean position of its finger
 _BACK_UM = const(900)  # largest distance from the first finger after the second one has left
@@ -83,8 +85,6 @@ _SURE_UM = const(4000)
 _RISEN = const(30_000)  # 1.02: a finger arrives
 _CALM = const(40_000)  # 1.03: the light of a finger at rest
 _OTHER = const(150_000)  # 1.1
-_EARLY = const(1)
-_LATE = const(2)
 # Share of the estimate's uncertainty that must be inside a key, in eighths; `_SOON`: about two
 # standard deviations; `_LATER`: about one, because the key would be lost otherwise.
 _SOON = const(5)
@@ -128,7 +128,7 @@ _BEGAN = const(18)  # start of the present state
 _IS_EVEN = const(19)  # the force of the first finger is steady
 _IS_CALM = const(20)  # the force of the first finger is steady within a lower limit
 _RISES = const(21)  # the force of the first finger rises
-_FALLS = const(22)  # whether the first finger lifts (0, `_EARLY`, `_LATE`), and since when
+_FALLS = const(22)  # whether the first finger lifts, and since when
 _FELL = const(23)
 _SECOND = const(24)  # whether a second finger is known; position and brightness of it
 _X_SECOND_UM = const(25)
@@ -156,6 +156,7 @@ _LEFT = const(46)
 _HAS_DIPPED = const(47)  # the light was lost for a moment
 _X_PAIR_UM = const(48)  # last reading of two known fingers that rest: position, brightness
 _B_PAIR = const(49)
+_HINT_UM = const(50)  # in TWO: unconfirmed estimate of the second finger nearest to the first one
 # MicroPython encodes an index from -16 to 47 in one byte.
 _ODD = const(-16)  # a reading did not fit one press
 _STILL = const(-15)  # since when a touch rests; limits of position and force in which it rests
@@ -173,7 +174,7 @@ _STUCK_T = const(-4)
 _DETECT = const(-3)
 _JUMP_UM = const(-2)
 _RELEASE_T = const(-1)
-_SIZE = const(66)
+_SIZE = const(67)
 
 
 def elapsed(since, now):
@@ -253,9 +254,11 @@ class ContactTracker:
         s[_RELEASE_T] = layout.release_t
         s[_DECAY] = decay
         s[_LENGTH_UM] = length_um
-        # Light decreases along a strip, and a long strip needs a weak dye: the noise grows.
+        # Light decreases along a strip, and a long strip needs a weak dye: the noise grows. The
+        # position comes from the decay: half the decay, twice the noise.
         share = min(max(length_um, 0), 600_000) * 3 // 1000
-        s[_NOISE_PRODUCT] = max(share * share * 18 // 13, _NOISE)
+        product = max(share * share * 18 // 13, _NOISE)
+        s[_NOISE_PRODUCT] = max(product, product // max(decay, 72) * _TYPICAL)
         self.spend()
 
     def spend(self):
@@ -446,7 +449,7 @@ class ContactTracker:
         s[_IS_CALM] = abs(risen) < _CALM and abs(before - s[_B_OLDEST]) < _CALM
         s[_IS_EVEN] = risen > -_EVEN and (risen < _EVEN or steady)
         s[_RISES] = risen >= _EVEN and not steady
-        s[_FALLS] = _EARLY if risen <= -_EVEN else 0
+        s[_FALLS] = risen <= -_EVEN
         s[_FELL] = t
         if last < max(s[_B], before, s[_B_OLDEST]) - _FALLEN:
             s[_HAS_DIPPED] = True
@@ -468,6 +471,7 @@ class ContactTracker:
         s[_ODD] = s[_SECOND] = s[_THIRD] = False
         s[_RESTED] = s[_GUESSED] = s[_PAIR] = False
         s[_B_BOTH] = 0
+        s[_HINT_UM] = -_NEVER
         s[_PEAK] = s[_LEAST] = s[_LOW] = brightness
         s[_X_PEAK_UM] = x_um
 
@@ -479,8 +483,6 @@ class ContactTracker:
             and brightness > s[_LOW] + _GROWN
             and s[_PEAK] > s[_B] + _BOTH
         ):
-            s[_THIRD] = True
-        if brightness > s[_PEAK] + _RISEN and s[_FALLS] == _LATE:
             s[_THIRD] = True
         if brightness >= s[_PEAK]:
             s[_PEAK] = s[_LOW] = brightness
@@ -524,14 +526,17 @@ class ContactTracker:
         )
         # While the first finger lifts, the position approaches the second finger, in ever smaller
         # steps. The remaining distance is about the square of a step divided by the step before.
-        ends = (
-            known
-            and s[_FALLS]
-            and not s[_THIRD]
-            and elapsed(s[_FELL], t) >= _LIFTS_T
-            and brightness > b_last - _LOST
-            and 0 < away_um < _FAST_UM
-            and away_um * away_um < s[_STEP_UM] * _REMAINS_UM
+        # Or the second finger was estimated here before.
+        ends = known and (
+            (
+                s[_FALLS]
+                and not s[_THIRD]
+                and elapsed(s[_FELL], t) >= _LIFTS_T
+                and brightness > b_last - _LOST
+                and 0 < away_um < _FAST_UM
+                and away_um * away_um < s[_STEP_UM] * _REMAINS_UM
+            )
+            or (abs(x_um - s[_HINT_UM]) < _NEAR_UM and brightness < s[_PEAK] - _EVEN)
         )
         s[_STEP_UM] = away_um
         if brightness < s[_PEAK] - _EVEN and not (
@@ -542,7 +547,7 @@ class ContactTracker:
         ):
             s[_IS_EVEN] = s[_RISES] = False  # the first finger may be leaving
             if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM and away_um > _REST_UM:
-                s[_FALLS] = _LATE
+                s[_FALLS] = True
                 s[_FELL] = t
         if not s[_SECOND]:
             s[_X_PAIR_UM] = x_um
@@ -552,8 +557,11 @@ class ContactTracker:
         if not (s[_SECOND] or s[_THIRD] or s[_HAS_DIPPED]):
             if s[_IS_EVEN]:
                 self._guess(fits, x_um, brightness, t)
-            elif s[_RISES]:
+            elif s[_RISES] and s[_PAIR]:
                 self._weigh(fits, x_last_um, b_last, x_um, brightness, t)
+            # When the first finger begins to lift, estimates move away from it.
+            if s[_GUESSED] and abs(s[_X_GUESS_UM] - s[_X_UM]) < abs(s[_HINT_UM] - s[_X_UM]):
+                s[_HINT_UM] = s[_X_GUESS_UM]
         s[_PAIR] = True
         seen = s[_SEEN]
         if not (single or ends) and (
@@ -621,13 +629,13 @@ class ContactTracker:
                     s[_B_PAIR] = brightness
                     s[_GUESSED] = False
                     self.sink.moved(at_um, slack_um)
-                    return False
+                    return True
             # Two fingers that rest act like one finger at the position of their common reading.
             slack_um = self._find_third(s[_X_PAIR_UM], s[_B_PAIR], -1, x_um, brightness)
             if slack_um:
                 self.sink.second(s[_X_GUESS_UM], slack_um, t)
                 self.sink.moved(s[_X_SECOND_UM], slack_um)
-            return False
+            return True
         if fits and abs(x_um - s[_X_SECOND_UM]) < _NEAR_UM and (brightness < s[_B_SECOND] + _MORE):
             b = s[_B_SECOND]
             s[_SECOND] = False
@@ -650,7 +658,7 @@ class ContactTracker:
         self._mix(x_um, brightness, t)
         s[_IS_EVEN] = s[_PAIR] = True
         s[_HAS_DIPPED] = s[_IS_CALM] = False
-        s[_FALLS] = 0
+        s[_FALLS] = False
         s[_LOOSE] = True
         self.sink.left(False, t)
         if slack_um and s[_B_GUESS] > s[_B] - _HALF:
@@ -702,7 +710,7 @@ class ContactTracker:
         )
         s[_X_GUESS_UM] = at_um = s[_FOUND_UM]
         s[_B_GUESS] = s[_FOUND_B]
-        if not (agrees and s[_GUESSED]) or abs(at_um - last_um) > _NEAR_UM:
+        if not (agrees and s[_GUESSED]) or abs(at_um - last_um) > _APART_UM:
             return 0
         return (s[_FOUND_SLACK_UM] * _SOON >> 3) + abs(last_um - at_um)
 
@@ -744,7 +752,7 @@ class ContactTracker:
             if not may_rest(s[_DECAY], s[_X_UM], s[_B] - _EVEN, end_um, x_um, brightness):
                 # The first finger became dimmer, even if the second finger is at the strip's end.
                 s[_IS_EVEN] = False
-                s[_FALLS] = _EARLY
+                s[_FALLS] = True
                 s[_FELL] = t
             return
         at_um = s[_FOUND_UM]
@@ -778,26 +786,20 @@ class ContactTracker:
         `_is_next`.
         """
         s = self._s
-        if not s[_PAIR]:
-            return
-        if brightness < b_last + _EVEN:
-            if s[_GUESSED] and s[_RESTED]:  # both fingers rest, as in the earlier estimate
-                self._found_both(fits, x_um, brightness, t)
-            return
         limit_um = s[_LENGTH_UM] + _NEAR_UM if x_um > s[_X_UM] else -_NEAR_UM
         if (
-            not weigh(s, s[_DECAY], s[_X_UM], limit_um, x_last_um, b_last, x_um, brightness)
+            brightness < b_last + _EVEN
+            or not weigh(s, s[_DECAY], s[_X_UM], limit_um, x_last_um, b_last, x_um, brightness)
             or s[_FOUND_B] < s[_B] - _CALM
         ):
             # A third reading confirms an earlier estimate, because its light differs.
-            if (
+            s[_GUESSED] = (
                 s[_GUESSED]
                 and self._solve(s[_X_UM], s[_B_GUESS], x_um, brightness, fits)
                 and abs(s[_FOUND_UM] - s[_X_GUESS_UM]) <= _AGREE_UM + s[_SLACK_GUESS_UM]
-            ):
+            )
+            if s[_GUESSED]:
                 self._found_both(fits, x_um, brightness, t)
-            else:
-                s[_GUESSED] = False
             return
         at_um = s[_FOUND_UM]
         slack_um = s[_FOUND_SLACK_UM]
@@ -871,13 +873,13 @@ class ContactTracker:
                 brightness,
                 True,
             )
+        if s[_FALLS] and not s[_THIRD]:
+            return True  # while a finger lifts, the position would change
         x_um = s[_X_UM] + off_um
         # No second finger on the strip could cause this position while the first one rests.
-        alone = (s[_SEEN] > 1 or s[_FALLS] or brightness < first + _SINGLE) and not self._solve(
+        alone = (s[_SEEN] > 1 or brightness < first + _SINGLE) and not self._solve(
             s[_X_UM], first - _MORE, x_um, brightness, True
         )
-        if s[_FALLS] and not s[_THIRD] and elapsed(s[_FELL], t) >= _FALL_T:
-            return True
         if s[_THIRD]:
             # Return True only if the light is too low for two fingers.
             return brightness < s[_PEAK] - _LOST and (alone or brightness < first + _SINGLE)

@@ -129,6 +129,7 @@ class Keypad:
             self._press(self._action(TAP))
 
     def at(self, x_um, t):
+        self._third = _NONE  # a finger that is alone
         if self._state == _PRESSED and self._row >= 0:
             return
         layout = self._layout
@@ -209,6 +210,7 @@ class Keypad:
             row < 0
             or row == first
             or row == self._third
+            or (self._second and row == self._second_row)
             or (keys[row + LOW] and x_um - slack_um < keys[row + LOW] * self._length_mm)
             or (keys[row + HIGH] < 1000 and x_um + slack_um > keys[row + HIGH] * self._length_mm)
         ):

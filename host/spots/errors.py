@@ -29,7 +29,7 @@ def did_you_mean(
     otherwise : str, optional
         Advice if no name is similar.
     meant : mapping, optional
-        What to suggest in place of some of these names.
+        For some of these names, the text to suggest instead of the name.
 
     Returns
     -------

@@ -109,7 +109,7 @@ class Scenario:
         return found
 
     def is_dark(self, start_s: float, end_s: float) -> bool:
-        """Return whether surely no light of the LED couples into the strip in an interval.
+        """Return whether no light of the LED can couple into the strip in an interval.
 
         Parameters
         ----------
@@ -119,7 +119,8 @@ class Scenario:
         Returns
         -------
         bool
-            False near the begin or end of a touch, and if the pose moves.
+            False in doubt: near the start or the end of a touch, and in every scenario with a
+            leak or with a pose that changes.
         """
         first_s = start_s % self.file.seconds - _NEAR_S
         i = bisect_right(self._edges, first_s)

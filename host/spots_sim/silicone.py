@@ -195,7 +195,7 @@ class Memory:
 
     @property
     def unloaded(self) -> bool:
-        """Whether no press is on the strip, since the last call of `effective_mN`."""
+        """Whether no press was on the strip at the last call of `effective_mN`."""
         return not self._pressed
 
     def effective_mN(self, presses, time_s: float) -> list[float]:

@@ -34,14 +34,14 @@ class Desk:
         each press.
     """
 
-    def __init__(self, *lines, length_um=LENGTH_UM, number=int):
+    def __init__(self, *lines, length_um=LENGTH_UM, decay=DECAY, number=int):
         self._number = number
         self.events = []
         self.modifiers = []
         self.rests = 0
         self.now_ms = (TICKS * 1024 // 1000) - 300  # about to wrap
         self.pad = Keypad(self)
-        self.pad.set_layout(Layout(lines), number(length_um), number(DECAY))
+        self.pad.set_layout(Layout(lines), number(length_um), number(decay))
         self.lift(60)
 
     def key(self, page, usage, modifiers, pressed):

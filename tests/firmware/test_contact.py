@@ -266,6 +266,65 @@ def test_a_third_finger_is_found_when_the_first_one_has_left():
     assert sorted(desk.events[4:]) == [(B, False), (C, False)]
 
 
+def test_one_reading_shows_a_finger_that_was_estimated_before():
+    desk = Desk(*THREE)
+    desk.press(28, 60)
+    together(desk, (28, 1000), (74, 300), 10)
+    together(desk, (28, 400), (74, 1000), 10)
+    assert desk.events == [(A, True)]
+    desk.press(74, 10)
+    assert desk.events == [*clicks(A), (C, True)]
+    desk.press(74, 10)
+    together(desk, (74, 1000), (50, 300), 10)
+    desk.press(74, 20)
+    assert desk.events == [*clicks(A), (C, True)]
+
+
+def test_two_estimates_agree_although_the_last_reading_has_hardly_more_light():
+    desk = Desk(*THREE)
+    desk.press(28, 10, 400)
+    desk.press(28, 10, 800)
+    for force_mN in (300, 700, 760):
+        together(desk, (28, 1200), (74, force_mN), 10)
+    assert desk.events == ROLLED[:2]
+
+
+def three_fingers(desk):
+    """Let a second and a third finger come, and rest, while the first one rests at 76 mm."""
+    desk.press(76, 60)
+    for force_mN in (300, 1200, 1600, 1600):
+        together(desk, (76, 1000), (38.5, force_mN), 10)
+    for force_mN in (300, 1000, 1500, 1500, 1500, 1500):
+        together(desk, blend((76, 1000), (38.5, 1600)), (25.5, force_mN), 10)
+
+
+def test_of_three_fingers_that_rest_none_has_left():
+    desk = Desk(*THREE)
+    three_fingers(desk)
+    assert desk.events == [(C, True), (B, True), (B, False), *clicks(A)]
+
+
+def test_a_third_finger_presses_its_key_again_when_it_comes_again():
+    desk = Desk(*THREE)
+    three_fingers(desk)
+    desk.press(76, 30)
+    desk.lift(10)
+    desk.press(25.5, 20)
+    assert desk.events[-3:] == [(A, False), (C, False), (A, True)]
+
+
+def test_a_finger_that_begins_softly_on_a_weak_dye_is_one_finger():
+    # The position of the soft reading is 1.1 mm off: half the decay, twice the noise.
+    desk = Desk(*THREE, length_um=85_000, decay=DECAY // 2)
+    desk.press(77.8, 10, 144, flags=0)
+    desk.press(72.7, 10, 1050)
+    desk.press(73.66, 10, 1700, flags=TOUCHING | MISFIT | TOO_DARK)
+    desk.press(73.84, 10, 1725, flags=TOUCHING | MISFIT | TOO_DARK)
+    desk.press(73.84, 40, 1725)
+    desk.lift()
+    assert desk.events == clicks(C)
+
+
 def test_two_estimates_within_8_ms_do_not_confirm_each_other(monkeypatch):
     # While the first finger lifts and the second one comes, two estimates can be equal by chance.
     monkeypatch.setattr(keys, "READING_MS", 5)

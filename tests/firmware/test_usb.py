@@ -586,16 +586,33 @@ def test_circuitpython_does_not_wait_for_a_host_that_is_asleep_or_gone(sends):
     assert by_name["keyboard"](REPORT)
 
 
-def test_circuitpython_waits_ever_more_rarely_for_a_host_that_does_not_ask(sends):
+def test_circuitpython_waits_once_a_minute_for_a_host_that_does_not_ask(sends):
     by_name, world = sends
     world.full = True
-    for _ in range(600_000):  # ten minutes and the waits
-        world.ticks += 1
+    for second in range(600):  # ten minutes and the waits
+        world.ticks += 1000
         assert not by_name["keyboard"](REPORT)
-    assert 10 <= world.waits <= 16
+        assert world.waits <= 1 + second // 60
+    assert world.waits == 10
     world.full = False
     world.ticks += 64_000
     assert by_name["keyboard"](REPORT)
+
+
+def test_circuitpython_tries_a_host_again_that_sets_the_keyboards_leds(sends):
+    by_name, world = sends
+    keyboard = next(device for device in sys.modules["usb_hid"].devices if device.usage == 6)
+    world.full = True
+    assert not by_name["keyboard"](REPORT)
+    world.full = False
+    assert not by_name["keyboard"](REPORT)
+    keyboard.received = b"\2"
+    assert by_name["keyboard"](REPORT)
+    keyboard.received = b"\0"
+    assert not by_name["gamepad"](OTHER)  # the endpoint still needs its time
+    assert not by_name["keyboard"](OTHER)
+    world.ticks += 10
+    assert by_name["gamepad"](OTHER)
 
 
 def test_circuitpython_sends_after_days_without_a_report(sends):

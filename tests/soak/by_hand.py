@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import tempfile
 from pathlib import Path
@@ -45,6 +46,7 @@ _STRIPS = "default,short_30mm,long_200mm,weak_dye,strong_dye"
 _PRESSES_MAX, _ERROR_MAX_UM = {"rough": 12, "fine": 45}, {"rough": 1000.0, "fine": 150.0}
 _SPEED = 8.0
 _START_S, _SESSION_S = 300.0, 7200.0  # timeouts; that of the session is simulated time
+_BLIND_S = 2.0  # longest simulated time between two looks at the web UI
 _TAPS = 100
 _LOADS = [(0.5, 9000.0, ramp_s, 0.0) for ramp_s in (0.5, 2.0, 8.0)]
 
@@ -89,9 +91,16 @@ def _on_page(kind, strip, sensor, habits, seed, folder):
             page.get_by_label("Length of the strip").fill(f"{sensor.length_mm:g}")
             reader.start(kind)
             reader.now_s = bench.link.now_s
+
+            def looked():  # on a busy machine, the board waits for the person
+                bench.link.pause_s = bench.link.now_s() + _BLIND_S
+
+            reader.looked = looked
             seen = reader.go_on(timeout_s=_SESSION_S)
             browser.close()
     finally:
+        if bench.link:
+            bench.link.pause_s = math.inf
         server.stop()
         bench.close()
     assert seen["todo"] == "The board is calibrated", seen

@@ -75,7 +75,7 @@ _SCENES = {"room": _room, "lamps": _lamps, "arm": _arm}
 
 
 def _played(sensor: SensorFile, lines: list[str], scene: ScenarioFile, seed: int, seconds: float):
-    """Play a scene; return the number of readings of each begun touch, and that of pressed keys."""
+    """Play a scene; return the number of readings of each touch, and the number of pressed keys."""
     lasted: list[int] = []
     touching, keys = False, 0
     with Board(LockstepLink(sensor, Scenario(scene), seed)) as board:

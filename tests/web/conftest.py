@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -54,22 +55,35 @@ window.WebSocket = class extends WebSocket {
 """
 
 
-# Of a module: while Playwright runs, this thread has a loop, and others' tests want their own.
-@pytest.fixture(scope="module")
-def browser():
+@pytest.fixture(scope="session")
+def playing():
+    """Playwright with its Chromium, started once a process, and the event loop of Playwright."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(**launch_options(playwright))
-        yield chromium
+        loop = asyncio.get_running_loop()
+        asyncio.events._set_running_loop(None)
+        yield chromium, loop
+        asyncio.events._set_running_loop(loop)
         chromium.close()
+
+
+@pytest.fixture(scope="module")
+def browser(playing):
+    """Chromium. Playwright's loop runs in this thread during a module: other tests want theirs."""
+    chromium, loop = playing
+    asyncio.events._set_running_loop(loop)
+    yield chromium
+    asyncio.events._set_running_loop(None)
 
 
 @pytest.fixture
 def open_page(browser):
     """Return a function that opens a URL; after the test, no page may have reported an error."""
     contexts, errors = [], []
+    accepted = list(_REFUSED)
 
     def note(kind, text):
-        if not any(words in text for words in _REFUSED):
+        if not any(words in text for words in accepted):
             errors.append(f"{kind}: {text}")
 
     def open_page(url, **options):
@@ -83,6 +97,7 @@ def open_page(browser):
         return page
 
     yield open_page
+    accepted.append("net::ERR_ABORTED")  # a request under way when its page closes
     for context in contexts:
         context.close()
     assert not errors

@@ -53,9 +53,12 @@ class Person:
     ----------
     now_s : callable
         Clock of the timeouts. That of a simulated board does not depend on the load of the machine.
+    looked : callable
+        Called after each look at the page.
     """
 
     now_s = staticmethod(time.monotonic)
+    looked = staticmethod(lambda: None)
 
     def __init__(self, page, held, length_mm, seed=0, place_mm=0.0, force_share=0.0):
         self.page = page
@@ -80,6 +83,7 @@ class Person:
         while not until(seen := look(self.page)):
             assert self.now_s() < end_s, seen
             act(seen)
+            self.looked()
             self.page.wait_for_timeout(30)
         return seen
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import threading
 import time
 from concurrent.futures import Future
@@ -29,11 +30,16 @@ class Cable(PacedLink):
     """A link in simulated time that never runs ahead of real time, and can be unplugged.
 
     With a speed, simulated time passes faster than real time by this factor.
+
+    Attributes
+    ----------
+    pause_s : float
+        Simulated time at which the link waits, for a person who has not yet looked at the page.
     """
 
     def __init__(self, link, speed=1.0):
         super().__init__(link, 0.0)
-        self._speed = speed
+        self._speed, self.pause_s = speed, math.inf
         self.pace()
         self.plugged = True
         self.loss = SpotsError  # PortLostError, if the port is worth opening again
@@ -47,6 +53,8 @@ class Cable(PacedLink):
     def _wait(self):
         ahead_s = (self.now_s() - self._begun_s) / self._speed
         time.sleep(max(ahead_s - (time.monotonic() - self._epoch_s), 0.0))
+        while self.now_s() > self.pause_s:
+            time.sleep(0.005)
 
     def read(self, timeout_s):
         self._check()

@@ -3,7 +3,6 @@
 import sys
 import time
 import traceback
-from array import array
 from binascii import crc32
 from struct import pack_into
 
@@ -18,8 +17,21 @@ import usb_cdc
 from adafruit_bus_device.i2c_device import I2CDevice
 from micropython import const
 
-from .. import kernel
+from .. import frame, kernel
 from ..as7341 import AS7341, SensorError
+from ..decode import (
+    BRIGHTNESS,
+    CONTRAST,
+    CRC_SIZE,
+    FLAGS,
+    FORCE_MN,
+    GAP,
+    KIND,
+    POSITION_UM,
+    SEQUENCE,
+    TIME_HIGH,
+    TIME_LOW,
+)
 from ..settings import BoardSettings, load_lines
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
 from .stay import must_stay
@@ -27,15 +39,17 @@ from .stay import must_stay
 # `ticks_diff` adds half a period; with a period of 2**30 us the sum would be no small integer.
 _PERIOD_US = const(1 << 29)
 _HALF_PERIOD_US = const(1 << 28)
-_HIGH = const((1 << 13) - 1)  # upper digit of the largest ticks
 _FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
 _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
+_TOUCH_SIZE = kernel.TOUCH_SIZE + CRC_SIZE  # bytes of a TOUCH frame before its encoding
+_TOUCH_COPY = "%ds" % _TOUCH_SIZE
+_ZERO = b"\0"
 
 
 class BusioBus:
-    """Reads and writes the sensor's registers over ``busio``. Transfers allocate nothing.
+    """Reads and writes the sensor's registers over ``busio``.
 
-    Adafruit's I2CDevice would allocate memory for each transfer.
+    Each transfer allocates memory, but only in Adafruit's I2CDevice.
 
     Parameters
     ----------
@@ -44,27 +58,17 @@ class BusioBus:
     """
 
     def __init__(self, i2c):
-        self._i2c = i2c
+        self.device = I2CDevice(i2c, ADDRESS, probe=False)
         self._register = bytearray(1)
 
     def read_into(self, register, buffer):
         self._register[0] = register
-        self._lock()
-        try:
-            self._i2c.writeto_then_readfrom(ADDRESS, self._register, buffer)
-        finally:
-            self._i2c.unlock()
+        with self.device as device:
+            device.write_then_readinto(self._register, buffer)
 
     def write(self, buffer):
-        self._lock()
-        try:
-            self._i2c.writeto(ADDRESS, buffer)
-        finally:
-            self._i2c.unlock()
-
-    def _lock(self):
-        if not self._i2c.try_lock():
-            raise OSError("another program uses the I2C bus")
+        with self.device as device:
+            device.write(buffer)
 
 
 class AdafruitSensor(AS7341):
@@ -119,7 +123,7 @@ class AdafruitSensor(AS7341):
             raise SensorError("the I2C bus does not start (%s): check the wiring" % error)
         self._bus = BusioBus(self._i2c)
         if self._driver is not None:
-            self._driver.i2c_device = I2CDevice(self._i2c, ADDRESS, probe=False)
+            self._driver.i2c_device = self._bus.device
 
     def stop(self):
         if self._driver is not None and self._i2c is not None:
@@ -151,24 +155,15 @@ def _put(wire, level):
     microcontroller.delay_us(HALF_CLOCK_US)
 
 
-# The last time in ns, as four digits of 16 bits.
-_ns = array("H", bytes(8))
-
-
 class MonotonicClock:
     """Clock with the functions of MicroPython's ``time``.
 
-    CircuitPython's only clock with microseconds returns a long integer, so each call allocates 32
-    bytes. Arithmetic with long integers would allocate 64 bytes more.
+    CircuitPython's only clock with microseconds returns a long integer, so each call allocates.
     """
 
     @staticmethod
     def ticks_us():
-        ns = _ns
-        pack_into("<Q", ns, 0, time.monotonic_ns())
-        # Long division by 1000; the quotient's upper digits are multiples of the period.
-        rest = ((ns[3] % 1000 << 16) | ns[2]) % 1000 << 16 | ns[1]
-        return (rest // 1000 & _HIGH) << 16 | (rest % 1000 << 16 | ns[0]) // 1000
+        return time.monotonic_ns() // 1000 % _PERIOD_US
 
     @staticmethod
     def ticks_add(ticks, delta):
@@ -203,13 +198,56 @@ def view_of(data, size):
 
 
 def fast_crc32(data, size, crc):
-    """Replace `kernel.crc32`, which takes 0.5 ms for a frame; this takes 0.05 ms and 32 bytes.
+    """Update a CRC-32 as `kernel.crc32` does, but faster.
 
-    Arguments as for `kernel.crc32`, but the register must have its initial value.
+    For a frame it takes 0.1 ms instead of 0.5 ms, and allocates up to 100 bytes for long integers.
+
+    The arguments are those of `kernel.crc32`, but the register `crc` must have its initial value.
     """
     pack_into("<I", crc, 0, crc32(view_of(data, size)))
     crc[0] ^= 0xFFFF
     crc[1] ^= 0xFFFF
+
+
+def fast_touch(head, payload, state, encoded):
+    """Replace `kernel.touch`; arguments and result are the same.
+
+    Takes 0.5 ms instead of 1.3 ms, and allocates 70 bytes for long integers.
+    """
+    sequence = head[SEQUENCE]
+    head[SEQUENCE] = (sequence + 1) & 0xFFFF
+    pack_into(
+        "<BHHHBiiiH",
+        payload,
+        0,
+        head[KIND],
+        sequence,
+        head[TIME_LOW],
+        head[TIME_HIGH],
+        state[FLAGS] | head[GAP],
+        state[CONTRAST],
+        state[BRIGHTNESS],
+        state[POSITION_UM],
+        state[FORCE_MN],
+    )
+    pack_into("<I", payload, kernel.TOUCH_SIZE, crc32(view_of(payload, kernel.TOUCH_SIZE)))
+    # COBS of fewer than 255 bytes: a copy in which each zero byte gives the place of the next one.
+    pack_into(_TOUCH_COPY, encoded, 1, payload)
+    at = 0
+    zero = payload.find(_ZERO, 0, _TOUCH_SIZE)
+    while zero >= 0:
+        encoded[at] = zero + 1 - at
+        at = zero + 1
+        zero = payload.find(_ZERO, at, _TOUCH_SIZE)
+    encoded[at] = _TOUCH_SIZE + 1 - at
+    encoded[_TOUCH_SIZE + 1] = 0
+    return _TOUCH_SIZE + 2
+
+
+def speed_up():
+    """Replace functions of the sample's path by functions that use CircuitPython's C modules."""
+    kernel.crc32 = fast_crc32
+    kernel.touch = frame.touch = fast_touch
 
 
 class CdcSerial:
@@ -337,7 +375,7 @@ def main():
         print("no port for data, so the application was not started: press reset, not the button")
         return
 
-    kernel.crc32 = fast_crc32
+    speed_up()
     clock = MonotonicClock
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)

@@ -3,8 +3,9 @@
 All devices share one endpoint, which the host polls every 8 ms. While the endpoint is full,
 ``send_report`` blocks for up to 2 s. While the host sleeps, ``send_report`` discards the report
 without an error (shared-module/usb_hid/Device.c). For these reasons, there is a
-minimum time between two reports. No report is sent while the host is disconnected or asleep. A
-timeout is followed by a pause without reports, and the pause doubles with each further timeout.
+minimum time between two reports. No report is sent while the host is disconnected or asleep. After
+a timeout no report is sent for a minute, or until the host sets the keyboard's LEDs: each further
+report could block for two seconds again.
 """
 
 import supervisor
@@ -16,8 +17,7 @@ from ..hid import GAMEPAD_DESCRIPTOR, REPORT_SIZE, with_report_id
 _USAGES = {"keyboard": (0x01, 0x06), "consumer": (0x0C, 0x01), "gamepad": (0x01, 0x05)}
 _GAMEPAD_ID = 4  # report id; CircuitPython's own devices use 1 to 3
 _SPACE_MS = 10  # minimum time between two reports
-_PAUSE_MS = 2_000  # pause after a timeout; doubled after each further one
-_PAUSE_MAX_MS = 64_000
+_PAUSE_MS = 64_000  # after a timeout, because the next report may block for two seconds again
 _HALF = 1 << 28  # half the period of ticks_ms
 
 
@@ -78,12 +78,10 @@ class _Endpoint:
     def __init__(self):
         self._from_ms = supervisor.ticks_ms()
         self._wait_ms = 0
-        self._pause_ms = _PAUSE_MS
 
     def free(self):
         if not supervisor.runtime.usb_connected:  # not mounted, or suspended
             self._wait(0)
-            self._pause_ms = _PAUSE_MS
             return False
         # Ticks wrap, so a time in the far past looks like a time in the future.
         if 0 < _diff(self._from_ms, supervisor.ticks_ms()) <= self._wait_ms:
@@ -93,11 +91,14 @@ class _Endpoint:
 
     def took(self):
         self._wait(_SPACE_MS)
-        self._pause_ms = _PAUSE_MS
 
     def refused(self):
-        self._wait(self._pause_ms)
-        self._pause_ms = min(2 * self._pause_ms, _PAUSE_MAX_MS)
+        self._wait(_PAUSE_MS)
+
+    def heard(self):
+        # The host has a keyboard driver, so it will probably poll.
+        if self._wait_ms == _PAUSE_MS:
+            self._wait_ms = 0
 
     def _wait(self, duration_ms):
         self._wait_ms = duration_ms
@@ -120,6 +121,7 @@ class _Interface:
             leds = self._device.get_last_received_report()  # None if nothing is new
             if leds:
                 self._show_leds(leds[0])
+                self._endpoint.heard()
         if not self._endpoint.free():
             return False
         try:

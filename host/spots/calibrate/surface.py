@@ -232,10 +232,10 @@ class Surface:
 
     @cached_property
     def bent(self) -> Surface:
-        """The surface refitted with the largest bends for every channel.
+        """Fit of the same presses with the largest expected bend for every channel.
 
-        This surface chooses the next press: a strip that seems straight must be checked between
-        its ends, too.
+        It is used to choose the next press. So a strip whose curves seem straight is also checked
+        between its ends.
         """
         sizes = replace(self.sizes, bends=(max(self.sizes.bends),) * CHANNELS)
         return Surface(self.taken, self._noise, self._samples, self.length_um, sizes, self)

@@ -73,7 +73,7 @@ def hello_often(
 def fed(
     board: Board, engine: Any, seconds: float | None, tick_s: float
 ) -> Iterator[tuple[Touch | None, Any]]:
-    """Feed the readings of a board to an engine, such as a `KeyEngine`; yield what it returns.
+    """Feed the readings of a board to an engine, such as a `KeyEngine`; yield its results.
 
     The board's baseline tracking is turned on. The setting ``baseline=1`` is sent again after a
     restart of the board. When this process is resumed after Ctrl-Z, older readings are dropped, and
