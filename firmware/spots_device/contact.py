@@ -17,6 +17,8 @@ TWO   DOWN   the position rests elsewhere, and the first finger has left: it was
              brightness was never that of two fingers, or no second finger could cause this position
 TWO   DOWN   the first finger lifts, and the position has almost reached the second finger, which
              it approaches in ever smaller steps, or which was estimated there before
+TWO   DOWN   the first finger was lifting, the last step was small, and another finger arrives; or
+TWO   UP     no finger touches any more: the position was almost that of the second finger
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
 TWO   TWO    the first finger rests, and readings agree on the position of the second finger
              (second.py), even if the light of the first finger is unknown
@@ -95,6 +97,7 @@ _FALL_T = const(34)  # longest time in which a finger lifts
 _SLIDES_T = const(100)  # fingers that type overlap for less: their light changes as they lift
 _LIFTS_T = const(9)  # least time of a lift before its end is predicted
 _REMAINS_UM = const(2000)  # largest distance to the second finger at this end
+_LAST_UM = const(4000)  # largest step of the position at this end, if no more readings follow
 _FAST_UM = const(20_000)
 _CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
@@ -327,6 +330,8 @@ class ContactTracker:
         if elapsed(s[_LEFT], t) < s[_RELEASE_T]:
             return
         s[_LEAVING] = False
+        if s[_STATE] == _TWO and self._has_almost_left():
+            self.sink.next(s[_X_SEEN_UM], t)
         down, s[_STATE] = self.touched, _UP
         s[_SEEN] = 0
         if down:
@@ -477,6 +482,17 @@ class ContactTracker:
 
     def _part(self, fits, x_um, force_mN, brightness, t):
         s = self._s
+        # While the first finger lifts, the light is lost. More light: another finger arrives.
+        if (
+            brightness > s[_B_SEEN] + _RISEN
+            and elapsed(s[_FELL], s[_T]) >= _LIFTS_T
+            and self._has_almost_left()
+        ):
+            self._begin(s[_X_SEEN_UM], force_mN, s[_B_SEEN], t)
+            s[_LOOSE] = True
+            self.sink.next(s[_X_UM], t)
+            self._follow(fits, x_um, force_mN, brightness, t)
+            return
         # The light of two fingers was lost and grows again: a third finger.
         if (
             s[_LOW] < s[_PEAK] - _LOST
@@ -609,6 +625,21 @@ class ContactTracker:
                 s[_LOOSE] = ends
                 self.sink.next(x_um, t)
             self._harden(force_mN, t)
+
+    def _has_almost_left(self):
+        """Return whether the last reading is almost that of an unknown second finger alone.
+
+        True if the first finger was lifting, and the position was near the end of its motion.
+        """
+        s = self._s
+        return (
+            s[_KNOWN]
+            and s[_FALLS]
+            and not (s[_SECOND] or s[_THIRD])
+            and s[_SEEN] >= 0
+            and abs(s[_STEP_UM]) < _LAST_UM
+            and abs(s[_X_SEEN_UM] - s[_X_UM]) > _APART_UM
+        )
 
     def _resolve(self, fits, x_um, force_mN, brightness, t):
         """Update the light of two known fingers; return whether one of them has left.
