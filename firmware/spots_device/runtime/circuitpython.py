@@ -200,7 +200,8 @@ def view_of(data, size):
 def fast_crc32(data, size, crc):
     """Update a CRC-32 as `kernel.crc32` does, but faster.
 
-    For a frame it takes 0.1 ms instead of 0.5 ms, and allocates 70 bytes for the long integer.
+    For a frame it takes 0.1 ms instead of 0.5 ms, and allocates 70 bytes, because
+    a CRC is a long integer in CircuitPython.
 
     The arguments are those of `kernel.crc32`, but the register `crc` must have its initial value.
     """
@@ -210,9 +211,10 @@ def fast_crc32(data, size, crc):
 
 
 def fast_touch(head, payload, state, encoded):
-    """Replace `kernel.touch`; arguments and result are the same.
+    """Do the same as `kernel.touch`, but faster.
 
-    Takes 0.5 ms instead of 1.3 ms, and allocates 70 bytes for the long integer of the CRC.
+    It takes 0.5 ms instead of 1.3 ms, and allocates 70 bytes, because a CRC is a long integer in
+    CircuitPython.
     """
     sequence = head[SEQUENCE]
     head[SEQUENCE] = (sequence + 1) & 0xFFFF
@@ -245,7 +247,7 @@ def fast_touch(head, payload, state, encoded):
 
 
 def speed_up():
-    """Replace functions of the sample's path by functions that use CircuitPython's C modules."""
+    """Let every sample use `fast_crc32` and `fast_touch` instead of the functions of `kernel`."""
     kernel.crc32 = fast_crc32
     kernel.touch = frame.touch = fast_touch
 
