@@ -74,7 +74,7 @@ class MicroPythonProcess:
         File descriptors of the board's end of the serial port that has the prompt.
     folder : Path, optional
         File system of the board. By default a temporary folder, which `close` removes. In simulated
-        time, the firmware in it may be shared with other boards, see `_shared_firmware`.
+        time, its firmware may be outside, see `_shared_firmware`.
     board : str
         Name of the virtual board. The modules in ``boards/<board>`` replace built-in modules.
     blank : bool
@@ -113,8 +113,7 @@ class MicroPythonProcess:
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self.folder = Path(self._own.name) if self._own else folder
         path = f":lib:{BOARDS / board}:{_COMMON}:.frozen"
-        shared = _shared_firmware(board, strips) if self._own and simulated_time else None
-        if shared:
+        if shared := simulated_time and not blank and _shared_firmware(board, strips):
             for entry in ENTRIES[device_of(board).runtime]:
                 shutil.copy(shared / _FILES / entry, self.folder)
             path = f":{shared / _FILES}:{shared / _FILES / 'lib'}:{shared / _MODULES}{path}"

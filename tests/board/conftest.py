@@ -2,24 +2,49 @@
 
 from __future__ import annotations
 
+import tempfile
+from pathlib import Path
+
 import pytest
 
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Key, Spectrum, Touch
+from spots_device.settings import checksum, save_lines
+from spots_sim.kept_folder import FOLDER
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 
 
 class Rig:
-    """A virtual board, its link in simulated time, and a stage that presses the strip."""
+    """A virtual board, its link in simulated time, and a stage that presses the strip.
+
+    Without a folder, the board starts with a saved calibration, which is faster than an upload.
+    """
 
     def __init__(self, sensor, calibration=None, folder=None, scenario=None, seed=0, **options):
         self.held = Held()
+        self._own = None
+        if calibration and not folder:
+            self._own = tempfile.TemporaryDirectory(prefix="spots-")
+            folder = Path(self._own.name)
+            save_lines(str(folder / "calibration.txt"), calibration)
         self.link = LockstepLink(sensor, scenario or self.held, seed, folder, **options)
         self.board = Board(self.link)
-        if calibration:
+        if self._own:
+            self._await(checksum(calibration))
+            self.board.calibration = list(calibration)
+        elif calibration:
             upload(self.board, calibration)
+
+    def _await(self, calibration):
+        # A board uses its saved calibration once its sensor is set up.
+        for _ in range(50):
+            self.board.info.update(self.board.command("hello"))
+            if self.board.info["calibration"] == calibration:
+                return
+            self.settle(0.05)
+        raise AssertionError("the board does not use its calibration")
 
     def press(self, position_mm, force_mN):
         self.held.press = Press(position_mm, force_mN, 4.0)
@@ -44,6 +69,14 @@ class Rig:
 
     def close(self):
         self.board.close()
+        if self._own:
+            self._own.cleanup()
+
+
+@pytest.fixture
+def own_firmware(monkeypatch):
+    """Let boards have the firmware in their own folder, as sources."""
+    monkeypatch.delenv(FOLDER)
 
 
 @pytest.fixture

@@ -74,6 +74,7 @@ def test_touch_frames_are_those_of_micropython_to_the_byte(sensor, seed):
     assert ours == theirs
 
 
+@pytest.mark.usefixtures("own_firmware")
 def test_what_is_saved_is_there_after_a_reboot_for_boot_py_lets_the_board_write(sensor, tmp_path):
     link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), folder=tmp_path, board=BOARD)
     with Board(link) as board:
@@ -87,6 +88,7 @@ def test_what_is_saved_is_there_after_a_reboot_for_boot_py_lets_the_board_write(
         assert board.info["gain"] == 7
 
 
+@pytest.mark.usefixtures("own_firmware")
 def test_a_drive_that_is_the_hosts_refuses_a_save_and_the_board_goes_on(sensor, tmp_path):
     stage(BOARD, tmp_path)
     boot = tmp_path / "spots_device" / "runtime" / "circuitpython.py"
@@ -105,6 +107,7 @@ def test_a_drive_that_is_the_hosts_refuses_a_save_and_the_board_goes_on(sensor, 
     assert not (tmp_path / "settings.txt").exists()
 
 
+@pytest.mark.usefixtures("own_firmware")
 def test_a_bus_without_pull_ups_is_told_once_and_tried_again(sensor, tmp_path):
     (tmp_path / "busio.py").write_text(
         "tries = []\n"

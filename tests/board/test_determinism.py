@@ -41,6 +41,7 @@ def test_the_demo_meets_its_figures(capsys):
     assert run["latency_ms"]["p50"] == pytest.approx(5.6, abs=0.6)  # half an exposure and the bus
 
 
+@pytest.mark.usefixtures("own_firmware")
 @pytest.mark.parametrize("seed", ["0", "7"])
 def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
     need_viper()
@@ -54,16 +55,19 @@ def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
             shutil.copy(path, staged[-1])
         use_viper(staged[-1])
 
-    monkeypatch.delenv(FOLDER)  # this board does not share its firmware
     monkeypatch.setattr(vm, "stage", with_viper)
     assert figures(capsys, "--seed", seed) == portable
     assert staged
 
 
 @pytest.mark.parametrize("board", ["virtual", "virtual_circuitpython"])
-def test_shared_firmware_changes_no_byte_of_the_stream(sensor, calibration, tmp_path, board):
+def test_shared_firmware_changes_no_byte_of_the_stream(
+    sensor, calibration, tmp_path, monkeypatch, board
+):
     streams = []
-    for folder in (None, tmp_path):  # shared bytecode, and sources of its own
+    for folder in (None, tmp_path):
+        if folder:
+            monkeypatch.delenv(FOLDER)  # sources in its own folder
         scenario = Scenario(load(ScenarioFile, "demo"))
         with Board(LockstepLink(sensor, scenario, 3, folder, board=board)) as made:
             sent = []

@@ -199,6 +199,7 @@ def held(made):
     return made
 
 
+@pytest.mark.usefixtures("own_firmware")
 def test_no_key_outlives_a_crash(plugged, tmp_path):
     made = plugged("keys=1")
     changed(
@@ -301,6 +302,7 @@ def test_a_bad_word_changes_nothing(rig, bad):
     assert made.board.command("get")["keys"] == 0
 
 
+@pytest.mark.usefixtures("own_firmware")
 def test_a_board_without_usb_reports_says_so_and_sends_frames(plugged, tmp_path):
     made = plugged("keys=1")
     changed(tmp_path / "board_config.py", "USB_HID = True", "USB_HID = False")
@@ -315,6 +317,7 @@ def test_a_board_without_usb_reports_says_so_and_sends_frames(plugged, tmp_path)
 
 
 @micropython
+@pytest.mark.usefixtures("own_firmware")
 def test_a_board_with_too_few_endpoints_says_so_and_stays_on_its_port(plugged, tmp_path):
     made = plugged("keys=1", "gamepad=1")
     changed(tmp_path / "board_config.py", "USB_HID = True", "USB_HID = True\nUSB_HID_MAX = 1")

@@ -11,7 +11,6 @@ from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Decoder, Text, Touch
 from spots_device.decode import DROPPED
-from spots_sim.kept_folder import FOLDER
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 from spots_sim.vm import HEAP_BYTES
@@ -214,6 +213,7 @@ def test_the_reply_to_set_has_the_rate_to_expect(slow):
         assert 1000 * len(made.touches(4.0)) / 4.0 == pytest.approx(rate_mHz, rel=0.15)
 
 
+@pytest.mark.usefixtures("own_firmware")
 def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
     sensor, calibration, monkeypatch
 ):
@@ -225,7 +225,6 @@ def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
         slow = f"(time.sleep_ms(300), {write})[1]"
         path.write_text(path.read_text().replace(write, slow))
 
-    monkeypatch.delenv(FOLDER)  # this board does not share its firmware
     monkeypatch.setattr("spots_sim.vm.stage", staged)
     with Board(LockstepLink(sensor, Held())) as board:
         upload(board, calibration)
