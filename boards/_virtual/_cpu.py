@@ -5,6 +5,8 @@ Runs in MicroPython and, for a board without MicroPython, in CPython.
 
 import sys
 
+_TAKEN = 66  # decode.TAKEN
+
 
 def _kind_of_contact(tracker, *_):
     return "two" if tracker.two else "one" if tracker.touched else "up"
@@ -15,18 +17,16 @@ def _kind_of_command(_, line):
 
 
 def _kind_of_sample(strip):
-    return "sample" if strip._samples else "reading"
-
-
-def _kind_of_rest(_, sums, samples, idle_us, rests):
-    return "rests" if idle_us or rests else "touched"
+    # "sample" while a reading is incomplete, "any" if compensation, keys or gamepad take readings.
+    if strip.decode.state[_TAKEN]:
+        return "sample"
+    return "any" if strip._rare or strip._uses.active else "reading"
 
 
 # Functions whose time is not always the same: each returns the kind of a call that has ended. The
 # kind "" stands for all others.
 _KINDS = {
     "strip.Strip.take": _kind_of_sample,
-    "dark.Baseline.follow": _kind_of_rest,
     "contact.ContactTracker.take": _kind_of_contact,
     "command.Commands.handle": _kind_of_command,
 }

@@ -115,6 +115,9 @@ class BoardApp:
         self._uid = uid
         self._clock = clock
         self._read = serial.read
+        self._ticks_us = clock.ticks_us
+        self._ticks_diff = clock.ticks_diff
+        self._sleep_us = clock.sleep_us
         self._time = Time32(clock)
         self._reader = LineReader()
         self.reboot = False
@@ -129,6 +132,8 @@ class BoardApp:
     def _attach(self, sensor, board, usb):
         """Create settings, files, keys and commands of one strip."""
         self._sensor = sensor
+        self._pacing = sensor.pacing
+        self._poll = sensor.poll
         self.meter = Meter()
         self.settings = BoardSettings(board)
         self.replies = Replies(self.framer, self._time)
@@ -148,6 +153,8 @@ class BoardApp:
             self.settings,
             self.uses,
         )
+        self._outputs = self.uses.outputs
+        self._take = self.strip.take
         self.reconnect = Reconnect(
             self.strip, self._clock, self.replies, self.apply_calibration, self._sensor_lost
         )
@@ -218,20 +225,22 @@ class BoardApp:
         byte = self._read()
         if byte >= 0:
             self._listen(byte)
-        self.uses.pump()
+        if self._outputs:
+            self.uses.pump()
         if self.reconnect.lost:
             self._time.update()  # must be updated more often than the ticks wrap
             self.reconnect.search()
             return
-        wait_us = self._sensor.remaining_us()
+        wait_us = self._ticks_diff(self._pacing.due, self._ticks_us())
         if wait_us > 0:
-            self._clock.sleep_us(min(wait_us, _SLICE_US))
             if wait_us > _SLICE_US:
+                self._sleep_us(_SLICE_US)
                 return
-        if self._sensor.poll():
+            self._sleep_us(wait_us)
+        if self._poll():
             if self.reconnect.fault:
                 self.reconnect.sampled()
-            self.strip.take()
+            self._take()
 
     def measure(self):
         """Start to measure the loop time of each sample, which makes the loop slightly slower."""

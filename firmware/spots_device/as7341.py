@@ -8,10 +8,10 @@ registers. If it does not, `poll` reads the data registers, one sample in each t
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
 `switch_led` and `read_into` allocate nothing.
 
-The bus is an object with three methods. ``read_into(register, buffer)`` reads registers.
-``write(buffer)`` writes registers; the first byte of the buffer is the address of the first
-register. Both raise OSError if the chip does not answer. ``recover()`` tries to free the wires
-after an OSError.
+The bus is an object with three methods. ``read_into(address, register, buffer)`` reads registers of
+the chip at an I2C address. ``write(buffer)`` writes registers of the sensor; the first byte of the
+buffer is the number of the first register. Both raise OSError if the chip does not answer.
+``recover()`` tries to free the wires after an OSError.
 """
 
 from array import array
@@ -21,6 +21,7 @@ from micropython import const
 from . import exposure
 from .kernel import unpack
 from .pacing import Pacing
+from .runtime.common import ADDRESS
 from .smux import CHANNELS, smux_map
 
 _CONFIG = const(0x70)  # bank 1
@@ -58,6 +59,7 @@ _ENTRIES = const(6)  # entries of the FIFO for a sample
 # Entries in the FIFO; with more, the chip may drop a part of the sample that it stores next.
 _FULL = const(120)
 _SAMPLE = const(12)  # bytes
+_COUNTS = const(2)  # index in the buffer, after STATUS and ASTATUS
 _FIFO_DATA = const(14)  # index in the buffer, after the data registers
 _TRIAL = const(-8)  # at most so many samples after a start may be absent from the FIFO
 _BROKEN = const(2)
@@ -87,8 +89,7 @@ class AS7341:
     Parameters
     ----------
     bus : object
-        I2C bus with ``read_into(register, buffer)``, ``write(buffer)`` and ``recover()``, see
-        the module docstring.
+        I2C bus, see the module docstring.
     clock : object
         ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``, as in MicroPython's ``time``.
     """
@@ -260,21 +261,32 @@ class AS7341:
         OSError
             If transfers have failed for that time. Until then, each poll repeats the transfer.
         """
+        if not self.waits:
+            self._asked = self._ticks_us()
+            try:
+                if not (self._read_fifo() if self.fifo > 0 else self._read_burst()):
+                    return self._wait()
+            except OSError:
+                self._fail()
+                if self._is_overdue():
+                    raise
+                return False
         if self.waits:
-            return self._take()
-        self._asked = self._ticks_us()
-        try:
-            found = self._read_fifo() if self.fifo > 0 else self._read_burst()
-        except OSError:
-            self._fail()
-            if self._is_overdue():
-                raise
+            self.complete = self.pacing.held(self._asked, self._known, self.waits)
+            self.waits -= 1
+        elif not self._take():
             return False
-        return self._take() if found else self._wait()
+        self.saturated = unpack(self._burst, self.counts, self._at) >= self.full_scale
+        if self._burst[1] >= _ASAT:
+            self.saturated = True
+        self._at += _SAMPLE
+        if not self.steady:
+            self._settle()
+        return True
 
     def _read_burst(self):
         burst = self._burst
-        self._bus.read_into(_STATUS, self._views[0])
+        self._bus.read_into(ADDRESS, _STATUS, self._views[0])
         if not burst[0] & _AINT:
             return False
         self._write(_STATUS, _AINT)
@@ -294,7 +306,7 @@ class AS7341:
         return True
 
     def _read_fifo(self):
-        self._bus.read_into(_FIFO_LVL, self._byte)
+        self._bus.read_into(ADDRESS, _FIFO_LVL, self._byte)
         self._known = self._ticks_us()
         level = self._byte[0]
         # The level may be odd for a moment, while the chip stores a sample.
@@ -310,34 +322,21 @@ class AS7341:
         held = level // _ENTRIES
         if held:
             self._odd = _BROKEN  # unless the transfer succeeds
-            self._bus.read_into(_FDATA, self._views[held])
+            self._bus.read_into(ADDRESS, _FDATA, self._views[held])
             self._at = _FIFO_DATA
         else:
             # ASTATUS is not in the FIFO; an early poll has time to read it.
-            self._bus.read_into(_ASTATUS, self._byte)
+            self._bus.read_into(ADDRESS, _ASTATUS, self._byte)
             self._burst[1] = self._byte[0]
         self.waits = held
         self._odd = odd
         return held
 
     def _take(self):
-        at = 2
-        if self.waits:
-            at = self._at
-            self._at = at + _SAMPLE
-            complete = self.pacing.held(self._asked, self._known, self.waits)
-            self.waits -= 1
-        else:
-            complete = self.pacing.found(self._asked, self._ticks_us())
-            if complete is None:
-                self.complete = self._asked
-                return False
-        self.complete = complete
-        most = unpack(self._burst, self.counts, at)
-        self.saturated = most >= self.full_scale or self._burst[1] & _ASAT > 0
-        if not self.steady:
-            self._settle()
-        return True
+        complete = self.pacing.found(self._asked, self._ticks_us())
+        self.complete = self._asked if complete is None else complete
+        self._at = _COUNTS
+        return complete is not None
 
     def _fail(self):
         self.recover()
@@ -374,7 +373,7 @@ class AS7341:
         """
         i = self._check
         self._check = (i + 1) % len(_CHECKED)
-        self._bus.read_into(_CHECKED[i], self._pair)
+        self._bus.read_into(ADDRESS, _CHECKED[i], self._pair)
         if self._pair[0] != self._written[2 * i] or self._pair[1] != self._written[2 * i + 1]:
             raise SensorError("the AS7341 has lost its settings; check its supply and wiring")
 
@@ -384,7 +383,7 @@ class AS7341:
 
     def saturation(self):
         """Return the saturation of the last sample (STATUS2): 'analog', 'digital' or None."""
-        self._bus.read_into(_STATUS2, self._byte)
+        self._bus.read_into(ADDRESS, _STATUS2, self._byte)
         return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
 
     def report(self, reply):
@@ -436,7 +435,7 @@ class AS7341:
 
     def _ask_id(self):
         self._write(_CFG0, 0)  # a failed transfer may have left bank 1 selected
-        self._bus.read_into(_ID, self._byte)
+        self._bus.read_into(ADDRESS, _ID, self._byte)
 
     def _write(self, register, value):
         self._pair[0] = register

@@ -14,9 +14,22 @@ from array import array
 
 from micropython import const
 
-from .decode import LED_OFF, LIGHT, MISFIT, NOT_CALIBRATED, SAMPLES, TOUCHING
-from .kernel import accumulate
+from .decode import (
+    AGE_STEP_US,
+    AGE_US,
+    DARK,
+    EVERY_US,
+    FLOOR,
+    FOLLOWED,
+    FOLLOWS,
+    IDLE_MIN_US,
+    REST,
+    SHIFT,
+    WANTED,
+)
 from .smux import CHANNELS
+
+IDLE_US = 1_000_000  # time without a touch before the LED may be switched off
 
 _WINDOW_SAMPLES = const(4)
 _WINDOWS = const(16)
@@ -33,53 +46,39 @@ _JUMP = const(24)
 _JUMP_MAX = const(1 << 12)  # a difference whose square, times 2**4, fits a small integer
 _Q = const(12)
 _SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
-# `_SETTLED_US`: time after a touch before the baseline is tracked again. `_UP` and `_DOWN`: log2 of
-# the time constants in readings. Growing light may be a slow finger; fading light cannot.
-_SETTLED_US = const(200_000)
-_UP = const(10)
-_DOWN = const(6)
 _POOL_SAMPLES = const(64)
 _POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over this number of samples
 # Limit of the samples of a reading times the samples of the dark frame, for `kernel.estimate`.
 _PRODUCT_MAX = const(256)
-# A new dark frame is requested in two cases: a touch does not fit one press for `_ODD_US`, or the
-# sum of the counts without a touch has changed by `_ODD_COUNTS`. `_ODD_EVERY_US` is the shortest
-# time between two requests.
-_ODD_US = const(300_000)
-_ODD_COUNTS = const(24)
-_ODD_EVERY_US = const(2_000_000)
 
 
 class Dark:
     """Averages dark windows (four samples with the LED off). `add` allocates nothing.
 
+    `kernel.process` advances the age of the dark frame, and finds changes of the ambient light.
+
+    Parameters
+    ----------
+    state : array of int
+        State of the strip, see decode.py; contains the mean dark counts, which windows are wanted
+        and when.
+
     Attributes
     ----------
-    mean : array of int
-        Mean dark counts of the six channels, Q12.
-    wanted : bool
-        Whether a window must begin as soon as possible; this window restarts the mean.
-    age_us, every_us : int
-        Time since the last window, and least time between two windows, in us. The age stops at
-        `every_us`, so that it cannot overflow.
-    exposure_us : int
-        Time in us by which each sample increases `age_us`; 0 if the board cannot switch the LED.
-    always : bool
-        True if single dark samples are taken, even while the strip is touched.
+    mean : memoryview of int
+        Mean dark counts of the six channels, Q12; a part of `state`.
     """
 
-    def __init__(self):
-        self.mean = array("i", bytes(4 * CHANNELS))
+    def __init__(self, state):
+        self.state = state
+        self.mean = memoryview(state)[DARK : DARK + CHANNELS]
         self._window = array("i", bytes(4 * CHANNELS))
         self._count = 0  # windows in the mean
         self._taken = 0  # samples in the window
         self._left = 0  # samples until the LED is switched on again
         self._pool_wanted = False
-        self.wanted = True
-        self.age_us = 0
-        self.every_us = _DARK_EVERY_US
-        self.exposure_us = 0
-        self.always = False
+        state[WANTED] = 1
+        state[IDLE_MIN_US] = IDLE_US
 
     def schedule(self, exposure_us, dark_every):
         """Set how often dark windows are taken.
@@ -92,15 +91,17 @@ class Dark:
             Number of samples between two dark samples; such dark samples are taken even during a
             touch. With 0, windows of four samples are taken while the strip is not touched.
         """
-        self.exposure_us = exposure_us
-        self.always = dark_every > 0
-        self.every_us = min(dark_every * exposure_us, _EVERY_MAX_US)
-        if not self.always:
-            self.every_us = max(_DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
+        state = self.state
+        state[AGE_STEP_US] = exposure_us
+        state[EVERY_US] = min(dark_every * exposure_us, _EVERY_MAX_US)
+        state[IDLE_MIN_US] = 0
+        if not dark_every:
+            state[EVERY_US] = max(_DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
+            state[IDLE_MIN_US] = IDLE_US
 
     def request(self):
         """If the LED can be switched, take a dark window as soon as possible; restart the mean."""
-        self.wanted = self.exposure_us > 0
+        self.state[WANTED] = 1 if self.state[AGE_STEP_US] else 0
 
     def use(self, sums):
         """Use a stored dark frame; return whether `sums` contains one.
@@ -110,30 +111,33 @@ class Dark:
         sums : sequence of int
             Six sums as the method `sums` returns them; empty or False for no dark frame.
         """
-        self.age_us = 0
+        self.state[AGE_US] = 0
         for i in range(CHANNELS):
             self.mean[i] = sums[i] << _SUMS_SHIFT if sums else 0
         return bool(sums)
 
     def request_pool(self):
         """Restart the mean: take 16 dark windows in a row, or as many as fit in two seconds."""
-        self.wanted = self._pool_wanted = True
+        self._pool_wanted = True
+        self.state[WANTED] = 1
 
     def begin(self, exposure_us):
         """Begin a series of dark samples of `exposure_us` us each; the LED is already off."""
-        if self.wanted:
+        if self.state[WANTED]:
             windows = 1
             if self._pool_wanted:
                 windows = min(max(1, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us)), _WINDOWS)
-            self.wanted = self._pool_wanted = False
+            self._pool_wanted = False
+            self.state[WANTED] = 0
             self._count = self._taken = 0
             self._left = _WINDOW_SAMPLES * windows
         else:
-            self._left = 1 if self.always else _WINDOW_SAMPLES
+            self._left = _WINDOW_SAMPLES if self.state[IDLE_MIN_US] else 1
 
     def add(self, counts):
         """Add a dark sample (six counts); return whether the series is complete."""
-        accumulate(self._window, counts, self._taken)
+        for i in range(CHANNELS):
+            self._window[i] = counts[i] + (self._window[i] if self._taken else 0)
         self._taken += 1
         if self._taken == _WINDOW_SAMPLES:
             self._taken = 0
@@ -141,7 +145,7 @@ class Dark:
         self._left -= 1
         if self._left > 0:
             return False
-        self.age_us = 0
+        self.state[AGE_US] = 0
         return True
 
     def sums(self):
@@ -177,53 +181,6 @@ class Dark:
             self.mean[i] += (gap + (weight >> 1)) // weight
 
 
-class OddLight:
-    """Detects changes of the ambient light since the last dark frame. Allocates nothing.
-
-    Parameters
-    ----------
-    dark : Dark
-        The dark frame, which is requested again after a change.
-    """
-
-    def __init__(self, dark):
-        self._dark = dark
-        self.restart()
-
-    def restart(self):
-        """Restart the detection after a new dark frame."""
-        self._odd_us = 0
-        self._level = -1  # sum of the counts without a touch; -1 before the first one
-
-    def take(self, flags, state, lasted_us):
-        """Process a reading; if the ambient light has changed, request a new dark frame.
-
-        Parameters
-        ----------
-        flags : int
-            Flag bits of the reading, see the module `decode`.
-        state : array of int
-            State of the strip, see decode.py.
-        lasted_us : int
-            Duration of the reading in us.
-        """
-        if flags & NOT_CALIBRATED:
-            return  # without a calibration, the spectrum of a press is unknown
-        if flags & (TOUCHING | LED_OFF):
-            odd = flags & MISFIT
-        else:
-            light = state[LIGHT] // state[SAMPLES]
-            if self._level < 0:
-                self._level = light
-            odd = abs(light - self._level) > _ODD_COUNTS
-        if not odd:
-            self._odd_us = 0
-        elif self._odd_us < _ODD_US:
-            self._odd_us += lasted_us
-        elif self._dark.age_us >= _ODD_EVERY_US:
-            self._dark.request()
-
-
 class Baseline:
     """Tracks the baseline, and computes the sum of dark frame and baseline (`floor`).
 
@@ -234,24 +191,20 @@ class Baseline:
 
     Attributes
     ----------
-    floor : array of int
+    floor : memoryview of int
         Sum of dark frame and baseline, as six sums of counts; subtracted from each reading.
     samples : int
         Number of samples in a reading for which `floor` is scaled.
-    followed : bool
-        Whether the baseline has been measured.
-    wanted : bool
-        Whether the next reading becomes the baseline, without averaging.
     """
 
     def __init__(self, dark):
         self._dark = dark
-        self._level = array("i", bytes(4 * CHANNELS))  # counts, Q12
-        self._shift = _Q
+        self._state = dark.state
+        view = memoryview(dark.state)
+        self._level = view[REST : REST + CHANNELS]  # counts, Q12
+        self.floor = view[FLOOR : FLOOR + CHANNELS]
+        self._state[SHIFT] = _Q
         self.samples = 0
-        self.followed = False
-        self.floor = array("i", bytes(4 * CHANNELS))
-        self.wanted = False
 
     def sums(self):
         """Return the baseline as six sums over `decode.DARK_SAMPLES` samples."""
@@ -264,80 +217,34 @@ class Baseline:
         """
         self.samples = samples
         dark_samples = _POOL_SAMPLES
-        self._shift = _POOL_SHIFT
+        shift = _POOL_SHIFT
         while dark_samples * samples > _PRODUCT_MAX:
             dark_samples >>= 1
-            self._shift += 1
+            shift += 1
+        self._state[SHIFT] = shift
         self.update()
         return dark_samples
 
-    def follow(self, sums, samples, idle_us, rests):
-        """Update the baseline with a reading that was taken with the LED on; allocates nothing.
-
-        Parameters
-        ----------
-        sums : array of int
-            Six sums of counts over `samples` samples.
-        samples : int
-            Samples in the reading.
-        idle_us : int
-            Time since the last touch, in us.
-        rests : bool
-            True if an object that is not a finger lies on the strip. The reading then becomes
-            the baseline.
-        """
-        if rests or self.wanted:
-            self.wanted = False
-            up = down = 0
-        elif idle_us >= _SETTLED_US:
-            up = _UP
-            down = _DOWN
-        else:
-            return
-        self.followed = True
-        follow(self._level, self.floor, sums, samples, self._dark.mean, self._shift, up, down)
+    def track(self, on):
+        """Set whether readings change the baseline; if not, it is 0."""
+        state = self._state
+        if not on:
+            state[FOLLOWS] = 0
+            if state[FOLLOWED]:
+                self.forget()
+        elif not state[FOLLOWS]:
+            state[FOLLOWS] = 1
 
     def forget(self):
         """Set the baseline to 0."""
-        self.followed = False
+        self._state[FOLLOWED] = 0
         for i in range(CHANNELS):
             self._level[i] = 0
         self.update()
 
     def update(self):
         """Compute `floor` again, after a change of the dark frame or of the baseline."""
-        half = 1 << self._shift >> 1
+        shift = self._state[SHIFT]
+        half = 1 << shift >> 1
         for i in range(CHANNELS):
-            self.floor[i] = self._dark.mean[i] + self._level[i] + half >> self._shift
-
-
-def follow(rest, floor, sums, samples, dark, shift, up, down):
-    """Move the baseline (the counts of the untouched strip) towards a reading.
-
-    Parameters
-    ----------
-    rest : sequence of int
-        The baseline, changed in place: six dark-subtracted counts in Q12.
-    floor : sequence of int
-        Output: dark frame plus baseline, shifted right by `shift` bits and rounded, as
-        `kernel.estimate` subtracts it from readings.
-    sums : sequence of int
-        Six sums of counts over `samples` samples.
-    samples : int
-        Samples in the reading.
-    dark : sequence of int
-        Dark frame: six counts in Q12.
-    shift : int
-        Right shift from Q12 to the scale of `floor`.
-    up, down : int
-        The baseline moves by a part of its distance to the reading: by 2**-`up` if the reading is
-        higher, else by 2**-`down`.
-    """
-    half = 1 << shift >> 1
-    for i in range(CHANNELS):
-        gap = (sums[i] * 4 // samples << 10) - dark[i] - rest[i]
-        level = rest[i] + (gap >> (up if gap > 0 else down))
-        if level < 0:
-            level = 0
-        rest[i] = level
-        floor[i] = dark[i] + level + half >> shift
+            self.floor[i] = self._dark.mean[i] + self._level[i] + half >> shift

@@ -33,14 +33,35 @@ FLAGS, CONTRAST, BRIGHTNESS, POSITION_UM, FORCE_MN = range(5)
 SAMPLES, FLOOR_SAMPLES, LOG_SAMPLES = range(5, 8)
 # From the calibration: forces at which a touch begins and ends, largest drift of the misfit (Q12).
 TOUCH_ON_MN, TOUCH_OFF_MN, DRIFT_MAX = range(8, 11)
-# Sum of the six sums of counts. kernel.py defines the other elements.
+# Sum of the six sums of counts. kernel.py defines the elements before and after it.
 LIGHT = 14
-STATE_SIZE = 30
+# Six elements each: sums of counts; sum of dark frame and baseline (`floor`), as sums over
+# `FLOOR_SAMPLES`; baseline, and mean of the dark frame, both counts in Q12.
+SUMS, FLOOR, REST, DARK = range(30, 54, 6)
+# Right shift from Q12 to the floor. Whether the baseline is tracked: 0, 1, or 2 if the next reading
+# becomes the baseline; whether it has been measured. Time without a touch in us.
+SHIFT, FOLLOWS, FOLLOWED, IDLE_US = range(54, 58)
+# Change of the ambient light, see dark.py: light without a touch plus 1, or 0; duration in us.
+LEVEL, ODD_US = 58, 59
+# Dark frame: its age and largest age in us, us that a sample adds, whether one is wanted, and the
+# time without a touch before the next one.
+AGE_US, EVERY_US, AGE_STEP_US, WANTED, IDLE_MIN_US = range(60, 65)
+# Samples of a complete reading, and of the present one; its flags; exposure; `DROPPED` if samples
+# are missing before it; its flags before keys and contacts changed them; byte 0 of its TOUCH
+# frame, or 0 if it is not streamed.
+AVERAGE, TAKEN, PENDING, EXPOSURE_US, MISSING, ESTIMATED, STREAMED = range(65, 72)
+STATE_SIZE = 72
 
 # Indices of the array `head`, the header of a frame: kind and sensor, sequence number, low and high
-# half of the time, and the flag `DROPPED` if frames or samples are missing before this frame.
-KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP = range(5)
-HEAD_SIZE = 5
+# half of the time, the flag `DROPPED` if frames are missing before this frame, and the time from
+# this time to the ticks of `frame.Time32`.
+KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP, LESS_US = range(6)
+HEAD_SIZE = 6
+
+# Arguments of `kernel.process` in addition to flags, and parts of its result in addition to the
+# bytes of a frame.
+READ, SEND, TWO = 1 << 8, 1 << 9, 1 << 10
+COMPLETE, ODD, DUE = 1 << 12, 1 << 13, 1 << 14
 
 HEADER_SIZE = 7  # bytes of a frame before its body
 CRC_SIZE = 4  # bytes of a CRC-32

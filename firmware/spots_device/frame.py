@@ -16,10 +16,11 @@ from .decode import (
     HEAD_SIZE,
     HEADER_SIZE,
     KIND,
+    LESS_US,
     TIME_HIGH,
     TIME_LOW,
 )
-from .kernel import frame, touch
+from .kernel import frame
 from .smux import CHANNELS
 
 TOUCH = 1
@@ -39,7 +40,7 @@ _CONTACT = const(10)
 
 
 class Time32:
-    """Board time in us modulo 2**32, stored as two halves of 16 bits.
+    """Board time in us modulo 2**32, stored as two halves of 16 bits in the header of frames.
 
     Parameters
     ----------
@@ -48,32 +49,26 @@ class Time32:
 
     Attributes
     ----------
-    low, high : int
-        The two halves.
     head : array of int
-        Header of the next frame, see `decode.KIND`; it contains the same two halves.
+        Header of the next frame, see `decode.KIND`.
+    last : int
+        Ticks to which ``head[LESS_US]`` belongs.
     """
 
     def __init__(self, clock):
         self._ticks_us = clock.ticks_us
         self._diff = clock.ticks_diff
-        self._last = clock.ticks_us()
-        self.low = self.high = self._less_us = 0
+        self.last = clock.ticks_us()
         self.head = array("i", bytes(4 * HEAD_SIZE))
 
-    def set(self, ticks, less_us=0):
-        """Set the time to `less_us` us before `ticks`.
-
-        The new time may be earlier than the present one.
-        """
-        low = self.low + self._diff(ticks, self._last) + self._less_us - less_us
-        self._last = ticks
-        self._less_us = less_us
-        self.high = high = (self.high + (low >> 16)) & 0xFFFF
-        self.low = low = low & 0xFFFF
+    def set(self, ticks):
+        """Set the time to `ticks`; the new time may be earlier than the present one."""
         head = self.head
-        head[TIME_LOW] = low
-        head[TIME_HIGH] = high
+        low = head[TIME_LOW] + head[LESS_US] + self._diff(ticks, self.last)
+        self.last = ticks
+        head[LESS_US] = 0
+        head[TIME_HIGH] = head[TIME_HIGH] + (low >> 16) & 0xFFFF
+        head[TIME_LOW] = low & 0xFFFF
 
     def update(self):
         """Set the time to the present ticks of the clock."""
@@ -81,11 +76,11 @@ class Time32:
 
     def ticks(self):
         """Return the time in units of 1024 us, see `contact.TICK_US`; 22 bits, so it wraps."""
-        return self.high << 6 | self.low >> 10
+        return self.head[TIME_HIGH] << 6 | self.head[TIME_LOW] >> 10
 
     def us(self):
         """Return the board time in us; allocates if it does not fit a small integer."""
-        return self.high << 16 | self.low
+        return self.head[TIME_HIGH] << 16 | self.head[TIME_LOW]
 
 
 class Framer:
@@ -97,30 +92,29 @@ class Framer:
         ``write(buffer, size) -> bool``: True if the bytes were sent, False if they were dropped.
     time : Time32
         Board time for the header of each frame.
+
+    Attributes
+    ----------
+    payload : bytearray
+        Header and body of a frame.
+    encoded : memoryview
+        The encoded frame.
+    dropped : int
+        Frames that were not sent.
     """
 
     def __init__(self, serial, time):
         self._write = serial.write
         self._head = time.head
-        self._payload = bytearray(HEADER_SIZE + TEXT_MAX + CRC_SIZE)
+        self.payload = bytearray(HEADER_SIZE + TEXT_MAX + CRC_SIZE)
         # A delimiter, and the encoded frame.
-        self._delimited = memoryview(bytearray(len(self._payload) + 7))
-        self._encoded = self._delimited[1:]
+        self._delimited = memoryview(bytearray(len(self.payload) + 7))
+        self.encoded = self._delimited[1:]
         self.dropped = 0
-
-    def gap(self):
-        """Set the flag `DROPPED` in the next frame, because samples before it are missing."""
-        self._head[GAP] = DROPPED
-
-    def touch(self, sensor, state):
-        """Send the reading in `state` as a TOUCH frame; return whether it was sent."""
-        head = self._head
-        head[KIND] = TOUCH | sensor << 4
-        return self._send(touch(head, self._payload, state, self._encoded), 0)
 
     def spectrum(self, sensor, flags, gain, counts):
         """Send six counts, flags and gain code as a SPECTRUM frame; return whether it was sent."""
-        payload = self._payload
+        payload = self.payload
         payload[HEADER_SIZE] = flags | self._head[GAP]
         payload[HEADER_SIZE + 1] = gain
         at = HEADER_SIZE + 2
@@ -129,21 +123,21 @@ class Framer:
             payload[at + 1] = counts[i] >> 8
             at += 2
         self._head[KIND] = SPECTRUM | sensor << 4
-        return self._send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self._encoded), 0)
+        return self.send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self.encoded))
 
     def key(self, sensor, page, usage, modifiers, pressed):
         """Send a key event of a sensor as a KEY frame; return whether it was sent.
 
         The other arguments are those of `uses.Uses.key`.
         """
-        pack_into(KEY_BODY, self._payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
+        pack_into(KEY_BODY, self.payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)
 
     def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
         """Send a finger as a CONTACT frame; docs/protocol.md describes the arguments."""
         pack_into(
             CONTACT_BODY,
-            self._payload,
+            self.payload,
             HEADER_SIZE,
             finger,
             state,
@@ -155,31 +149,31 @@ class Framer:
 
     def text(self, data):
         """Send at most `TEXT_MAX` bytes as a TEXT frame; return whether it was sent. Allocates."""
-        self._payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
+        self.payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
         return self._send_body(TEXT, HEADER_SIZE + len(data))
 
     def _send_body(self, kind, size):
         # Only TOUCH and SPECTRUM frames have flags, so others leave the gap to a later frame.
         head = self._head
         head[KIND] = kind
-        return self._send(frame(head, self._payload, size, self._encoded), head[GAP])
+        gap = head[GAP]
+        if not self.send(frame(head, self.payload, size, self.encoded)):
+            return False
+        head[GAP] = gap
+        return True
 
-    def _send(self, length, gap_after):
-        # `gap_after`: the gap that remains to be marked once this frame is sent.
+    def send(self, length):
+        """Send the first `length` bytes of `encoded`; return whether they were sent."""
         head = self._head
-        encoded = self._encoded
+        encoded = self.encoded
         if head[GAP]:
             # A part of the dropped frame may have been sent. Without a delimiter after this part,
             # the present frame would be lost too. Delimiter and frame are one write, because the
             # port would refuse a second write after a slow one.
             encoded = self._delimited
             length += 1
-        if length & 63 == 0:
-            # USB CDC stalls on exact multiples of its packet; an empty frame is skipped.
-            encoded[length] = 0
-            length += 1
         if self._write(encoded, length):
-            head[GAP] = gap_after
+            head[GAP] = 0
             return True
         head[GAP] = DROPPED
         self.dropped += 1

@@ -13,28 +13,59 @@ from struct import pack_into
 
 from .calibration import BOUNDS, FORCES, SEGMENTS, WEIGHTS
 from .decode import (
+    AGE_STEP_US,
+    AGE_US,
+    AVERAGE,
     BRIGHTNESS,
+    COMPLETE,
     CONTRAST,
     CRC_SIZE,
+    DARK,
     DRIFT_MAX,
+    DUE,
+    ESTIMATED,
+    EVERY_US,
+    EXPOSURE_US,
     FLAGS,
+    FLOOR,
     FLOOR_SAMPLES,
+    FOLLOWED,
+    FOLLOWS,
     FORCE_MN,
     GAP,
     HEADER_SIZE,
+    IDLE_MIN_US,
+    IDLE_US,
     KIND,
     LED_OFF,
+    LESS_US,
+    LEVEL,
     LIGHT,
     LOG_SAMPLES,
     MISFIT,
+    MISSING,
     NOT_CALIBRATED,
+    ODD,
+    ODD_US,
+    PENDING,
     POSITION_UM,
+    READ,
+    REST,
     SAMPLES,
+    SEND,
     SEQUENCE,
+    SHIFT,
+    STREAMED,
+    SUMS,
+    TAKEN,
+    TIME_HIGH,
+    TIME_LOW,
     TOO_DARK,
     TOUCH_OFF_MN,
     TOUCH_ON_MN,
     TOUCHING,
+    TWO,
+    WANTED,
 )
 from .log2 import log2_q20
 from .smux import CHANNELS
@@ -45,6 +76,18 @@ from .smux import CHANNELS
 DRIFT, LEARNS, SEEN = range(11, 14)
 MISFIT_Q12, TOLERANCE_Q12 = 15, 16
 LOGS, FOUND = 17, 27
+
+IDLE_US_MAX = 1_000_000  # the time without a touch stops here
+# The ambient light has changed if a touch does not fit one press for `ODD_US_MAX`, or if the sum of
+# the counts without a touch has changed by `ODD_COUNTS`. `ODD_EVERY_US`: least age of a dark frame
+# that is taken again for this reason.
+ODD_US_MAX = 300_000
+ODD_COUNTS = 24
+ODD_EVERY_US = 2_000_000
+# Time after a touch before the baseline is tracked again; log2 of the time constants in readings.
+SETTLED_US = 200_000
+UP = 10
+DOWN = 6
 
 TOUCH_BODY = "<BiiiH"  # flags, contrast, brightness, position_um, force_mN
 TOUCH_SIZE = HEADER_SIZE + 15
@@ -62,32 +105,129 @@ def unpack(burst, counts, at):
     return most
 
 
-def accumulate(sums, counts, samples):
-    """Add six counts to the sums of `samples` earlier samples; with 0 samples, start new sums."""
-    if samples == 0:
+def process(state, tables, counts, flags, head, payload, encoded):
+    """Process a sample: add it to the reading, estimate the reading, and encode its TOUCH frame.
+
+    Parameters
+    ----------
+    state : array of int
+        Settings, estimates and light of the strip, at the indices that decode.py defines.
+    tables : array of int
+        Tables of the calibration, as for `estimate`.
+    counts : array of int
+        Six counts of the sample.
+    flags : int
+        Flag bits of the sample as for `estimate`; and `decode.READ` to add the sample and to
+        estimate a complete reading, `SEND` to do the rest for a complete reading, `TWO` if two
+        fingers may have caused it.
+    head, payload, encoded
+        As for `frame`. The time of `head`, plus its `LESS_US`, must be the end of the sample. It
+        becomes the middle of the reading if the reading is complete.
+
+    Returns
+    -------
+    int
+        Length of the encoded frame, 0 for none; and `decode.COMPLETE` if the reading is complete,
+        `ODD` if the ambient light has changed, `DUE` if a dark window must begin.
+    """
+    done = 0
+    if flags & READ:
+        taken = state[TAKEN]
         for i in range(CHANNELS):
-            sums[i] = counts[i]
+            state[SUMS + i] = counts[i] + (state[SUMS + i] if taken else 0)
+        state[TAKEN] = taken + 1
+        state[PENDING] |= flags & 0xFF
+        if state[AGE_US] < state[EVERY_US]:
+            state[AGE_US] += state[AGE_STEP_US]
+        if taken + 1 < state[AVERAGE] and not flags & LED_OFF:
+            return DUE if state[WANTED] else 0
+        estimate(state, tables, state[PENDING])
+        state[ESTIMATED] = state[FLAGS]
+        half_us = state[TAKEN] * state[EXPOSURE_US] >> 1
+        low = head[TIME_LOW] + head[LESS_US] - half_us
+        head[LESS_US] = half_us
+        head[TIME_HIGH] = head[TIME_HIGH] + (low >> 16) & 0xFFFF
+        head[TIME_LOW] = low & 0xFFFF
+        done = COMPLETE
+    if not flags & SEND:
+        return done
+    lasted_us = state[TAKEN] * state[EXPOSURE_US]
+    state[TAKEN] = state[PENDING] = 0
+    before = state[ESTIMATED]
+    if before & TOUCHING:
+        state[IDLE_US] = 0
+    elif state[IDLE_US] < IDLE_US_MAX:
+        state[IDLE_US] += lasted_us
+    if not before & NOT_CALIBRATED:  # without a calibration, the spectrum of a press is unknown
+        # Readings of two fingers look like ambient light. They have less weight in the detection,
+        # because a dark frame costs readings.
+        done |= _odd_light(state, before, lasted_us >> 3 if flags & TWO else lasted_us)
+    if state[FOLLOWS] and not before & LED_OFF:
+        _follow(state)
+    if state[WANTED] or (state[AGE_US] >= state[EVERY_US] and state[IDLE_US] >= state[IDLE_MIN_US]):
+        done |= DUE
+    if state[STREAMED]:
+        head[KIND] = state[STREAMED]
+        head[GAP] |= state[MISSING]
+        state[MISSING] = 0
+        done |= touch(head, payload, state, encoded)
+    return done
+
+
+def _odd_light(state, flags, lasted_us):
+    # Return `ODD` if the ambient light has changed since the last dark frame, see dark.py.
+    if flags & (TOUCHING | LED_OFF):
+        odd = flags & MISFIT
     else:
-        for i in range(CHANNELS):
-            sums[i] += counts[i]
+        level = state[LIGHT] // state[SAMPLES] + 1
+        if not state[LEVEL]:
+            state[LEVEL] = level
+        odd = abs(level - state[LEVEL]) > ODD_COUNTS
+    if not odd:
+        state[ODD_US] = 0
+    elif state[ODD_US] < ODD_US_MAX:
+        state[ODD_US] += lasted_us
+    elif state[AGE_US] >= ODD_EVERY_US:
+        return ODD
+    return 0
 
 
-def estimate(state, tables, sums, floor, flags):
+def _follow(state):
+    # Move the baseline towards the reading. Growing light may be a slow finger; fading light
+    # cannot.
+    up = down = 0
+    if state[FOLLOWS] > 1:
+        state[FOLLOWS] = 1
+    elif state[IDLE_US] >= SETTLED_US:
+        up = UP
+        down = DOWN
+    else:
+        return
+    state[FOLLOWED] = 1
+    half = 1 << state[SHIFT] >> 1
+    for i in range(CHANNELS):
+        rest = state[REST + i]
+        gap = (state[SUMS + i] * 4 // state[SAMPLES] << 10) - state[DARK + i] - rest
+        rest = max(rest + (gap >> (up if gap > 0 else down)), 0)
+        state[REST + i] = rest
+        state[FLOOR + i] = state[DARK + i] + rest + half >> state[SHIFT]
+
+
+def estimate(state, tables, flags):
     """Estimate flags, contrast, brightness, position and force of a reading.
 
     Parameters
     ----------
     state : sequence of int
-        Settings (input) and estimates (output) at the indices that decode.py defines.
+        Settings and sums (input) and estimates (output) at the indices that decode.py defines.
+        The six sums at `SUMS` are over ``state[SAMPLES]`` samples; those at `FLOOR`, of dark frame
+        and baseline, are over ``state[FLOOR_SAMPLES]`` samples and subtracted after scaling.
+        ``sums * state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24.
     tables : sequence of int
         Tables of the calibration, see `calibration.SEGMENTS`; 0 segments mean that there is no
         calibration.
-    sums, floor : sequence of int
-        `sums`: six sums of counts over ``state[SAMPLES]`` samples. `floor`: six sums of dark frame
-        and baseline over ``state[FLOOR_SAMPLES]`` samples; subtracted after scaling. ``sums *
-        state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24.
     flags : int
-        Flag bits that apply to `sums`: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
+        Flag bits that apply to the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
     """
     touching = state[FLAGS] & TOUCHING
     for i in range(CONTRAST, FORCE_MN + 1):
@@ -98,17 +238,20 @@ def estimate(state, tables, sums, floor, flags):
         # Without light a touch cannot be detected: the state of the touch does not change.
         state[FLAGS] = flags | touching
         return
-    state[LIGHT] = sums[0] + sums[1] + sums[2] + sums[3] + sums[4] + sums[5]
-    if not _take_logs(state, sums, floor):
+    light = 0
+    for i in range(SUMS, SUMS + CHANNELS):
+        light += state[i]
+    state[LIGHT] = light
+    if not _take_logs(state):
         flags |= TOO_DARK
     elif tables[SEGMENTS]:
         flags |= _judge(state, touching) if _locate(state, tables) else TOO_DARK
     state[FLAGS] = flags
 
 
-def _take_logs(state, sums, floor):
+def _take_logs(state):
     for i in range(CHANNELS):
-        net = sums[i] * state[FLOOR_SAMPLES] - state[SAMPLES] * floor[i]
+        net = state[SUMS + i] * state[FLOOR_SAMPLES] - state[SAMPLES] * state[FLOOR + i]
         if net <= 0:
             return False
         state[LOGS + i] = log2_q20(net)
@@ -291,6 +434,9 @@ _crc = array("H", bytes(4))
 def frame(head, payload, size, encoded):
     """Add header and CRC to a payload, and encode it with COBS; return the encoded length in bytes.
 
+    A length that is a multiple of 64 gets another delimiter: USB CDC stalls on exact multiples of
+    its packet, and the host skips an empty frame.
+
     Parameters
     ----------
     head : sequence of int
@@ -314,7 +460,11 @@ def frame(head, payload, size, encoded):
     payload[size + 1] = ~crc[0] >> 8 & 0xFF
     payload[size + 2] = ~crc[1] & 0xFF
     payload[size + 3] = ~crc[1] >> 8 & 0xFF
-    return cobs_encode(payload, size + CRC_SIZE, encoded)
+    size = cobs_encode(payload, size + CRC_SIZE, encoded)
+    if size + (1 if head[GAP] else 0) & 63 == 0:
+        encoded[size] = 0
+        size += 1
+    return size
 
 
 def touch(head, payload, state, encoded):

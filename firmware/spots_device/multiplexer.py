@@ -21,9 +21,9 @@ class ChannelBus:
         self._bus = bus
         self._channel = bytes((1 << channel,))
 
-    def read_into(self, register, buffer):
+    def read_into(self, address, register, buffer):
         self._bus.write_to(_ADDRESS, self._channel)
-        self._bus.read_into(register, buffer)
+        self._bus.read_into(address, register, buffer)
 
     def write(self, buffer):
         self._bus.write_to(_ADDRESS, self._channel)

@@ -14,7 +14,6 @@ from micropython import const
 
 from .app import BoardApp
 from .as7341 import SensorError
-from .decode import DROPPED, GAP
 from .frame import Framer
 from .uses import INTERFACES
 
@@ -37,7 +36,7 @@ _FOR_ALL = ("save", "reboot")  # commands that concern all strips
 
 
 class StripFramer(Framer):
-    """Sends the frames of one strip. Missing samples mark the next frame of this strip only.
+    """Sends the frames of one strip, and counts those that were dropped.
 
     Parameters
     ----------
@@ -48,28 +47,10 @@ class StripFramer(Framer):
     def __init__(self, framer):
         self._write = framer._write
         self._head = framer._head
-        self._payload = framer._payload
+        self.payload = framer.payload
         self._delimited = framer._delimited
-        self._encoded = framer._encoded
+        self.encoded = framer.encoded
         self.dropped = 0
-        self._marking = self._touch, self._spectrum  # bound here, so that `gap` allocates nothing
-
-    def gap(self):
-        # These attributes replace the methods of `Framer` until a frame is sent.
-        self.touch, self.spectrum = self._marking
-
-    def _touch(self, sensor, state):
-        self._head[GAP] = DROPPED
-        self._marked(Framer.touch(self, sensor, state))
-
-    def _spectrum(self, sensor, flags, gain, counts):
-        self._head[GAP] = DROPPED
-        self._marked(Framer.spectrum(self, sensor, flags, gain, counts))
-
-    def _marked(self, sent):
-        if sent:
-            del self.touch
-            del self.spectrum
 
 
 class StripApp(BoardApp):
@@ -110,10 +91,9 @@ class StripApp(BoardApp):
 
             sensor._bus = ChannelBus(sensor._bus, config.MUX_CHANNEL)
         BoardApp._attach(self, sensor, config, None)
-        self.pacing = sensor.pacing
+        self.pacing = self._pacing
         self.pacing.app = self
         self.pacing.lost = True
-        self._poll = sensor.poll
         self.uses._sensor = self.index
         self.uses.release = self._release
         self.replies.log = self._log
@@ -213,9 +193,6 @@ class SeveralApp(StripApp):
         self.main = self.current = self
         self.parts = self._pacings = ()
         self._lost = True  # whether a sensor may be lost
-        self._ticks_us = clock.ticks_us
-        self._ticks_diff = clock.ticks_diff
-        self._sleep_us = clock.sleep_us
         self.open_sensor = open_sensor
         BoardApp.__init__(self, board, runtime, uid, open_sensor, clock, serial, usb)
         self._others = [StripApp(self, i) for i in range(1, len(board.SENSORS))]

@@ -4,18 +4,44 @@ Rare operations are in the modules `dark` and `search`. `Strip.take` allocates o
 sample of a dark frame, and at the end of a search.
 """
 
-from array import array
-
 from micropython import const
 
 from .calibration import Conditions
-from .dark import Baseline, Dark, OddLight
-from .decode import DARK_SUBTRACTED, FLAGS, LED_OFF, SATURATED, TOUCHING, Decode
+from .dark import Baseline, Dark
+from .decode import (
+    AGE_STEP_US,
+    AVERAGE,
+    COMPLETE,
+    DARK_SUBTRACTED,
+    DROPPED,
+    DUE,
+    EXPOSURE_US,
+    FLAGS,
+    FOLLOWS,
+    IDLE_MIN_US,
+    LED_OFF,
+    LESS_US,
+    LEVEL,
+    MISSING,
+    ODD,
+    ODD_US,
+    PENDING,
+    READ,
+    SAMPLES,
+    SATURATED,
+    SEND,
+    STREAMED,
+    SUMS,
+    TAKEN,
+    TOUCHING,
+    TWO,
+    WANTED,
+    Decode,
+)
 from .exposure import AGAIN, DONE, choose
-from .kernel import accumulate, estimate
+from .frame import TOUCH
+from .kernel import process
 from .smux import CHANNELS
-
-_IDLE_US = const(1_000_000)  # time without a touch before the LED may be switched off
 
 _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
@@ -63,21 +89,33 @@ class Strip:
         self.settings = settings
         self.conditions = None
         self.decode = Decode()
-        self._dark = Dark()
+        self._reading = state = self.decode.state
+        self._sums = memoryview(state)[SUMS : SUMS + CHANNELS]
+        self._dark = Dark(state)
         self.baseline = Baseline(self._dark)
-        self._odd_light = OddLight(self._dark)
-        self.stream_touch = self.stream_spectrum = False
+        self._kind = TOUCH | index << 4
+        self.stream_spectrum = False
         self._uid = uid
         self._pacing = sensor.pacing
         self._framer = framer
+        self._send = framer.send
+        self._payload = framer.payload
+        self._encoded = framer.encoded
         self._uses = uses
         self._time = time
-        self._reading = self.decode.state
-        self._sums = array("i", bytes(4 * CHANNELS))
-        self._average = 1
-        self._idle_us = 0
+        self._head = time.head
+        self._diff = clock.ticks_diff
         self._search = None
         self._on_dark = self._on_search = None
+
+    @property
+    def stream_touch(self):
+        """Whether a TOUCH frame is sent for each reading."""
+        return self._reading[STREAMED] > 0
+
+    @stream_touch.setter
+    def stream_touch(self, on):
+        self._reading[STREAMED] = self._kind if on else 0
 
     def start(self):
         """Start the sensor with the present settings; the first samples are a dark frame.
@@ -117,17 +155,19 @@ class Strip:
     def configure(self):
         """Apply the settings that need no restart of the sensor."""
         values = self.settings.values
-        if self._average != values["average"]:
-            self._average = values["average"]
-            self._samples = self._flags = 0
+        state = self._reading
+        average = values["average"]
+        if average != state[AVERAGE]:
+            state[AVERAGE] = average
+            state[TAKEN] = state[PENDING] = 0
+            self.decode.scale(average, self.baseline.rescale(average))
         self._mains_hz = values["mains_hz"]
-        self._follows = values["baseline"]
-        if self.baseline.followed and not self._follows:
-            self.baseline.forget()
+        self.baseline.track(values["baseline"])
         if values["led"] == "always":
             self._dark.schedule(0, 0)
         else:
             self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
+        self._choose()
 
     def streams(self):
         """Return a list of the kinds of streamed frames: ``contact``, ``spectrum``, ``touch``."""
@@ -166,14 +206,16 @@ class Strip:
         self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], led_max_mA)
         self._on_search = done
         self._dark.request()
+        self._choose()
 
     def request_rest(self):
         """Use the next reading as the baseline."""
-        self.baseline.wanted = True
+        self._reading[FOLLOWS] = 2
 
     def forget_requests(self):
         """Cancel the requested dark frame and the requested search of settings."""
         self._search = self._on_search = self._on_dark = None
+        self._choose()
 
     # Processing of a sample.
 
@@ -183,86 +225,122 @@ class Strip:
     def take(self):
         """Process the sample that `as7341.AS7341.poll` has just read."""
         sensor = self.sensor
-        missed = self._pacing.missed
-        if missed != self._missed:
-            self._missed = missed
-            self._framer.gap()
-        dark = self._dark
-        age_us = dark.age_us
-        if age_us < dark.every_us:
-            dark.age_us = age_us + dark.exposure_us
-        if self._state == _LIT:
-            if sensor.steady:
-                self._take_lit(sensor)
-        elif self._state != _UNKNOWN:
-            self._take_blink(sensor)
-        if dark.wanted or dark.age_us >= dark.every_us:
-            self._blink_if_due(sensor)
-        elif self._mains_hz:
-            self._correct_drift(sensor)
-
-    def _take_lit(self, sensor):
-        sums = sensor.counts
-        if self._average > 1:
-            sums = self._sums
-            accumulate(sums, sensor.counts, self._samples)
+        if self._rare or not sensor.steady or self._uses.active:
+            return self._take_any(sensor)
+        if self._missed != self._pacing.missed:
+            self._mark_gap()
+        flags = self._lit
         if sensor.saturated:
-            self._flags |= SATURATED
-        self._samples += 1
-        if self._search is not None:
-            self._judge(sensor)
-        elif self._samples >= self._average:
-            self._emit(sums, self._flags)
+            flags |= SATURATED
+        self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
+        self._time.last = sensor.complete
+        flags = process(
+            self._reading,
+            self._tables,
+            sensor.counts,
+            flags,
+            self._head,
+            self._payload,
+            self._encoded,
+        )
+        if flags >= ODD or self.stream_spectrum:
+            self._finish(sensor, flags)
+        elif flags > COMPLETE:
+            self._send(flags - COMPLETE)
 
-    def _emit(self, sums, flags):
-        sensor = self.sensor
-        baseline = self.baseline
+    def _mark_gap(self):
+        self._missed = self._pacing.missed
+        self._reading[MISSING] = DROPPED
+
+    def _choose(self):
+        # Choose between `take`, which is fast, and `_take_any`.
+        self._tables = self.decode.tables
+        self._lit = READ | SEND | (self.lit_flags if self.sensor.led_on else LED_OFF)
+        self._rare = bool(
+            self._state != _LIT
+            or self._search is not None
+            or self._mains_hz
+            or self.decode.compensation
+        )
+
+    def _take_any(self, sensor):
+        if self._missed != self._pacing.missed:
+            self._mark_gap()
+        steady = sensor.steady
+        state = self._state
+        flags = LED_OFF
         if sensor.led_on:
             flags |= self.lit_flags
-            if self._samples != baseline.samples:
-                self._rescale()
-        else:
-            flags |= LED_OFF
-        estimate(self._reading, self.decode.tables, sums, baseline.floor, flags)
-        self._send(sums, self._samples * sensor.exposure_us)
+        if state == _RISING and steady:
+            self._state = _LIT
+            self._choose()
+        if self._state == _LIT:
+            if not steady:
+                return
+            flags = self._lit & 0xFF
+            if sensor.saturated:
+                flags |= SATURATED
+        if state == _UNKNOWN or (self._search is not None and self._state == _LIT):
+            if state != _UNKNOWN:
+                self._judge(sensor)
+            if self._reading[WANTED] and self._state <= _UNKNOWN:
+                self._start_blink(sensor)
+            return
+        self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
+        self._time.last = sensor.complete
+        flags = self._process(flags | READ)
+        if flags & COMPLETE:
+            flags |= self._process(self._use())
+        self._finish(sensor, flags)
+        if state == _BLINKING and steady and self._dark.add(sensor.counts):
+            self._end_blink(sensor)
 
-    def _rescale(self):
-        self.decode.scale(self._samples, self.baseline.rescale(self._samples))
+    def _process(self, flags):
+        return process(
+            self._reading,
+            self._tables,
+            self.sensor.counts,
+            flags,
+            self._head,
+            self._payload,
+            self._encoded,
+        )
 
-    def _send(self, sums, lasted_us):
-        flags = self._reading[FLAGS]
-        if flags & TOUCHING:
-            self._idle_us = 0
-        elif self._idle_us < _IDLE_US:
-            self._idle_us += lasted_us
-        self._time.set(self.sensor.complete, lasted_us >> 1)
+    def _use(self):
+        # Pass a reading to compensation, keys and gamepad; return the flags for `kernel.process`.
         if self.decode.compensation:
             self.decode.compensation.take(self._reading, self._time.ticks())
         uses = self._uses
         if uses.active:
             uses.take(self.index, self._reading)
-        if self.stream_touch:
-            self._framer.touch(self.index, self._reading)
-        # Readings of two fingers look like ambient light. They have less weight in the detection,
-        # because a dark frame costs readings.
-        if uses.two:
-            lasted_us >>= 3
-        self._odd_light.take(flags, self._reading, lasted_us)
-        if self._follows and not flags & LED_OFF:
-            self._follow(sums)
-        if self.stream_spectrum:
-            self._send_spectrum(sums)
-        self._samples = self._flags = 0
+            if uses.rests and self._reading[FOLLOWS]:
+                self._reading[FOLLOWS] = 2
+            if uses.two:
+                return SEND | TWO
+        return SEND
 
-    def _follow(self, sums):
-        self.baseline.follow(sums, self._samples, self._idle_us, self._uses.rests)
+    def _finish(self, sensor, done):
+        if done & (COMPLETE - 1):
+            self._send(done & (COMPLETE - 1))
+        if done & COMPLETE and self.stream_spectrum:
+            self._send_spectrum()
+        if done & ODD:
+            self._dark.request()
+        if (done & DUE or self._reading[WANTED]) and self._state <= _UNKNOWN:
+            self._start_blink(sensor)
+        elif self._mains_hz:
+            self._correct_drift(sensor)
 
-    def _send_spectrum(self, sums):
-        samples = self._samples
-        if samples > 1:
+    def _send_spectrum(self):
+        state = self._reading
+        sums = self._sums
+        flags = state[FLAGS] | state[MISSING]
+        state[MISSING] = 0
+        samples = state[SAMPLES]
+        if samples > 1 and not flags & LED_OFF:
             for i in range(CHANNELS):
                 sums[i] = (sums[i] + (samples >> 1)) // samples
-        self._framer.spectrum(self.index, self._reading[FLAGS], self.sensor.gain, sums)
+        self._framer.spectrum(self.index, flags, self.sensor.gain, sums)
 
     # Rare operations.
 
@@ -279,64 +357,46 @@ class Strip:
         self.conditions = Conditions(
             self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )
-        self._missed = 0
-        self._framer.gap()
-        self.configure()
-        self._dark.request()
         self._state = _UNKNOWN
         self.lit_flags = DARK_SUBTRACTED
+        self._reading[EXPOSURE_US] = sensor.exposure_us
+        self._missed = 0
+        self._reading[MISSING] = DROPPED
+        self.configure()
+        self._dark.request()
         if led == "always":
             self._state = _LIT
             stored = values["dark"]
             if not self._dark.use(stored[:2] == [gain, sensor.exposure_us] and stored[2:]):
                 self.lit_flags = 0
         self.baseline.forget()
-        self._samples = self._flags = 0
-
-    def _blink_if_due(self, sensor):
-        # Only a requested dark frame may interrupt an average.
-        dark = self._dark
-        due = dark.wanted or (not self._samples and (self._idle_us >= _IDLE_US or dark.always))
-        if due and self._state <= _UNKNOWN:
-            self._start_blink(sensor)
+        self._reading[TAKEN] = self._reading[PENDING] = 0
+        self._choose()
 
     def _correct_drift(self, sensor):
         if (
             self._state == _LIT
             and self._search is None
-            and (self._dark.always or not self._reading[FLAGS] & TOUCHING)
+            and (not self._reading[IDLE_MIN_US] or not self._reading[FLAGS] & TOUCHING)
             and sensor.drifted()
         ):
             self.start()
 
     def _start_blink(self, sensor):
         sensor.switch_led(False)
-        self._samples = self._flags = 0
+        self._reading[TAKEN] = self._reading[PENDING] = 0
         self._dark.begin(sensor.exposure_us)
         self._state = _BLINKING
-
-    def _take_blink(self, sensor):
-        complete = False
-        if self._state == _RISING:
-            if sensor.steady:
-                self._state = _LIT
-                self._take_lit(sensor)
-                return
-        elif sensor.steady:
-            complete = self._dark.add(sensor.counts)
-        self._samples = 1
-        self._emit(sensor.counts, LED_OFF)
-        if complete:
-            self._end_blink(sensor)
+        self._rare = True
 
     def _end_blink(self, sensor):
         self.baseline.update()
-        self._odd_light.restart()
+        self._reading[LEVEL] = self._reading[ODD_US] = 0
         sensor.switch_led(True)
         sensor.check()
         self._state = _RISING
-        if self._on_dark and not self._dark.wanted:  # a newer request needs a new frame
-            if not self._dark.exposure_us:
+        if self._on_dark and not self._reading[WANTED]:  # a newer request needs a new frame
+            if not self._reading[AGE_STEP_US]:
                 frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
                 self.settings.values["dark"] = frame
                 self.lit_flags = DARK_SUBTRACTED

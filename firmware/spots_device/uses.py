@@ -46,6 +46,8 @@ class Uses:
         Whether two fingers may have caused the last reading.
     rests : bool
         Whether the touch has not moved for so long that it cannot be a finger.
+    outputs : tuple
+        Opened USB interfaces.
     fault : str or None
         Sentence that says why the USB interfaces could not be opened at start, or None.
     """
@@ -65,7 +67,7 @@ class Uses:
         self._tracker = self._fingers = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name
-        self._outputs = ()  # the same as a tuple: iterating over it allocates nothing
+        self.outputs = ()  # the same as a tuple: iterating over it allocates nothing
         self._keys_on = self._gamepad_on = self.active = False
         self.layout_lines = layout_lines
         self._open(self._wanted())
@@ -217,7 +219,7 @@ class Uses:
     def pump(self):
         """Offer the oldest report of each queue to the host; return True if no report waits."""
         idle = True
-        for output in self._outputs:
+        for output in self.outputs:
             idle = output.outbox.pump() and idle
         return idle
 
@@ -227,7 +229,7 @@ class Uses:
             self._fingers.release()
         if self._keypad is not None:
             self._keypad.release()
-        for output in self._outputs:
+        for output in self.outputs:
             output.release()
 
     def finish(self, clock, until):
@@ -247,7 +249,7 @@ class Uses:
     def dropped(self):
         """Return the number of reports that were never sent."""
         dropped = 0
-        for output in self._outputs:
+        for output in self.outputs:
             dropped += output.outbox.dropped
         return dropped
 
@@ -319,7 +321,7 @@ class Uses:
             "gamepad": GamepadReports,
         }
         self._there = {name: kinds[name](send) for name, send in sends.items()}
-        self._outputs = tuple(self._there.values())
+        self.outputs = tuple(self._there.values())
         self._keyboard = self._there.get("keyboard")
         self._consumer = self._there.get("consumer")
         if "gamepad" in self._there:

@@ -3,8 +3,9 @@
 from array import array
 
 from .calibration import BOUNDS, SEGMENTS, WEIGHTS, columns_of
-from .decode import FLOOR_SAMPLES, SAMPLES, Decode
-from .kernel import estimate
+from .decode import FLOOR, FLOOR_SAMPLES, KIND, SAMPLES, SUMS, Decode
+from .frame import TOUCH, Framer
+from .kernel import estimate, touch
 from .smux import CHANNELS
 
 _FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
@@ -96,7 +97,10 @@ class Decoded(Decode):
         """
         if samples != self.state[SAMPLES]:
             self.scale(samples, self.state[FLOOR_SAMPLES])
-        estimate(self.state, self.tables, sums, dark, flags)
+        for i in range(CHANNELS):
+            self.state[SUMS + i] = sums[i]
+            self.state[FLOOR + i] = dark[i]
+        estimate(self.state, self.tables, flags)
 
     def update_mean(self, counts):
         """Decode mean dark-subtracted counts.
@@ -108,3 +112,12 @@ class Decoded(Decode):
         """
         sums = [max(round(_MEAN_SAMPLES * count), 0) for count in counts]
         self.update(sums, _MEAN_SAMPLES, [0] * CHANNELS, 0)
+
+
+class TouchFramer(Framer):
+    """A framer that sends TOUCH frames without a strip."""
+
+    def touch(self, sensor, state):
+        """Send the reading in `state` as a TOUCH frame; return whether it was sent."""
+        self._head[KIND] = TOUCH | sensor << 4
+        return self.send(touch(self._head, self.payload, state, self.encoded))

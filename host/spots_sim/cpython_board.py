@@ -280,9 +280,9 @@ class _Sensor:
         self._requests = requests
         self._wires = [1, 1]  # levels of SCL and SDA: 1 released, 0 pulled low
 
-    def read_into(self, register: int, buffer) -> None:
+    def read_into(self, address: int, register: int, buffer) -> None:
         r = self._requests
-        buffer[:] = r.ask(r.bus.write_read, ADDRESS, bytes((register,)), len(buffer))
+        buffer[:] = r.ask(r.bus.write_read, address, bytes((register,)), len(buffer))
 
     def write(self, buffer) -> None:
         self.write_to(ADDRESS, buffer)

@@ -17,8 +17,9 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.linkage.digital_twin import readings
-from spots.linkage.encoder import Encoder
+from spots.linkage.encoder import Angle, Encoder
 from spots.linkage.fivebar import Linkage
+from spots.linkage.twin_points import LASTS_S
 from spots_device import decode
 
 from .files import LinkageFile, PathFile, SensorFile
@@ -320,8 +321,8 @@ def visited(
     exposure_us: int,
     run: int = 0,
     **condition: bool,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Stop the end point at each position and take one reading of each joint.
+) -> list[list[list[Angle]]]:
+    """Stop the end point at each position for a second, and read both joints.
 
     Parameters
     ----------
@@ -338,16 +339,17 @@ def visited(
     run : int
         Number of the run. Runs with the same seed have the same strips, but different noise.
     **condition : bool
-        ``rezeroed`` and ``misfits``, see `Simulation`.
+        ``rezeroed``, ``misfits`` and ``one_board``, see `Simulation`.
 
     Returns
     -------
-    angles_rad, sigmas_rad : numpy.ndarray, shape (2, n)
-        Measured joint angles and their standard errors in rad. The angles are corrected for
-        backlash and counted from the zero of each joint's calibration.
+    list of list of list of Angle
+        For each joint and position: the angles, corrected for backlash and counted from the zero of
+        the joint's calibration.
     """
-    motion = dwelling(x_mm, y_mm, start_s(sensor), 2.5e-6 * exposure_us, _MOVE_S)
-    found = np.full((2, 2, len(x_mm)), np.nan)
+    dwell_s = LASTS_S + 1.5e-6 * exposure_us
+    motion = dwelling(x_mm, y_mm, start_s(sensor), dwell_s, _MOVE_S)
+    read: list[list[list[Angle]]] = [[[] for _ in x_mm] for _ in range(2)]
     with Simulation(sensor, linkage, motion, seed, exposure_us, run, **condition) as simulation:
         encoders = simulation.encoders((0.0, 0.0))
         half_s = 0.5e-6 * exposure_us
@@ -358,5 +360,5 @@ def visited(
             # Only readings whose whole exposure lies within a stop.
             i = int(np.searchsorted(motion.time_s, touch.time_s - half_s))
             if i % 2 and i < len(motion.time_s) and touch.time_s + half_s <= motion.time_s[i]:
-                found[:, joint, i // 2] = angle.angle_rad, angle.sigma_rad
-    return found[0], found[1]
+                read[joint][i // 2].append(angle)
+    return read

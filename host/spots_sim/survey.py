@@ -10,6 +10,7 @@ from spots.errors import SpotsError
 from spots.linkage import kinematics
 from spots.linkage.digital_twin import Terminal, Twin
 from spots.linkage.fivebar import Linkage
+from spots.linkage.twin_points import mean_angle
 
 from .files import LinkageFile, PathFile, SensorFile
 from .mechanism import Mechanism, Motion, guided
@@ -49,7 +50,7 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Survey:
-    """Errors of a linkage at positions of its workspace, with a single reading at each position.
+    """Errors of a linkage at positions of its workspace, after a stop at each position.
 
     Attributes
     ----------
@@ -61,6 +62,8 @@ class Survey:
         Errors with the true lengths and mounting angles.
     calibrated : Deviation
         Errors after a kinematic calibration that started from the nominal values.
+    rested : Deviation
+        The same, with the means of all readings of a stop in place of single readings.
     expected_mean_mm, expected_max_mm : float
         Expected mean and maximum error in mm with the true lengths, computed from the encoders'
         standard errors.
@@ -73,6 +76,7 @@ class Survey:
     drawn: Deviation
     given: Deviation
     calibrated: Deviation
+    rested: Deviation
     expected_mean_mm: float
     expected_max_mm: float
     kinematics: kinematics.Kinematics
@@ -101,7 +105,7 @@ def survey(
     pitch_mm : float
         Distance between neighbouring positions of the grid, in mm.
     **condition : bool
-        ``rezeroed`` and ``misfits``, see `simulated_linkage.Simulation`.
+        ``rezeroed``, ``misfits`` and ``one_board``, see `simulated_linkage.Simulation`.
 
     Returns
     -------
@@ -120,7 +124,7 @@ def survey(
     # The calibration uses other positions than the grid.
     few = working(given, mechanism, *_grid(given, pitch_mm, rng, jitter_mm=pitch_mm / 2))
     few = [axis[:CALIBRATION_PLACES] for axis in few]
-    few, angles, sigmas = _read(sensor, linkage, few, seed, exposure_us, 0, **condition)
+    few, (_, (angles, sigmas)) = _read(sensor, linkage, few, seed, exposure_us, 0, **condition)
     seen = kinematics.framed(_GRID, *few)
     found = kinematics.calibrate(
         angles,
@@ -130,7 +134,7 @@ def survey(
         place_sigma_mm=PLACE_SIGMA_MM,
         offset_rad=np.radians(linkage.lowest_deg),
     )
-    (x_mm, y_mm), angles, sigmas = _read(
+    (x_mm, y_mm), ((angles, sigmas), (means, _)) = _read(
         sensor, linkage, (x_mm, y_mm), seed, exposure_us, 1, **condition
     )
     theta = angles + np.reshape(mechanism.zero_rad, (2, 1))
@@ -143,6 +147,7 @@ def survey(
         ),
         _deviation(given.forward(*theta), (x_mm, y_mm)),
         _deviation(found.terminal(angles), kinematics.framed(_GRID, x_mm, y_mm)),
+        _deviation(found.terminal(means), kinematics.framed(_GRID, x_mm, y_mm)),
         float(noise_mm.mean()),
         float(noise_mm.max(axis=1).mean()),
         found,
@@ -306,12 +311,20 @@ def _read(sensor, linkage, places, *arguments, **condition):
 
     The other arguments are those of `visited`.
 
-    Returns positions, joint angles, and their standard errors. A position is left out if its
-    reading fell into a dark frame, during which the LED is off.
+    Returns the positions, then pairs of joint angles and standard errors, shape (2, n): of the
+    first reading of each stop, and of the mean of its readings. A position without a reading is
+    left out: the LED was off, for a dark frame.
     """
-    angles, sigmas = visited(sensor, linkage, *places, *arguments, **condition)
-    read = np.isfinite(angles).all(axis=0)
-    return [axis[read] for axis in places], angles[:, read], sigmas[:, read]
+    read = visited(sensor, linkage, *places, *arguments, **condition)
+    there = np.array([[bool(angles) for angles in joint] for joint in read]).all(axis=0)
+    pairs = []
+    for count in (1, None):
+        means = [
+            [mean_angle(angles[:count]) for angles, is_there in zip(joint, there) if is_there]
+            for joint in read
+        ]
+        pairs.append(np.moveaxis(np.array(means), -1, 0))
+    return [axis[there] for axis in places], pairs
 
 
 def _deviation(found, truth) -> Deviation:

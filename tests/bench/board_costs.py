@@ -39,7 +39,7 @@ class Null:
 class FullBus:
     """A bus whose chip always has a new sample; transfers take no time."""
 
-    def read_into(self, register, buffer):
+    def read_into(self, address, register, buffer):
         buffer[0] = 0x08
 
     def write(self, buffer):
@@ -106,8 +106,8 @@ print("reading", list(strip.decode.state)[:8], "free", gc.mem_free())
 sensor, framer, pacing = strip.sensor, app.framer, strip.sensor.pacing
 long, short = bytearray(14), bytearray(1)
 for name, call in (
-    ("read of 14 bytes", lambda: bus.read_into(0x93, long)),
-    ("read of 1 byte", lambda: bus.read_into(0x93, short)),
+    ("read of 14 bytes", lambda: bus.read_into(0x39, 0x93, long)),
+    ("read of 1 byte", lambda: bus.read_into(0x39, 0x93, short)),
     ("write of 2 bytes", lambda: bus.write(_CLEAR)),
 ):
     show(name, mean_us(call))

@@ -56,18 +56,17 @@ class Bus:
             self.registers[0x95 + 2 * i] = values[i] & 0xFF
             self.registers[0x96 + 2 * i] = values[i] >> 8
 
-    def read_into(self, register, buffer):
-        registers = self.registers
+    def read_into(self, _, register, buffer):
         if self._period_us:
             self._sample()
         if register == 0xFE:
             self._level -= len(buffer) // 2
             for i in range(len(buffer)):
-                buffer[i] = registers[0x95 + i % 12]
+                buffer[i] = self.registers[0x95 + i % 12]
             return
-        registers[0xFD] = self._level
+        self.registers[0xFD] = self._level
         for i in range(len(buffer)):
-            buffer[i] = registers[register + i]
+            buffer[i] = self.registers[register + i]
 
     def write(self, buffer):
         registers = self.registers

@@ -54,7 +54,7 @@ class FloatPath:
 
     def read(self):
         """Return the six counts of the chip's newest sample."""
-        self._bus.read_into(_STATUS, self._raw)
+        self._bus.read_into(0x39, _STATUS, self._raw)
         self._bus.write(_CLEAR)
         return struct.unpack_from("<6H", self._raw, 2)
 

@@ -13,11 +13,12 @@ import time
 import canned
 from floats import FloatPath
 from spots_device.app import BoardApp
-from spots_device.kernel import estimate
+from spots_device.decode import READ, SEND
+from spots_device.kernel import process
 
 try:
     from spots_device_viper.app import BoardApp as ViperApp
-    from spots_device_viper.kernel import estimate as viper_estimate
+    from spots_device_viper.kernel import process as viper_process
 except SyntaxError:  # this MicroPython makes no machine code
     ViperApp = None
 
@@ -44,14 +45,13 @@ class Port:
 class Spots:
     """Runs the firmware: the whole loop, the part after the counts, or the arithmetic alone."""
 
-    def __init__(self, calibration, make, estimate):
+    def __init__(self, calibration, make, process):
         self.port = Port()
         self.app, self.bus, self.clock, _ = canned.app(calibration, self.port, make=make)
         strip = self.app.strip
         strip.stream_spectrum = False
         self._decode = strip.decode
-        self._estimate = estimate
-        self._touch = self.app.framer.touch
+        self._process = process
         # Bound once: binding a method allocates memory that is not part of a sample.
         self._step = self.app.step
         self._take = self.app.strip.take
@@ -70,15 +70,14 @@ class Spots:
 
     def from_sums(self, samples):
         """Run arithmetic and framing alone, without averaging, dark frames and time."""
-        estimate = self._estimate
-        touch = self._touch
+        process = self._process
         state = self._decode.state
         tables = self._decode.tables
         counts = self.app.strip.sensor.counts
-        dark = self.app.strip.baseline.floor
+        framer = self.app.framer
+        head, payload, encoded = framer._head, framer.payload, framer.encoded
         for _ in range(samples):
-            estimate(state, tables, counts, dark, 0)
-            touch(0, state)
+            process(state, tables, counts, READ | SEND, head, payload, encoded)
 
     def dark(self):
         return [total / _DARK_SAMPLES for total in self.app.strip.dark_frame()]
@@ -112,14 +111,14 @@ def main():
     """Measure, and print the results."""
     with open("inputs.json") as file:
         given = json.load(file)
-    spots = Spots(given["calibration"], BoardApp, estimate)
+    spots = Spots(given["calibration"], BoardApp, process)
     paths = {
         "spots": spots,
         "float_json": Floats(given["calibration"], spots.dark(), "send_json"),
         "float_struct": Floats(given["calibration"], spots.dark(), "send_struct"),
     }
     if ViperApp:
-        paths["spots_viper"] = Spots(given["calibration"], ViperApp, viper_estimate)
+        paths["spots_viper"] = Spots(given["calibration"], ViperApp, viper_process)
     found = {name: measure_space(path, given) for name, path in paths.items()}
     for name in paths:
         found[name]["vm_us"] = []

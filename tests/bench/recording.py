@@ -21,7 +21,7 @@ from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
 from spots_device import PROTOCOL
 from spots_device.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
-from spots_device.frame import Framer
+from spots_device.views import TouchFramer
 
 _READINGS = 5000
 _ROUNDS = 5
@@ -45,7 +45,7 @@ class _Link:
 
     def __init__(self, rate_Hz: float, spectra: bool):
         self._pieces: list[bytes] = []
-        framer = Framer(self, _Time)
+        framer = TouchFramer(self, _Time)
         for i in range(_READINGS):
             t_us = round(1e6 * i / rate_Hz)
             _Time.head[TIME_LOW], _Time.head[TIME_HIGH] = t_us & 0xFFFF, t_us >> 16 & 0xFFFF

@@ -7,7 +7,7 @@ import time
 
 from spots_device import PROTOCOL
 from spots_device.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
-from spots_device.frame import Framer
+from spots_device.views import TouchFramer
 
 CLOSING_UM = -1
 _IDLE_S = 0.05
@@ -47,7 +47,7 @@ class StandIn:
         self.closed_at: int | None = None
         self._id, self._period_s = board_id, 1 / rate_Hz
         self._port = _Port()
-        self._framer = Framer(self._port, self._port)
+        self._framer = TouchFramer(self._port, self._port)
         self._streams: list[str] = []
         self._due_s = 0.0
 

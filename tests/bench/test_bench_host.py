@@ -8,7 +8,7 @@ from bench import arrays, host
 from bench.report import _host, _text
 from spots.link.frames import Decoder
 from spots.recording import arrays as of_recordings
-from spots_device import frame
+from spots_device.views import TouchFramer
 
 
 class Sink(bytearray):
@@ -22,13 +22,13 @@ READING = 1, 3 << 20, -(5 << 20), 42_500, 3_000
 
 
 class Time:
-    head = [0, 0, 1, 2, 0]
+    head = [0, 0, 1, 2, 0, 0]
 
 
 @pytest.fixture
 def stream():
     sink = Sink()
-    framer = frame.Framer(sink, Time)
+    framer = TouchFramer(sink, Time)
     for _ in range(32):
         framer.touch(0, READING)
     return bytes(sink)

@@ -17,34 +17,35 @@ from spots_sim.scenario import Held, Scenario
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {
     "pico": [
-        (10_000, 100.0, 0.173),
-        (2_780, 359.7, 0.605),
-        (1_500, 666.3, 1.0),
-        (1_000, 702.3, 1.0),
+        (10_000, 100.0, 0.136),
+        (2_780, 359.7, 0.446),
+        (1_500, 666.1, None),
+        (1_000, 1000.1, None),
     ],
     "pico-xip50": [
-        (10_000, 100.0, 0.231),
-        (2_780, 359.6, 0.801),
-        (1_500, 539.4, 1.0),
-        (1_000, 532.8, 1.0),
+        (2_780, 359.6, 0.591),
+        (1_500, 666.1, None),
+        (1_000, 789.3, 1.0),
     ],
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
 SECONDS = 1.0
 ONE, TWO = [(20.0, 3000)], [(20.0, 3000), (62.0, 3000)]
-# Busy time of a sample in us at 5 ms: by commands and fingers (position in mm, force in mN).
+# Busy time of a sample in us at 5 ms: by commands and fingers (position in mm, force in mN). Cases
+# marked "earlier" were measured with earlier firmware, and have 390 us less (250 with an average):
+# the difference that the measured cases show.
 BUSY = [
-    (["stream off"], [], 1324),
-    (["stream touch"], ONE, 1654),
-    (["stream touch spectrum"], ONE, 2299),
-    (["stream touch contact"], [], 2331),
-    (["stream touch contact"], ONE, 2802),
-    (["stream touch contact"], TWO, 4484),
-    (["stream touch", "keys on"], [], 2039),
-    (["stream touch", "keys on"], ONE, 2215),
-    (["stream touch", "keys on"], TWO, 3523),
-    (["stream spectrum", "set baseline=1"], [], 2243),
-    (["stream touch", "set average=2"], ONE, 1362),
+    (["stream off"], ONE, 1062),
+    (["stream touch"], ONE, 1277),
+    (["stream touch spectrum"], ONE, 1908),
+    (["stream touch contact"], [], 1941),  # earlier
+    (["stream touch contact"], ONE, 2412),  # earlier
+    (["stream touch contact"], TWO, 4094),  # earlier
+    (["stream touch", "keys on"], [], 1649),  # earlier
+    (["stream touch", "keys on"], ONE, 1806),
+    (["stream touch", "keys on"], TWO, 3133),  # earlier
+    (["stream spectrum", "set baseline=1"], [], 1631),  # earlier; the baseline in machine code
+    (["stream touch", "set average=2"], ONE, 1112),  # earlier
 ]
 
 
@@ -83,7 +84,8 @@ def test_rate_and_busy_share_are_those_of_the_emulated_board(
     read = touches(made)
     elapsed_us = clock.now_us() - began_us
     assert 1e6 * len(read) / elapsed_us == pytest.approx(rate_hz, rel=0.15)
-    assert 1 - (clock.idle_us - idle_us) / elapsed_us == pytest.approx(busy, rel=0.15)
+    if busy:  # measured
+        assert 1 - (clock.idle_us - idle_us) / elapsed_us == pytest.approx(busy, rel=0.15)
     if rate_hz < 0.99e6 / exposure_us:
         assert any(touch.flags & DROPPED for touch in read)
 

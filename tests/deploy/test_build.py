@@ -14,6 +14,7 @@ from spots.cli import main
 from spots.deploy import build as builder
 from spots.deploy import staging as staging
 from spots.deploy.build import ARCHITECTURES, build, files_of, mpy_header
+from spots.deploy.constants import inline
 from spots.deploy.staging import board_names, device_of, stage
 from spots_sim.vm import micropython_command
 
@@ -234,3 +235,23 @@ def test_every_board_names_the_pin_of_a_strips_led():
     for device in map(device_of, board_names()):
         assert "STRIP_LED_PIN" in device.device
         assert device.name.startswith("virtual") or device.wiring["led"]
+
+
+def test_constants_become_numbers_and_their_definitions_and_imports_vanish(tmp_path):
+    (tmp_path / "part").mkdir()
+    (tmp_path / "__init__.py").write_text("PROTOCOL = 3\n")
+    (tmp_path / "one.py").write_text(
+        "A, B = range(2)\nBOTH = A | B << 4\nWORDS = 'x'\nSEEN = 7\nTWICE = 1\nTWICE = 2\n"
+    )
+    (tmp_path / "part" / "two.py").write_text(
+        "from .. import PROTOCOL, one\nfrom ..one import BOTH as C, TWICE, WORDS\n\n\n"
+        "def f(x):\n    from ..one import B\n    return x[C] + B * one.SEEN + TWICE\n"
+    )
+    inline(tmp_path)
+    assert (tmp_path / "__init__.py").read_text() == "PROTOCOL = 3\n"
+    assert (tmp_path / "one.py").read_text().split("\n")[:2] == ["pass", "pass"]
+    assert "SEEN = 7" in (tmp_path / "one.py").read_text()
+    assert "TWICE = 2" in (tmp_path / "one.py").read_text()
+    two = (tmp_path / "part" / "two.py").read_text()
+    assert "from ..one import TWICE, WORDS\n" in two
+    assert two.endswith("    pass\n    return x[(16)] + (1) * one.SEEN + TWICE\n")

@@ -87,7 +87,7 @@ class Board:
         while self.app.reconnect.fault:
             self.app.step()
 
-    def _refuse(self, register, buffer):
+    def _refuse(self, address, register, buffer):
         raise OSError(5)
 
 

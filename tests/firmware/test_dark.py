@@ -7,11 +7,24 @@ import pytest
 from bench import canned
 from smallint import SmallInt, small
 
-from spots_device.dark import _WINDOW_SAMPLES, _WINDOWS, Baseline, Dark
-from spots_device.decode import AVERAGE_MAX, DARK_SAMPLES, FLOOR_SAMPLES
+from spots_device.dark import _WINDOW_SAMPLES, _WINDOWS, Baseline
+from spots_device.dark import Dark as DarkOf
+from spots_device.decode import (
+    AVERAGE_MAX,
+    DARK_SAMPLES,
+    EVERY_US,
+    FLOOR_SAMPLES,
+    IDLE_US,
+    ODD_US,
+    STATE_SIZE,
+)
 
 EXPOSURE_US = 10_000
 FULL = 65_535
+
+
+def Dark():
+    return DarkOf(array("i", bytes(4 * STATE_SIZE)))
 
 
 def window(dark, counts):
@@ -118,7 +131,7 @@ def test_single_samples_make_a_window():
     dark = Dark()
     window(dark, [5] * 6)
     dark.schedule(EXPOSURE_US, 50)
-    assert dark.every_us == 50 * EXPOSURE_US
+    assert dark.state[EVERY_US] == 50 * EXPOSURE_US
     for _ in range(_WINDOW_SAMPLES - 1):
         assert window(dark, [6] * 6) == 1
         assert mean(dark) == [5] * 6
@@ -165,11 +178,11 @@ def store(tmp_path, monkeypatch):
 def test_a_pressed_strip_takes_single_dark_samples_if_told():
     for settings, least, most in (((), 0, 0), (("dark_every=50",), 20, 40)):
         board = Board(*settings)
-        board.app.strip._idle_us = 0
-        board.app.strip._odd_light.take = lambda *_: False
+        state = board.app.strip.decode.state
+        state[IDLE_US] = 0
         blinks = 0
         for _ in range(40):
-            board.app.strip._idle_us = 0  # as if touched
+            state[IDLE_US] = state[ODD_US] = 0  # as if touched by one finger
             blinks += board.run(0.5)
         assert least <= blinks <= most
 

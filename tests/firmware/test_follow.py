@@ -1,21 +1,23 @@
 """The baseline follows the untouched strip's light: slowly if it grows, quickly if it falls."""
 
-from spots_device.dark import follow
+from spots_device.decode import DARK, FLOOR, FOLLOWS, IDLE_US, REST, SAMPLES, SHIFT, SUMS, Decode
+from spots_device.kernel import SETTLED_US, _follow
 
-UP, DOWN = 10, 6
 Q = 10  # from counts in Q12 to sums over four samples
 
 
-def followed(level, start=0, dark=4, readings=1, up=UP, down=DOWN):
-    """Return the baseline after some readings with a level of counts.
-
-    The result is in counts of four samples.
-    """
-    rest, floor = [start << Q] * 6, [0] * 6
+def followed(level, start=0, dark=4, readings=1, at_once=False):
+    """Return the rest after so many readings at a level of counts, in counts of four samples."""
+    state = Decode().state
+    state[SAMPLES], state[SHIFT], state[IDLE_US] = 1, Q, SETTLED_US
+    for i in range(6):
+        state[REST + i], state[DARK + i], state[SUMS + i] = start << Q, dark << Q, level
     for _ in range(readings):
-        follow(rest, floor, [level] * 6, 1, [dark << Q] * 6, Q, up, down)
-    assert floor == [dark + ((one + 512) >> Q) for one in rest]
-    return rest[0] / 1024
+        state[FOLLOWS] = 2 if at_once else 1
+        _follow(state)
+    for i in range(6):
+        assert state[FLOOR + i] == dark + ((state[REST + i] + 512) >> Q)
+    return state[REST] / 1024
 
 
 def test_what_grows_is_followed_slowly_and_what_fades_quickly():
@@ -27,8 +29,8 @@ def test_what_grows_is_followed_slowly_and_what_fades_quickly():
 
 
 def test_at_once_if_asked():
-    assert followed(101, up=0, down=0) == 400
-    assert followed(1, start=400, up=0, down=0) == 0
+    assert followed(101, at_once=True) == 400
+    assert followed(1, start=400, at_once=True) == 0
 
 
 def test_it_is_never_below_the_dark():

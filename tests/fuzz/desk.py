@@ -75,7 +75,7 @@ class _Sensor:
 
     def __init__(self, clock):
         self._clock = clock
-        self.pacing = SimpleNamespace(missed=0)
+        self.pacing = SimpleNamespace(missed=0, due=0)
         self.counts = array("i", bytes(4 * 6))
         self.retries = self.complete = self.fifo = self.waits = 0
         self.led = "ldr"
@@ -102,7 +102,7 @@ class _Sensor:
 
     def poll(self):
         self._clock.now_us += self.exposure_us
-        self.complete = self._clock.ticks_us()
+        self.complete = self.pacing.due = self._clock.ticks_us()
         light = (2**self.gain * self.exposure_us * (1 + self.led_mA)) if self.led_on else 0
         for i in range(6):
             level = _COUNTS[i] * light // (512 * 10_000 * 20) + 3

@@ -63,10 +63,11 @@ def test_the_page_tells_what_was_measured(files, found, run):
     sensor, linkage, _ = files
     surveys = {"ideal": [found], "real": [found]}
     runs = {"ideal": {30_000: [run]}, "real": {30_000: [run]}}
-    text = page.document(surveys, runs, linkage, Mechanism(linkage, sensor))
+    one_board = {"ideal": [found]}
+    text = page.document(surveys, one_board, runs, linkage, Mechanism(linkage, sensor))
     for name in ("angles", "deviation", "sust"):
         assert f"(fivebar/{name}.png)" in text
-    for part in (found.given, found.calibrated):
+    for part in (found.given, found.calibrated, found.rested):
         assert f"{part.max_mm:.3f} to {part.max_mm:.3f}" in text
     figures = run.summary()
     mean = figures["error_mm"]["mean"]

@@ -8,7 +8,7 @@ import pytest
 
 from spots.link.frames import Contact, Decoder, Key, Spectrum, Touch
 from spots_device.calibration import Calibration, CalibrationError
-from spots_device.dark import _DARK_EVERY_US
+from spots_device.dark import _DARK_EVERY_US, IDLE_US
 from spots_device.decode import (
     DARK_SUBTRACTED,
     DROPPED,
@@ -22,7 +22,6 @@ from spots_device.decode import (
 from spots_device.exposure import MAX_US
 from spots_device.fingers import CONFIRMED, DOWN, PROVISIONAL, UP
 from spots_device.layout import KEYBOARD, action
-from spots_device.strip import _IDLE_US
 
 # Presses of the default sensor at its two ends, and what more and less light would give.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
@@ -68,7 +67,7 @@ SCENES = {
         TOUCHING, NEAR, average=64, lasts_ms=_DARK_EVERY_US // 1000 + 1000
     ),
     "the dark window when it lifts": scene(
-        TOO_DARK, DARK, lasts_ms=_IDLE_US // 1000 + DARK_WINDOW_MS, dark=NONE
+        TOO_DARK, DARK, lasts_ms=IDLE_US // 1000 + DARK_WINDOW_MS, dark=NONE
     ),
     "a finger after that": scene(TOUCHING, NEAR),
     "the least table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN, LEAST),
@@ -262,10 +261,12 @@ def test_every_scene_is_what_its_name_says(frames, name):
 
 # Same results, on a detour by what the loop must not have.
 DETOUR = """
-_estimate = estimate
-def estimate(state, tables, sums, floor, flags):
-    _estimate(state, tables, sums, floor, flags)
-    state[0] = %s
+_process = process
+def process(state, tables, counts, flags, head, payload, encoded):
+    done = _process(state, tables, counts, flags, head, payload, encoded)
+    if done & 4096:
+        state[0] = %s
+    return done
 """
 SLIPS = {
     "a float": DETOUR % "int(state[0] * 1.0)",

@@ -17,7 +17,7 @@ import usb_cdc
 from adafruit_bus_device.i2c_device import I2CDevice
 from micropython import const
 
-from .. import frame, kernel
+from .. import kernel
 from ..as7341 import AS7341, SensorError
 from ..decode import (
     BRIGHTNESS,
@@ -61,7 +61,7 @@ class BusioBus:
         self.device = I2CDevice(i2c, ADDRESS, probe=False)
         self._register = bytearray(1)
 
-    def read_into(self, register, buffer):
+    def read_into(self, _, register, buffer):
         self._register[0] = register
         with self.device as device:
             device.write_then_readinto(self._register, buffer)
@@ -247,7 +247,7 @@ def fast_touch(head, payload, state, encoded):
 def speed_up():
     """Let every sample use `fast_crc32` and `fast_touch` instead of the functions of `kernel`."""
     kernel.crc32 = fast_crc32
-    kernel.touch = frame.touch = fast_touch
+    kernel.touch = fast_touch
 
 
 class CdcSerial:

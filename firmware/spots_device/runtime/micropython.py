@@ -4,6 +4,7 @@ import io
 import select
 import sys
 import time
+from time import ticks_diff, ticks_us
 
 import machine
 import micropython
@@ -14,6 +15,8 @@ from .stay import must_stay
 
 _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
+_POLLIN = const(1)  # as in `select`
+_POLLOUT = const(4)
 _SLOW_US = const(200_000)  # a write blocks for half a second if the host does not read
 # Pause after such a write, and the factor by which each further such write lengthens the pause. The
 # first pause is short, because a single write may be slow for another reason.
@@ -40,9 +43,6 @@ class MachineBus:
         self._options = id, freq
         self._open()
 
-    def read_into(self, register, buffer):
-        self._read(ADDRESS, register, buffer)
-
     def write(self, buffer):
         self.write_to(ADDRESS, buffer)
 
@@ -59,7 +59,7 @@ class MachineBus:
         scl, sda = map(machine.Pin, self._pins)
         id, freq = self._options
         i2c = machine.I2C(id, scl=scl, sda=sda, freq=freq, timeout=_I2C_TIMEOUT_US)
-        self._read = i2c.readfrom_mem_into
+        self.read_into = i2c.readfrom_mem_into  # each method in Python would take longer
         self.write_to = i2c.writeto
 
 
@@ -86,8 +86,9 @@ class StdioSerial:
         poll = select.poll()
         poll.register(sys.stdout, select.POLLOUT)
         self._ipoll = poll.ipoll
-        self._readable = select.poll()
-        self._readable.register(sys.stdin, select.POLLIN)
+        readable = select.poll()
+        readable.register(sys.stdin, select.POLLIN)
+        self._ready = readable.ipoll
         self._pause_us = self._from = 0
 
     def write(self, buffer, size):
@@ -103,29 +104,26 @@ class StdioSerial:
         if self._pause_us and self._pauses():
             return False
         for event in self._ipoll(0):
-            if event[1] & select.POLLOUT:
-                break
-        else:
-            return False
-        return self._put(buffer, size)
+            if event[1] & _POLLOUT:
+                return self._put(buffer, size)
+        return False
 
     def _pauses(self):
         # Ticks wrap, so a time in the far past looks like a time in the future.
-        return 0 < time.ticks_diff(self._from, time.ticks_us()) <= self._pause_us
+        return 0 < ticks_diff(self._from, ticks_us()) <= self._pause_us
 
     def _put(self, buffer, size):
-        began = time.ticks_us()
+        began = ticks_us()
         try:
             # MicroPython returns the size even if it stopped waiting and dropped the bytes.
             sent = self._out(buffer, size) == size
         except OSError:
             sent = False
-        now = time.ticks_us()
-        if time.ticks_diff(now, began) < _SLOW_US:
+        if ticks_diff(ticks_us(), began) < _SLOW_US:
             self._pause_us = 0
             return sent
         self._pause_us = min(max(_PAUSE_TIMES * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
-        self._from = time.ticks_add(now, self._pause_us)
+        self._from = time.ticks_add(ticks_us(), self._pause_us)
         return False
 
     def read(self):
@@ -134,8 +132,8 @@ class StdioSerial:
         A USB port raises KeyboardInterrupt at Ctrl-C by itself; for other ports, this method raises
         KeyboardInterrupt.
         """
-        for _, event in self._readable.ipoll(0):
-            if event & select.POLLIN and self._in.readinto(self._byte) == 1:
+        for _, event in self._ready(0):
+            if event & _POLLIN and self._in.readinto(self._byte) == 1:
                 if self._byte[0] == _CTRL_C:
                     raise KeyboardInterrupt
                 self._pause_us = 0

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from .. import atomic
 from ..errors import SpotsError, missing
-from . import manifest
+from . import constants, manifest
 from .staging import CONFIG, Device, device_of, stage
 
 # By their number in an .mpy file; 0 is bytecode (MicroPython, py/persistentcode.h).
@@ -141,6 +141,7 @@ def _compile(folder: Path, device: Device) -> None:
     if device.march:
         command.append(f"-march={device.march}")
     package = folder / "spots_device"
+    constants.inline(package)
     for source in sorted(package.rglob("*.py")):
         # A traceback on the board shows this name, and -O3 leaves out line numbers: each module has
         # this name, and line numbers take 7 % of flash and heap.

@@ -19,7 +19,7 @@ from .kinematics import calibrate
 from .twin_source import Source
 
 COLUMNS = ("x_mm", "y_mm", "joint1_deg", "joint2_deg", "sigma1_deg", "sigma2_deg")
-_LASTS_S = 1.0  # duration of a measurement
+LASTS_S = 1.0  # duration of a measurement
 _LEAST = 3  # readings of each joint
 
 
@@ -117,7 +117,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
             say("type two numbers in mm, such as: 40 150")
             continue
         try:
-            joints = [_mean(angles) for angles in _angles(source)]
+            joints = [np.degrees(mean_angle(angles)) for angles in _angles(source)]
         except SpotsError as error:
             say(str(error))
             continue
@@ -132,7 +132,7 @@ def _angles(source: Source) -> list[list[Angle]]:
     encoders = [Encoder(encoder.joint) for encoder in source.twin.encoders]
     angles: list[list[Angle]] = [[], []]
     since_s = source.boards[0].now_s()
-    for joint, touch in source.readings(_LASTS_S):
+    for joint, touch in source.readings(LASTS_S):
         # Older readings are of another position.
         angle = encoders[joint].take(touch) if touch.time_s >= since_s else None
         if angle is not None:
@@ -145,12 +145,15 @@ def _angles(source: Source) -> list[list[Angle]]:
     return angles
 
 
-def _mean(angles: list[Angle]) -> tuple[float, float]:
-    """Return the mean angle of a joint at rest and its standard error, in degrees."""
+def mean_angle(angles: list[Angle]) -> tuple[float, float]:
+    """Return the mean angle of a joint at rest and its standard error, in rad.
+
+    `angles` are one or more angles of this joint, in order of time.
+    """
     last = angles[-1]
     noise2 = max(last.sigma_rad**2 - last.systematic_rad**2, 0.0) / len(angles)
     mean_rad = sum(angle.angle_rad for angle in angles) / len(angles)
-    return math.degrees(mean_rad), math.degrees(math.sqrt(noise2 + last.systematic_rad**2))
+    return mean_rad, math.sqrt(noise2 + last.systematic_rad**2)
 
 
 def _append(path: Path, row: Iterable[float]) -> None:

@@ -15,7 +15,7 @@ _RETURNS = 3
 class Absent:
     """The bus of a chip that does not answer."""
 
-    def read_into(self, register, buffer):
+    def read_into(self, address, register, buffer):
         raise OSError(5)
 
     def write(self, buffer):

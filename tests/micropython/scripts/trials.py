@@ -3,13 +3,29 @@
 from array import array
 
 from canned import Clock
-from spots_device import dark, kernel
+from spots_device import kernel
 from spots_device.calibration import pack
 from spots_device.decode import (
+    AVERAGE,
     CRC_SIZE,
+    DARK,
     DRIFT_MAX,
+    FLOOR,
+    FOLLOWS,
     HEAD_SIZE,
     HEADER_SIZE,
+    IDLE_US,
+    PENDING,
+    READ,
+    REST,
+    SAMPLES,
+    SEND,
+    SHIFT,
+    STREAMED,
+    SUMS,
+    TAKEN,
+    TIME_HIGH,
+    TIME_LOW,
     TOUCH_OFF_MN,
     TOUCH_ON_MN,
     Decode,
@@ -55,6 +71,13 @@ def prepare_estimate(cases):
     return prepared
 
 
+def _estimate(state, tables, sums, floor, flags):
+    state[TAKEN] = state[PENDING] = 0
+    for i in range(6):
+        state[FLOOR + i] = floor[i]
+    kernel.process(state, tables, sums, flags | READ, _head, _payload, _encoded)
+
+
 def estimate(cases, results):
     at = 0
     for i in range(len(cases)):
@@ -63,7 +86,7 @@ def estimate(cases, results):
         for j in range(len(readings)):
             case = readings[j]
             decode.scale(case[0], 4)
-            kernel.estimate(decode.state, decode.tables, case[1], case[2], case[3])
+            _estimate(decode.state, decode.tables, case[1], case[2], case[3])
             for k in range(_COMPARED):
                 results[at] = decode.state[k]
                 at += 1
@@ -82,15 +105,23 @@ def unpack(cases, results):
 
 
 def prepare_accumulate(cases):
-    return [(array("i", sums), array("i", counts), samples) for sums, counts, samples in cases]
+    prepared = []
+    for sums, counts, samples in cases:
+        state = Decode().state
+        state[AVERAGE] = samples + 2
+        state[TAKEN] = samples
+        for i in range(6):
+            state[SUMS + i] = sums[i]
+        prepared.append((state, array("i", counts)))
+    return prepared
 
 
 def accumulate(cases, results):
     for i in range(len(cases)):
         case = cases[i]
-        kernel.accumulate(case[0], case[1], case[2])
+        kernel.process(case[0], _decode.tables, case[1], READ, _head, _payload, _encoded)
         for j in range(6):
-            results[6 * i + j] = case[0][j]
+            results[6 * i + j] = case[0][SUMS + j]
 
 
 _AT = 2 << 20  # contrast of one count, with the weights below
@@ -119,7 +150,7 @@ def table(cases, results):
             for k in range(size):
                 tables[first + k] += _AT - readings[j] - moved
             moved = _AT - readings[j]
-            kernel.estimate(_decode.state, tables, _ONE, _NO_FLOOR, 0)
+            _estimate(_decode.state, tables, _ONE, _NO_FLOOR, 0)
             results[place] = _decode.state[3]
             place += 1
 
@@ -149,7 +180,13 @@ def touch(cases, results):
     payload = _payload
     for i in range(len(cases)):
         _head[4] = 32 * (i & 1)
-        _keep(kernel.touch(_head, payload, cases[i], _encoded), i * width, results)
+        state = _decode.state
+        state[STREAMED] = 1
+        for j in range(5):
+            state[j] = cases[i][j]
+        done = kernel.process(state, _decode.tables, _ONE, SEND, _head, payload, _encoded)
+        state[STREAMED] = 0
+        _keep(done & 0xFFF, i * width, results)
 
 
 _payload = bytearray(64)
@@ -213,16 +250,27 @@ def keypad(cases, results):
 
 
 def prepare_follow(cases):
-    return [tuple(_arrays(case[:4])) + tuple(case[4:]) for case in cases]
+    prepared = []
+    for rest, floor, sums, dark, samples, shift, up, _ in cases:
+        state = Decode().state
+        for at, values in ((REST, rest), (FLOOR, floor), (SUMS, sums), (DARK, dark)):
+            for i in range(6):
+                state[at + i] = values[i]
+        state[SAMPLES] = samples
+        state[SHIFT] = shift
+        state[IDLE_US] = 300_000
+        state[FOLLOWS] = 1 if up else 2
+        prepared.append(state)
+    return prepared
 
 
 def follow(cases, results):
     for i in range(len(cases)):
-        case = cases[i]
-        dark.follow(case[0], case[1], case[2], case[4], case[3], case[5], case[6], case[7])
+        state = cases[i]
+        kernel.process(state, _decode.tables, _ONE, SEND, _head, _payload, _encoded)
         for j in range(6):
-            results[12 * i + j] = case[0][j]
-            results[12 * i + 6 + j] = case[1][j]
+            results[12 * i + j] = state[REST + j]
+            results[12 * i + 6 + j] = state[FLOOR + j]
 
 
 def _keep(size, at, results):
@@ -238,8 +286,8 @@ def _arrays(rows):
 def time32(cases, results):
     for i in range(len(cases)):
         _time.set(cases[i])
-        results[2 * i] = _time.high
-        results[2 * i + 1] = _time.low
+        results[2 * i] = _time.head[TIME_HIGH]
+        results[2 * i + 1] = _time.head[TIME_LOW]
 
 
 def pacing(cases, results):
