@@ -64,7 +64,7 @@ class Survey:
     calibrated : Deviation
         Errors after a kinematic calibration that started from the nominal values.
     rested : Deviation
-        The same, with the means of all readings of a stop in place of single readings.
+        As `calibrated`, but from the mean of all readings at a position, not from one reading.
     expected_mean_mm, expected_max_mm : float
         Expected mean and maximum error in mm with the true lengths, computed from the encoders'
         standard errors.
