@@ -17,6 +17,8 @@ TWO   DOWN   the position rests elsewhere, and the first finger has left: it was
              brightness was never that of two fingers, or no second finger could cause this position
 TWO   DOWN   the first finger lifts, and the position has almost reached the second finger, which
              it approaches in ever smaller steps, or which was estimated there before
+TWO   DOWN   the first finger was lifting, the last step was small, and another finger arrives; or
+TWO   UP     no finger touches any more: the position was almost that of the second finger
 TWO   DOWN   the brightness changes, but not the position: only one finger touches
 TWO   TWO    the first finger rests, and readings agree on the position of the second finger
              (second.py), even if the light of the first finger is unknown
@@ -30,7 +32,8 @@ TWO   UP     no finger touches
 
 When one finger is alone again, and a second finger had rested beside it but was not found, the
 position of the second finger is estimated from the last readings of both fingers. A release is
-delayed by `release_ms` (release debounce). Integers only; allocates nothing.
+delayed by `release_ms` (release debounce). The conditions about other fingers are in evidence.py.
+Integers only; allocates nothing.
 """
 
 try:
@@ -42,8 +45,17 @@ except ImportError:
 from array import array
 
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
-from .locate import power
-from .second import locate, may_rest, noise, weigh
+from .evidence import (
+    find_third,
+    guess,
+    guess_both,
+    has_almost_left,
+    has_left,
+    recalls,
+    slides,
+    solve,
+)
+from .second import noise
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
@@ -73,26 +85,20 @@ _REST_T = const(12)  # least duration of a resting position
 _MOVED_UM = const(1500)
 # Ratios of light as differences of brightness, Q20 of log2.
 _FALLEN = const(772_000)  # 0.6
-_DIPPED = const(435_000)  # 0.75
 _LOST = const(337_000)  # 0.8
 _MORE = const(171_000)  # 1.12
 _EVEN = const(74_000)  # 1.05
 # Limits for the detection of a second finger beside the first one.
 _NEAR_UM = const(2000)
 _APART_UM = const(4500)  # least distance between two fingers
-_AGREE_UM = const(600)
-_SURE_UM = const(4000)
 _RISEN = const(30_000)  # 1.02: a finger arrives
 _CALM = const(40_000)  # 1.03: the light of a finger at rest
-_OTHER = const(150_000)  # 1.1
 # Share of the estimate's uncertainty that must be inside a key, in eighths; `_SOON`: about two
 # standard deviations; `_LATER`: about one, because the key would be lost otherwise.
 _SOON = const(5)
 _LATER = const(4)
-_TWICE_T = const(8)  # least time between two estimates that confirm each other
 _NEVER = const(1 << 29)
 _FALL_T = const(34)  # longest time in which a finger lifts
-_SLIDES_T = const(100)  # fingers that type overlap for less: their light changes as they lift
 _LIFTS_T = const(9)  # least time of a lift before its end is predicted
 _REMAINS_UM = const(2000)  # largest distance to the second finger at this end
 _FAST_UM = const(20_000)
@@ -101,7 +107,6 @@ _CHANGED = const(150_000)  # 1.1
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
 _HALF = const(1 << 20)  # 2
-_SINGLE = const(419_000)  # 1.32
 
 # State of a tracker: indices in one array, because MicroPython is slow at objects with many
 # attributes. The first three elements are the output of `locate` and `weigh`. Positions are in um,
@@ -327,6 +332,8 @@ class ContactTracker:
         if elapsed(s[_LEFT], t) < s[_RELEASE_T]:
             return
         s[_LEAVING] = False
+        if s[_STATE] == _TWO and has_almost_left(s):
+            self.sink.next(s[_X_SEEN_UM], t)
         down, s[_STATE] = self.touched, _UP
         s[_SEEN] = 0
         if down:
@@ -477,6 +484,17 @@ class ContactTracker:
 
     def _part(self, fits, x_um, force_mN, brightness, t):
         s = self._s
+        # While the first finger lifts, the light is lost. More light: another finger arrives.
+        if (
+            brightness > s[_B_SEEN] + _RISEN
+            and elapsed(s[_FELL], s[_T]) >= _LIFTS_T
+            and has_almost_left(s)
+        ):
+            self._begin(s[_X_SEEN_UM], force_mN, s[_B_SEEN], t)
+            s[_LOOSE] = True
+            self.sink.next(s[_X_UM], t)
+            self._follow(fits, x_um, force_mN, brightness, t)
+            return
         # The light of two fingers was lost and grows again: a third finger.
         if (
             s[_LOW] < s[_PEAK] - _LOST
@@ -543,7 +561,7 @@ class ContactTracker:
             s[_SECOND]
             and not s[_FALLS]
             and brightness > b_last - _EVEN
-            and self._slides(fits, x_um, brightness)
+            and slides(s, fits, x_um, brightness)
         ):
             s[_IS_EVEN] = s[_RISES] = False  # the first finger may be leaving
             if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM and away_um > _REST_UM:
@@ -556,9 +574,17 @@ class ContactTracker:
             return
         if not (s[_SECOND] or s[_THIRD] or s[_HAS_DIPPED]):
             if s[_IS_EVEN]:
-                self._guess(fits, x_um, brightness, t)
-            elif s[_RISES] and s[_PAIR]:
-                self._weigh(fits, x_last_um, b_last, x_um, brightness, t)
+                found = guess(s, fits, x_um, brightness, t)
+            else:
+                found = (
+                    s[_RISES]
+                    and s[_PAIR]
+                    and guess_both(s, fits, x_last_um, b_last, x_um, brightness)
+                )
+            if found:
+                s[_SECOND] = self.sink.second(s[_X_GUESS_UM], s[_SLACK_GUESS_UM] * _SOON >> 3, t)
+                s[_X_SECOND_UM] = s[_X_GUESS_UM]
+                s[_B_SECOND] = s[_B_GUESS]
             # When the first finger begins to lift, estimates move away from it.
             if s[_GUESSED] and abs(s[_X_GUESS_UM] - s[_X_UM]) < abs(s[_HINT_UM] - s[_X_UM]):
                 s[_HINT_UM] = s[_X_GUESS_UM]
@@ -593,7 +619,7 @@ class ContactTracker:
                 s[_SECOND] = False
                 self.sink.left(True, t)
             self.sink.at(x_um, t)
-        elif single or self._has_left(off_um, brightness, t):
+        elif single or has_left(s, off_um, brightness):
             stays = s[_SECOND] and not s[_HAS_DIPPED] and abs(x_um - s[_X_SECOND_UM]) < _APART_UM
             if not stays:
                 if s[_SECOND]:
@@ -617,21 +643,21 @@ class ContactTracker:
         """
         s = self._s
         if s[_IS_EVEN]:
-            if self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
+            if solve(s, s[_X_UM], s[_B], x_um, brightness, fits):
                 at_um = s[_FOUND_UM]
                 slack_um = s[_FOUND_SLACK_UM]
                 near = abs(at_um - s[_X_SECOND_UM]) < _NEAR_UM
                 if near and brightness == s[_PEAK]:
                     s[_X_SECOND_UM] = at_um
                     s[_B_SECOND] = s[_FOUND_B]
-                if near or self._slides(fits, x_um, brightness):
+                if near or slides(s, fits, x_um, brightness):
                     s[_X_PAIR_UM] = x_um
                     s[_B_PAIR] = brightness
                     s[_GUESSED] = False
                     self.sink.moved(at_um, slack_um)
                     return True
             # Two fingers that rest act like one finger at the position of their common reading.
-            slack_um = self._find_third(s[_X_PAIR_UM], s[_B_PAIR], -1, x_um, brightness)
+            slack_um = find_third(s, s[_X_PAIR_UM], s[_B_PAIR], -1, x_um, brightness)
             if slack_um:
                 self.sink.second(s[_X_GUESS_UM], slack_um, t)
                 self.sink.moved(s[_X_SECOND_UM], slack_um)
@@ -649,7 +675,7 @@ class ContactTracker:
             s[_GUESSED] = False
             return False
         second_um = s[_X_SECOND_UM]
-        slack_um = self._find_third(second_um, s[_B_SECOND], fits, x_um, brightness)
+        slack_um = find_third(s, second_um, s[_B_SECOND], fits, x_um, brightness)
         if not slack_um and elapsed(s[_FELL], t) < _FALL_T:
             return False
         s[_X_UM] = s[_X_BEFORE_UM] = second_um
@@ -667,235 +693,13 @@ class ContactTracker:
             s[_B_SECOND] = s[_B_GUESS]
         return True
 
-    def _slides(self, fits, x_um, brightness):
-        """Follow a sliding second finger; return whether its position was updated.
-
-        It is not updated if the first finger may be lifting, because that has a similar effect. The
-        arguments are those of `_is_next`.
-        """
-        s = self._s
-        if (
-            elapsed(s[_BEGAN], s[_T]) < _SLIDES_T
-            or (
-                brightness < s[_PEAK] - (_RISEN >> 1)  # a finger that lifts loses light
-                and self._solve(s[_X_SECOND_UM], s[_B_SECOND], x_um, brightness, fits)
-                and abs(s[_FOUND_UM] - s[_X_UM]) < (s[_FOUND_SLACK_UM] >> 1) + _SAME_UM
-            )
-            or not self._solve(s[_X_UM], s[_B], x_um, brightness, fits)
-        ):
-            return False
-        if abs(s[_FOUND_UM] - s[_X_SECOND_UM]) > 2 * _APART_UM:
-            return False
-        s[_X_SECOND_UM] = s[_FOUND_UM]
-        s[_B_SECOND] = s[_FOUND_B]
-        s[_PEAK] = brightness
-        s[_IS_EVEN] = True
-        return True
-
-    def _find_third(self, x0_um, b0, fits, x_um, brightness):
-        """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
-
-        `x0_um` is the position of the second finger if the first one has left; else the common
-        position of both fingers. The other arguments are those of `_is_next`. Returns the
-        uncertainty of the third finger's position in um, or 0 until two readings agree on this
-        position. While the first finger lifts, readings do not agree.
-        """
-        s = self._s
-        agrees = s[_GUESSED]
-        last_um = s[_X_GUESS_UM]
-        s[_GUESSED] = (
-            self._solve(x0_um, b0, x_um, brightness, fits)
-            and abs(s[_FOUND_UM] - s[_X_UM]) > _APART_UM
-            and abs(s[_FOUND_UM] - s[_X_SECOND_UM]) > _APART_UM
-        )
-        s[_X_GUESS_UM] = at_um = s[_FOUND_UM]
-        s[_B_GUESS] = s[_FOUND_B]
-        if not (agrees and s[_GUESSED]) or abs(at_um - last_um) > _APART_UM:
-            return 0
-        return (s[_FOUND_SLACK_UM] * _SOON >> 3) + abs(last_um - at_um)
-
-    def _solve(self, x1_um, b1, x_um, brightness, fits):
-        """Estimate a finger beside another one, which has position `x1_um` and brightness `b1`.
-
-        The other arguments are a reading, see `second.locate`.
-
-        Stores the result in three elements of the state, from `_FOUND_UM` on. Returns whether there
-        is a solution with a position on the strip.
-        """
-        s = self._s
-        return (
-            s[_LENGTH_UM]
-            and locate(
-                s,
-                s[_DECAY],
-                x1_um,
-                b1,
-                x_um,
-                brightness,
-                -1 if s[_DRIFTS] else fits,
-                self.noise_um(brightness),
-            )
-            and -_NEAR_UM - s[_FOUND_SLACK_UM]
-            < s[_FOUND_UM]
-            < s[_LENGTH_UM] + _NEAR_UM + s[_FOUND_SLACK_UM]
-        )
-
-    def _guess(self, fits, x_um, brightness, t):
-        """Estimate a second finger while the first one rests; report it once two readings agree.
-
-        The arguments are those of `_is_next`.
-        """
-        s = self._s
-        if not self._solve(s[_X_UM], s[_B], x_um, brightness, fits):
-            s[_GUESSED] = False
-            end_um = s[_LENGTH_UM] + _NEAR_UM if x_um > s[_X_UM] else -_NEAR_UM
-            if not may_rest(s[_DECAY], s[_X_UM], s[_B] - _EVEN, end_um, x_um, brightness):
-                # The first finger became dimmer, even if the second finger is at the strip's end.
-                s[_IS_EVEN] = False
-                s[_FALLS] = True
-                s[_FELL] = t
-            return
-        at_um = s[_FOUND_UM]
-        slack_um = s[_FOUND_SLACK_UM]
-        b = s[_FOUND_B]
-        if s[_IS_CALM]:
-            slack_um >>= 1
-        agrees = s[_GUESSED] and abs(at_um - s[_X_GUESS_UM]) <= _AGREE_UM + (
-            slack_um + s[_SLACK_GUESS_UM] >> 1
-        )
-        if agrees and (
-            elapsed(s[_GUESSED_T], t) < _TWICE_T
-            or (abs(b - s[_B_GUESS]) <= _OTHER and (fits or not s[_IS_CALM]))
-        ):
-            return  # no evidence: the same share of light always gives the same position
-        s[_GUESSED_T] = t
-        s[_GUESSED] = True
-        s[_X_GUESS_UM] = at_um
-        s[_SLACK_GUESS_UM] = slack_um
-        s[_B_GUESS] = b
-        if not agrees or slack_um > _SURE_UM:
-            return
-        s[_SECOND] = self.sink.second(at_um, slack_um * _SOON >> 3, t)
-        s[_X_SECOND_UM] = at_um
-        s[_B_SECOND] = b
-
-    def _weigh(self, fits, x_last_um, b_last, x_um, brightness, t):
-        """Estimate both fingers from two readings, if the light of the first finger is unknown.
-
-        The arguments are position and brightness of the last reading, and the present reading as in
-        `_is_next`.
-        """
-        s = self._s
-        limit_um = s[_LENGTH_UM] + _NEAR_UM if x_um > s[_X_UM] else -_NEAR_UM
-        if (
-            brightness < b_last + _EVEN
-            or not weigh(s, s[_DECAY], s[_X_UM], limit_um, x_last_um, b_last, x_um, brightness)
-            or s[_FOUND_B] < s[_B] - _CALM
-        ):
-            # A third reading confirms an earlier estimate, because its light differs.
-            s[_GUESSED] = (
-                s[_GUESSED]
-                and self._solve(s[_X_UM], s[_B_GUESS], x_um, brightness, fits)
-                and abs(s[_FOUND_UM] - s[_X_GUESS_UM]) <= _AGREE_UM + s[_SLACK_GUESS_UM]
-            )
-            if s[_GUESSED]:
-                self._found_both(fits, x_um, brightness, t)
-            return
-        at_um = s[_FOUND_UM]
-        slack_um = s[_FOUND_SLACK_UM]
-        b = s[_FOUND_B]
-        agrees = (
-            s[_GUESSED] and abs(at_um - s[_X_GUESS_UM]) <= _AGREE_UM + slack_um + s[_SLACK_GUESS_UM]
-        )
-        if not agrees or slack_um < s[_SLACK_GUESS_UM]:
-            s[_GUESSED] = True
-            s[_X_GUESS_UM] = at_um
-            s[_SLACK_GUESS_UM] = slack_um
-            s[_B_GUESS] = b
-        if agrees:
-            self._found_both(fits, x_um, brightness, t)
-
-    def _found_both(self, fits, x_um, brightness, t):
-        s = self._s
-        s[_B] = s[_B_GUESS]
-        s[_IS_EVEN] = True
-        s[_RISES] = False
-        if s[_SLACK_GUESS_UM] > _SURE_UM or not self._solve(
-            s[_X_UM], s[_B], x_um, brightness, fits
-        ):
-            s[_GUESSED] = False
-            return
-        s[_B_GUESS] = s[_FOUND_B]
-        s[_SECOND] = self.sink.second(s[_X_GUESS_UM], s[_SLACK_GUESS_UM] * _SOON >> 3, t)
-        s[_X_SECOND_UM] = s[_X_GUESS_UM]
-        s[_B_SECOND] = s[_FOUND_B]
-
     def _recall(self, x_um, brightness, t):
-        """Report a second finger that was not found while two fingers touched.
-
-        One of the two fingers has left; the present reading is of the other one, at `x_um`.
-        """
+        """Report a second finger that was not found while two fingers touched."""
         s = self._s
-        if (
-            s[_SECOND]
-            or not s[_B_BOTH]
-            or abs(s[_B_SINCE] - brightness) > _EVEN  # the finger at `x_um` lifts
-            or not self._solve(x_um, s[_B_SINCE], s[_X_BOTH_UM], s[_B_BOTH], s[_FIT_BOTH])
+        if recalls(s, x_um, brightness) and self.sink.second(
+            s[_FOUND_UM], s[_FOUND_SLACK_UM] * _LATER >> 3, t
         ):
-            return
-        at_um = s[_FOUND_UM]
-        slack_um = s[_FOUND_SLACK_UM]
-        if slack_um > _SURE_UM or abs(at_um - s[_X_UM]) < _APART_UM + slack_um:
-            return
-        if self.sink.second(at_um, slack_um * _LATER >> 3, t):
             self.sink.left(True, t)
-
-    def _has_left(self, off_um, brightness, t):
-        """Return whether the first finger has left.
-
-        The measured position now rests, `off_um` um from the last position of the first finger.
-        """
-        s = self._s
-        if not s[_SECOND] and brightness > s[_B_SINCE] + _DIPPED:
-            return True  # with two fingers, this change of force would move the position
-        first = s[_B]
-        if s[_SECOND]:
-            apart_um = s[_X_SECOND_UM] - s[_X_UM]
-            if off_um < 0:
-                apart_um = -apart_um
-            if abs(off_um) < apart_um - _NEAR_UM and brightness < s[_B_SINCE] - _EVEN:
-                return False  # both lift
-            # There may be a third finger, and the second finger may not have left.
-            return not self._solve(
-                s[_X_SECOND_UM],
-                s[_B_SECOND] - _DIPPED,
-                s[_X_UM] + off_um,
-                brightness,
-                True,
-            )
-        if s[_FALLS] and not s[_THIRD]:
-            return True  # while a finger lifts, the position would change
-        x_um = s[_X_UM] + off_um
-        # No second finger on the strip could cause this position while the first one rests.
-        alone = (s[_SEEN] > 1 or brightness < first + _SINGLE) and not self._solve(
-            s[_X_UM], first - _MORE, x_um, brightness, True
-        )
-        if s[_THIRD]:
-            # Return True only if the light is too low for two fingers.
-            return brightness < s[_PEAK] - _LOST and (alone or brightness < first + _SINGLE)
-        if alone:
-            return True
-        if s[_HAS_DIPPED] or s[_LEAST] < min(first, brightness) - _DIPPED:
-            return True
-        light_first = power(first) >> 6  # sixteenths of a count
-        peak = power(s[_PEAK]) >> 6
-        if power(brightness) >> 6 >= peak - light_first // 5:
-            return False
-        # Light was lost while the position moved away from the first finger.
-        away_um = x_um - s[_X_PEAK_UM]
-        if off_um < 0:
-            away_um = -away_um
-        return away_um > (abs(off_um) >> 5) * ((light_first << 4) // (peak + 1)) // 10
 
     def noise_um(self, brightness):
         """Return an upper limit of a position's standard deviation due to ADC noise, in um.

@@ -62,8 +62,9 @@ class Fingers:
         self._sensor = sensor
         tracker = self._tracker
         first = self._first
-        if self._alone:
-            self._alone = False
+        alone = self._alone and not tracker.two
+        self._alone = False
+        if alone:
             if not first.there:
                 self._begin(first)
             first.alone = True
@@ -104,6 +105,7 @@ class Fingers:
             self._sink.firm(t)
 
     def up(self, t):
+        self._alone = False
         self._end(self._first)
         self._end(self._second)
         if self._sink:
@@ -153,6 +155,7 @@ class Fingers:
     def _begin(self, finger):
         finger.there = finger.pending = True
         finger.alone = False
+        finger.sigma_um = 2000  # until it is located: another finger hides the rest of its way
         self._id = finger.id = self._id + 1 & 0xFF
 
     def _end(self, finger):

@@ -6,7 +6,18 @@ import pytest
 
 import keys
 from keys import DECAY, Desk, clicks, key, letter, limit
-from spots_device.decode import LED_OFF, MISFIT, SATURATED, TOO_DARK, TOUCHING
+from spots_device import contact, evidence
+from spots_device.decode import (
+    BRIGHTNESS,
+    FORCE_MN,
+    LED_OFF,
+    MISFIT,
+    POSITION_UM,
+    SATURATED,
+    TOO_DARK,
+    TOUCHING,
+)
+from spots_device.fingers import DOWN, NEVER_ALONE, PROVISIONAL, UP, Fingers
 
 A, B, C = 4, 5, 6
 THREE = ("layer 0 0", key(0, 300, letter(A)), key(330, 660, letter(B)), key(700, 1000, letter(C)))
@@ -356,6 +367,72 @@ def test_of_two_fingers_that_lift_at_once_no_key_between_them_is_pressed():
     assert sorted(desk.events) == sorted(ROLLED)
 
 
+def change(desk, at_mm, *forces_mN):
+    """Hold two fingers, whose forces in mN change with each reading."""
+    for first_mN, second_mN in forces_mN:
+        together(desk, (at_mm[0], first_mN), (at_mm[1], second_mN), 10)
+
+
+def test_a_finger_that_arrives_shows_that_the_lifting_one_has_left():
+    desk = Desk(*THREE)
+    desk.press(50, 60)
+    change(desk, (50, 20), (900, 200), (400, 250), (150, 1000))
+    assert desk.events == [(B, True)]
+    change(desk, (20, 80), (1000, 200), (1000, 300), (1000, 550), (1000, 800))
+    assert desk.events == [*clicks(B), (A, True), (C, True)]
+
+
+def test_a_second_finger_that_leaves_before_it_was_alone_is_typed():
+    desk = Desk(*THREE)
+    desk.press(50, 60)
+    change(desk, (50, 20), (800, 350), (350, 450), (200, 700), (50, 700))
+    assert desk.events == [(B, True)]
+    desk.lift()
+    assert desk.events == clicks(B, A)
+
+
+class Contacts:
+    """Contacts of a desk's fingers, as in CONTACT frames: number, state and position in mm."""
+
+    def __init__(self, desk):
+        self.sent = []
+        self._fingers = Fingers(self)
+        self._fingers.attach(desk.pad.contact, desk.pad)
+        self._take = desk.pad.take
+        desk.pad.take = self.take
+
+    def take(self, flags, x_um, force_mN, brightness, t):
+        self._take(flags, x_um, force_mN, brightness, t)
+        self._fingers.send(0, {POSITION_UM: x_um, FORCE_MN: force_mN, BRIGHTNESS: brightness})
+
+    def contact(self, sensor, number, state, x_um, sigma_um, force_mN):
+        self.sent.append((number, state, round(x_um / 1000)))
+
+
+def test_a_finger_that_was_never_alone_leaves_no_contact_behind():
+    desk = Desk(*THREE)
+    contacts = Contacts(desk)
+    desk.press(50, 60)
+    change(desk, (50, 20), (800, 350), (350, 450), (200, 700), (50, 700))
+    desk.lift()
+    assert desk.events == clicks(B, A)
+    assert contacts.sent[-1] == (1, UP, 50)
+
+
+def test_a_finger_that_another_one_hides_has_a_provisional_contact():
+    desk = Desk(*THREE)
+    contacts = Contacts(desk)
+    desk.press(50, 60)
+    change(desk, (50, 20), (900, 200), (400, 250), (150, 1000))
+    del contacts.sent[:]
+    change(desk, (20, 80), (1000, 200), (1000, 300), (1000, 550), (1000, 800))
+    desk.press(80, 30)
+    seen = [(number, state) for number, state, _ in contacts.sent]
+    assert seen[:3] == [(1, PROVISIONAL), (1, UP), (2, DOWN)]
+    assert (2, NEVER_ALONE) in seen
+    assert contacts.sent[2][2] <= 25  # the next reading was at 28 mm
+
+
 def test_a_second_finger_that_leaves_first_leaves_the_key_of_the_first_down():
     desk = Desk(*THREE)
     desk.press(10, 60)
@@ -413,3 +490,10 @@ def test_readings_that_a_board_has_marked_give_the_same_keys():
         again.pad.take(*reading)
         again.pad.tick(reading[-1])
     assert again.events == desk.events == ROLLED + ROLLED
+
+
+def test_two_modules_agree_on_the_state_of_a_tracker():
+    ours, theirs = vars(evidence), vars(contact)
+    both = {name for name in ours.keys() & theirs.keys() if type(ours[name]) is int}
+    assert {"_X_UM", "_DECAY", "_EVEN"} <= both
+    assert [name for name in both if ours[name] != theirs[name]] == []
