@@ -32,7 +32,8 @@ _HEAD = """# The five-bar linkage and its twin
 
 `make paper` writes this document, and measures all numbers except the published one. Two strips in
 the base joints of a planar five-bar linkage are its encoders. The position of the end point
-follows from the angles of these joints ([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7).
+follows from the angles of these joints ([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7). The
+*twin* is a model of the linkage on the computer, which follows the readings of both strips.
 
 ![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
 
@@ -184,10 +185,10 @@ def document(
         found, error = first.values[key], first.standard_errors[key]
         lines.append(f"| {name} (mm) | {drew:g} | {true:.2f} | {found:.2f} | {error:.2f} |\n")
     lines.append(
-        f"\nThe rank is {first.rank} of {len(first.names)}, the condition number is "
-        f"{first.condition:.0f}, and the residuals are\n{first.misfit:.2f} times those expected "
-        "from the standard errors. The end point is more accurate than the\nlengths, because "
-        "correlated errors cancel.\n"
+        f"\nThe places determine {first.rank} of the {len(first.names)} fitted parameters. The "
+        f"condition number of the fit is {first.condition:.0f}, and the\nresiduals are "
+        f"{first.misfit:.2f} times those expected from the standard errors. The end point is more "
+        "accurate than the\nlengths, because correlated errors cancel.\n"
     )
     lines.append(_path(runs))
     return "".join(lines)
@@ -239,15 +240,16 @@ the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
     return (
         text
         + """
-With the true lengths, only the errors of the encoders remain; a kinematic calibration is as
-accurate. The paper's number includes all errors of a real mechanism, such as bearings and bending
-bars. The simulation has only backlash and wrong lengths.
+With the true lengths, only the errors of the encoders remain. A kinematic calibration, which fits
+lengths and mounting to 40 places ([below](#unknown-lengths)), is as accurate. The paper's number
+includes all errors of a real mechanism, such as bearings and bending bars. The simulation has only
+backlash and wrong lengths.
 
 Ideal and real strips are the sensor files `default` and `real`, as in
-[applications.md](applications.md), with warm LEDs. A re-zero at the stops of the joints
-(`spots rezero --joint`) corrects the real strips. Without it, many readings do not fit the
-calibration. An encoder normally ignores such readings; for this table the encoders used them. A
-kinematic calibration also corrects the strips, until they change further.
+[applications.md](applications.md), with warm LEDs. A re-zero corrects the calibration of the real
+strips at the stops of the joints (`spots rezero --joint`, [drift.md](drift.md#joints)). Without it,
+many readings do not fit the calibration. An encoder normally ignores such readings; for this table
+the encoders used them. A kinematic calibration also corrects the strips, until they change further.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
 """

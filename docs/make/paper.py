@@ -22,10 +22,10 @@ Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sect
 "ours" show the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with
 seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
 duration of a reading, which the paper does not state. The **real strip** is simulated, too (sensor
-file `real`): it has aged and warmed up since its calibration, is under a lamp, and was re-zeroed
-with one press of each mark on a scale ([drift.md](drift.md)). The board compensates the creep and
-the hysteresis of its silicone ([calibration.md](calibration.md#silicone)). The forces rise from 0.6
-to 9.5 N and fall again.
+file `real`): it has aged and warmed up since its calibration, and is under a lamp. Then it was
+re-zeroed: one press of each of three marks, with the strip on a scale, corrected its calibration
+([drift.md](drift.md)). The board compensates the creep and the hysteresis of its silicone
+([calibration.md](calibration.md#silicone)). The forces rise from 0.6 to 9.5 N and fall again.
 
 """
 _PICTURES = {

@@ -53,8 +53,8 @@ AVERAGE, TAKEN, PENDING, EXPOSURE_US, MISSING, ESTIMATED, STREAMED = range(65, 7
 STATE_SIZE = 72
 
 # Indices of the array `head`, the header of a frame: kind and sensor, sequence number, low and high
-# half of the time, the flag `DROPPED` if frames are missing before this frame, and the time from
-# this time to the ticks of `frame.Time32`.
+# half of the time, the flag `DROPPED` if frames are missing before this frame, and how many us the
+# time is earlier than `frame.Time32.last`.
 KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP, LESS_US = range(6)
 HEAD_SIZE = 6
 

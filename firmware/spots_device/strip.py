@@ -63,7 +63,7 @@ class Strip:
     framer : frame.Framer
         Sends the frames.
     time : frame.Time32
-        Board time; set to the middle of the integration before each frame.
+        Board time. Before each frame it is set to the middle of the integration.
     clock : object
         ``ticks_add`` as in MicroPython's ``time``.
     settings : settings.BoardSettings
@@ -79,8 +79,9 @@ class Strip:
         Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 while an LED that is
         always on has no dark frame.
     baseline : dark.Baseline
-        The baseline. Its `floor`, six sums over the number of dark samples set with
-        `Decode.scale`, is subtracted from each reading.
+        Tracks the light without a touch. Its `floor` (dark frame plus baseline, one sum of counts
+        per channel) is subtracted from each reading. `Decode.scale` sets how many samples each sum
+        has.
     """
 
     def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):

@@ -68,7 +68,8 @@ def demo(
     layout : str, optional
         Key layout of the application `keyboard`: a path or a name.
     rezeroed : bool, optional
-        Whether a re-zero corrected the calibration after the change in the sensor file. Needs
+        The sensor file may describe a change of the strip since its calibration (`change`). True
+        if the calibration was corrected after this change with a few presses (re-zero). Needs
         `fast`.
     warm : bool, optional
         Whether the LED is warm at the start. Needs `fast`.
@@ -191,7 +192,8 @@ def open_fast(
     faults : Faults, optional
         Faults of the link, the I2C bus and the board.
     rezeroed : bool, optional
-        Whether a re-zero corrected the calibration after the change in the sensor file.
+        The sensor file may describe a change of the strip since its calibration (`change`). True
+        if the calibration was corrected after this change with a few presses (re-zero).
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
@@ -232,8 +234,8 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     use : str
-        ``fivebar`` shows a simulated linkage. Any other value shows a strip, and the panel of this
-        application directly below the strip.
+        Application to show. ``fivebar`` shows a simulated linkage. Any other application shows a
+        strip, with the application's panel directly below it.
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int

@@ -1,4 +1,7 @@
-"""Measures the error of a simulated linkage's digital twin, over the workspace and on a path."""
+"""Measures the error of a digital twin of a simulated linkage, over the workspace and on a path.
+
+The twin (`spots.Twin`) computes the position of the end point from readings of the strips.
+"""
 
 from __future__ import annotations
 

@@ -42,7 +42,8 @@ def typed(
     sensor : str, optional
         Sensor file: a path or a name.
     rezeroed : bool, optional
-        Whether a re-zero corrected the calibration after the change in the sensor file.
+        The sensor file may describe a change of the strip since its calibration (`change`). True
+        if the calibration was corrected after this change with a few presses (re-zero).
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional

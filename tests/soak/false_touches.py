@@ -4,8 +4,8 @@
 
 Each scene lasts `--hours` of simulated time, without a finger. Prints one line of JSON for each
 scene: the number of begun touches, how long the longest lasted, and the number of pressed keys.
-`--touch-mN` replaces the forces at which a touch begins and ends. The exit code is 1 if a key was
-pressed.
+`--touch-mN` replaces the forces of the calibration at which a touch begins and ends. The exit code
+is 1 if a key was pressed.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ def fit_joint(points: list[Point]) -> Joint:
     ----------
     points : list of Point
         Points of the joint, in the order of the session. For `Joint.accuracy_deg`, a line is
-        fitted to every second point of each direction; the other points give this error.
+        fitted to every second point of each direction; the other points give its error.
 
     Returns
     -------

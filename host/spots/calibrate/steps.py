@@ -150,7 +150,8 @@ class _Steps:
             if wanted_plan not in (None, session.conditions.plan):
                 raise SpotsError(
                     f"the session {session.path} was made with channels "
-                    f"{','.join(session.conditions.plan)}: name another file with --session"
+                    f"{','.join(session.conditions.plan)}: omit --plan, or name another file with "
+                    "--session"
                 )
             return
         if wanted_plan:

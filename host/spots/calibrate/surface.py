@@ -80,7 +80,7 @@ _GRIDS = {
 }
 # Each channel has its own size of the bends. Most channels are nearly straight, because they
 # receive a narrow band of the spectrum. Errors of the ruler would bend all channels along the
-# slopes, so straight channels reduce the effect of these errors on the fit.
+# slopes. Channels that are known to be nearly straight reveal these errors.
 _SEARCHED = [
     (name, channel)
     for name in _GRIDS
