@@ -52,7 +52,7 @@ class Time32:
     head : array of int
         Header of the next frame, see `decode.KIND`.
     last : int
-        Ticks to which ``head[LESS_US]`` belongs.
+        Ticks of the clock at the time in `head` plus ``head[LESS_US]``.
     """
 
     def __init__(self, clock):

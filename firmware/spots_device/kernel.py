@@ -117,9 +117,9 @@ def process(state, tables, counts, flags, head, payload, encoded):
     counts : array of int
         Six counts of the sample.
     flags : int
-        Flag bits of the sample as for `estimate`; and `decode.READ` to add the sample and to
-        estimate a complete reading, `SEND` to do the rest for a complete reading, `TWO` if two
-        fingers may have caused it.
+        Flag bits of the sample, as for `estimate`, and bits that select the work. `decode.READ`:
+        add the sample, and estimate the reading if it is complete. `SEND`: do the other work for
+        a complete reading. `TWO`: two fingers may have caused the reading.
     head, payload, encoded
         As for `frame`. The time of `head`, plus its `LESS_US`, must be the end of the sample. It
         becomes the middle of the reading if the reading is complete.

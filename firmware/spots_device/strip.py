@@ -107,6 +107,7 @@ class Strip:
         self._diff = clock.ticks_diff
         self._search = None
         self._on_dark = self._on_search = None
+        self._state = _UNKNOWN
 
     @property
     def stream_touch(self):

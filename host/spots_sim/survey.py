@@ -9,6 +9,7 @@ import numpy as np
 from spots.errors import SpotsError
 from spots.linkage import kinematics
 from spots.linkage.digital_twin import Terminal, Twin
+from spots.linkage.encoder import Angle
 from spots.linkage.fivebar import Linkage
 from spots.linkage.twin_points import mean_angle
 
@@ -63,7 +64,7 @@ class Survey:
     calibrated : Deviation
         Errors after a kinematic calibration that started from the nominal values.
     rested : Deviation
-        The same, with the means of all readings of a stop in place of single readings.
+        As `calibrated`, but from the mean of all readings at a position, not from one reading.
     expected_mean_mm, expected_max_mm : float
         Expected mean and maximum error in mm with the true lengths, computed from the encoders'
         standard errors.
@@ -312,19 +313,24 @@ def _read(sensor, linkage, places, *arguments, **condition):
     The other arguments are those of `visited`.
 
     Returns the positions, then pairs of joint angles and standard errors, shape (2, n): of the
-    first reading of each stop, and of the mean of its readings. A position without a reading is
+    middle reading of each stop, and of the mean of its readings. A position without a reading is
     left out: the LED was off, for a dark frame.
     """
     read = visited(sensor, linkage, *places, *arguments, **condition)
     there = np.array([[bool(angles) for angles in joint] for joint in read]).all(axis=0)
     pairs = []
-    for count in (1, None):
+    for chosen in (_middle, list):
         means = [
-            [mean_angle(angles[:count]) for angles, is_there in zip(joint, there) if is_there]
+            [mean_angle(chosen(angles)) for angles, is_there in zip(joint, there) if is_there]
             for joint in read
         ]
         pairs.append(np.moveaxis(np.array(means), -1, 0))
     return [axis[there] for axis in places], pairs
+
+
+def _middle(angles: list[Angle]) -> list[Angle]:
+    # The first one may hold some of the movement if the board's clock is fast.
+    return angles[len(angles) // 2 :][:1]
 
 
 def _deviation(found, truth) -> Deviation:

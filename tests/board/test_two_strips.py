@@ -336,7 +336,7 @@ def test_the_terminal_prints_the_readings_of_both_strips(capsys):
     assert min(shown.values()) >= 3
 
 
-def test_two_strips_behind_a_multiplexer_share_one_bus(monkeypatch):
+def test_two_strips_behind_a_multiplexer_share_one_bus(monkeypatch, own_firmware):
     known = staging.device_of
 
     def multiplexed(board, strips=1):

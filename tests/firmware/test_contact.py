@@ -290,7 +290,7 @@ def test_two_estimates_agree_although_the_last_reading_has_hardly_more_light():
 
 
 def three_fingers(desk):
-    """Let a second and a third finger come, and rest, while the first one rests at 76 mm."""
+    """Press at 38.5 mm and then also at 25.5 mm, while a first finger rests at 76 mm."""
     desk.press(76, 60)
     for force_mN in (300, 1200, 1600, 1600):
         together(desk, (76, 1000), (38.5, force_mN), 10)

@@ -7,7 +7,10 @@ Q = 10  # from counts in Q12 to sums over four samples
 
 
 def followed(level, start=0, dark=4, readings=1, at_once=False):
-    """Return the rest after so many readings at a level of counts, in counts of four samples."""
+    """Return the baseline after some readings with sums of `level` counts in every channel.
+
+    `start` is the baseline before, `dark` the dark frame; all are sums over four samples.
+    """
     state = Decode().state
     state[SAMPLES], state[SHIFT], state[IDLE_US] = 1, Q, SETTLED_US
     for i in range(6):

@@ -1,4 +1,4 @@
-"""The clock of CircuitPython: its ticks stay small integers on a board of 32 bits."""
+"""The ticks of CircuitPython's clock are small integers on a board with 32 bits."""
 
 import ast
 from pathlib import Path
@@ -13,7 +13,7 @@ SOURCE = Path(spots_device.runtime.__file__).parent / "circuitpython.py"
 
 
 def clock_at(us):
-    """Return CircuitPython's clock at a time in us; its module runs on a board only."""
+    """Return CircuitPython's clock at a time in us; its module can be imported only on a board."""
     body = [
         node
         for node in ast.parse(SOURCE.read_text()).body

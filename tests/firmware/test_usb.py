@@ -32,6 +32,13 @@ def fresh(monkeypatch, name, **modules):
     return importlib.import_module(name)
 
 
+@pytest.fixture(autouse=True)
+def ticks(monkeypatch):
+    """MicroPython's functions of `time`, which CPython does not have."""
+    for name in ("ticks_us", "ticks_diff"):
+        monkeypatch.setattr(time, name, lambda *_: 0, raising=False)
+
+
 class Substitute:
     """A USB host behind what usb-device-hid 0.1 to 0.2 do, where the firmware can notice it.
 
@@ -348,6 +355,7 @@ def serial(monkeypatch):
         ticks_add=lambda ticks, us: (ticks + us) % turn,
         ticks_diff=lambda end, start: (end - start + turn // 2) % turn - turn // 2,
     )
+    module.ticks_us, module.ticks_diff = module.time.ticks_us, module.time.ticks_diff
     return module.StdioSerial(), port
 
 

@@ -57,7 +57,7 @@ window.WebSocket = class extends WebSocket {
 
 @pytest.fixture(scope="session")
 def playing():
-    """Playwright with its Chromium, started once a process, and the event loop of Playwright."""
+    """Chromium, started once in each process of the tests, and the event loop of Playwright."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(**launch_options(playwright))
         loop = asyncio.get_running_loop()
@@ -69,7 +69,11 @@ def playing():
 
 @pytest.fixture(scope="module")
 def browser(playing):
-    """Chromium. Playwright's loop runs in this thread during a module: other tests want theirs."""
+    """Chromium, for one module of tests.
+
+    After the module, Playwright's event loop is hidden from this thread, because other tests run
+    their own loops.
+    """
     chromium, loop = playing
     asyncio.events._set_running_loop(loop)
     yield chromium

@@ -210,9 +210,9 @@ def fast_crc32(data, size, crc):
 
 
 def fast_touch(head, payload, state, encoded):
-    """Replace `kernel.touch`; arguments and result are the same.
+    """Do the same as `kernel.touch`, but faster.
 
-    Takes 0.5 ms instead of 1.3 ms, and allocates 70 bytes for long integers.
+    It takes 0.5 ms instead of 1.3 ms, and allocates 70 bytes for long integers.
     """
     sequence = head[SEQUENCE]
     head[SEQUENCE] = (sequence + 1) & 0xFFFF
@@ -245,7 +245,7 @@ def fast_touch(head, payload, state, encoded):
 
 
 def speed_up():
-    """Replace functions of the sample's path by functions that use CircuitPython's C modules."""
+    """Let every sample use `fast_crc32` and `fast_touch` instead of the functions of `kernel`."""
     kernel.crc32 = fast_crc32
     kernel.touch = fast_touch
 

@@ -29,7 +29,7 @@ def picture(
     Parameters
     ----------
     touch : Touch or None
-        Latest reading of the strip; None if there is none yet.
+        Latest reading of the strip; None before the first reading.
     length_um : int
         Length of the strip, in um.
     found : sequence of Gesture
