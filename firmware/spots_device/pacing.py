@@ -10,8 +10,12 @@ A loop that is slower than the sensor never polls early, so it has no such pairs
 sample that it finds ended within the last period; the sample is used with this uncertainty of its
 time. Missed samples are counted with the last measured period of the chip, scaled to the exposure.
 
-Samples in the chip's FIFO are not lost while the loop stalls. The time of each follows from its
-place in the FIFO.
+Samples in the chip's FIFO are not lost while the loop stalls.
+
+The times of the samples are not those of the polls, which may be late. They come from an estimate
+of the chip's phase and period that counts every sample. Each poll that finds one sample gives an
+upper limit of its end, each early poll a lower limit. Between two early polls, the polls approach
+the end in small steps, so these limits soon differ by one step only. Half of it is the error.
 """
 
 from micropython import const
@@ -31,6 +35,11 @@ _SHARE = const(11)
 _LONG_US = const(60_000_000)
 # Samples after which the reference moves on, to follow temperature; at 1 s, ticks must not wrap.
 _RENEW = const(224)
+# The chip latches what a poll reads this long after its beginning: START and 3 bytes at 400 kHz.
+_LATCH_US = const(75)
+_BRIEF_US = const(1_000)  # in a longer poll, the loop has stalled before the chip was read
+_SURE = const(16)  # samples after which the fit is more accurate than the times of the polls
+_FIT = const(300)  # samples of the fit, which follows temperature
 
 
 class Pacing:
@@ -59,7 +68,7 @@ class Pacing:
     def __init__(self, clock):
         self._add = clock.ticks_add
         self._diff = clock.ticks_diff
-        self._early = self._last = self._reference = self._first = self._began = 0
+        self._early = self._last = self._reference = self._first = self._began = self._end = 0
         self._off = 0  # relative deviation of the chip's period from nominal, Q20
         self.start(0, 0)
 
@@ -71,7 +80,10 @@ class Pacing:
         self.exposure_us = period_us
         # Best estimate of the period; `period_us` is a lower bound.
         self._chip_us = period_us + (period_us * self._off >> _Q)
+        self._exact = self._chip_us << 8  # estimate of the period, Q8 us
+        self._part = 0  # Q8 us, to add to `_end`
         self._creep = period_us >> 8
+        self._narrow_us = 2 * self._creep + 50
         self._set_period(period_us - period_us // _TRUST)
         self.due = self._add(now, self.period_us)
         self.missed = self.slack_us = 0
@@ -153,14 +165,25 @@ class Pacing:
             Estimated end of the sample in ticks, at most `slack_us` too late.
         """
         due = self.due
+        if self._locked:
+            part = self._part + self._exact
+            self._part = part & 255
+            self._end = self._add(self._end, part >> 8)
+            self._since += 1
+            late_us = self._diff(before, self._end) + _LATCH_US
+            if late_us < self._high_us and samples == 1 and self._diff(after, before) < _BRIEF_US:
+                self._high_us = late_us
+            if self._was_early:
+                self._follow()
         if self._was_early and samples == 1 and self._diff(after, self._early) <= _WIDE_US:
             self._bracket(before)
             due = before
         elif self._locked and samples == 1:
             # A poll is never before `due`. The next sample ends after `before`.
-            shift_us = self._diff(before, due) - self.period_us
-            if shift_us > 0:
-                due = self._add(due, shift_us)
+            if late_us > self.period_us:
+                shift_us = self._diff(before, due) - self.period_us
+                if shift_us > 0:
+                    due = self._add(due, shift_us)
         else:
             # The newest sample ended before `after`, and the next one ends after `before`.
             shift_us = self._diff(after, due) - (samples - 1) * self._chip_us
@@ -180,7 +203,7 @@ class Pacing:
             # `after` is late: without this shift, no poll would be early, and no bracket found.
             shift_us -= self.period_us >> 2
         self.due = self._add(due, shift_us)
-        return due
+        return self._end if self._locked and self._fitted > _SURE else due
 
     def overrun(self, now):
         """Record that the FIFO was emptied at `now` (ticks), and that its samples are lost."""
@@ -194,6 +217,7 @@ class Pacing:
         if not self._locked:
             # The sample ended slightly before this poll: round.
             self._count(self._add(now, self._chip_us >> 1), 1)
+            self._lock(now)
         if self._samples > 0:
             self._measure(now)
         if self._samples < 0 or self._diff(now, self._began) > _LONG_US:
@@ -203,6 +227,38 @@ class Pacing:
             self._reference = now
             self._samples = 0
         self._locked = True
+
+    def _lock(self, now):
+        # The sample ended between the last early poll and the poll at `now`.
+        self._end = self._add(now, _LATCH_US - (self.slack_us >> 1))
+        self._high_us = self.period_us
+        self._fitted = self._since = 0
+
+    def _follow(self):
+        # Correct the estimates of phase and period with the limits of the end of this sample.
+        low_us = self._diff(self._early, self._end) + _LATCH_US
+        high_us = self._high_us
+        self._high_us = self.period_us
+        shift_us = low_us + high_us >> 1
+        since = self._since
+        if high_us - low_us > self._narrow_us:
+            if low_us <= 0 <= high_us:
+                return
+            shift_us = low_us if low_us > 0 else high_us
+        if abs(shift_us) > self._narrow_us:
+            # The estimate is wrong, or has just begun.
+            self._fitted = 0
+            self._exact += (shift_us << 8) // since
+        elif self._fitted:
+            # The gains of a fit of a line to the `fitted` samples.
+            self._fitted = fitted = min(self._fitted + since, _FIT)
+            divisor = (fitted + since) * (fitted + 2 * since)
+            self._exact += (shift_us * 6 * since << 8) // divisor
+            shift_us = shift_us * 2 * (2 * fitted + since) * since // divisor
+        else:
+            self._fitted = 1
+        self._since = 0
+        self._end = self._add(self._end, shift_us)
 
     def _measure(self, now):
         bound = self._diff(self._early, self._reference) // self._samples
@@ -241,6 +297,7 @@ class Pacing:
         self._locked = bracketed
         self._was_early = False
         if bracketed:
+            self._lock(before)
             self._reference = before
             self._begin(self._early, before)
             self._taken = 0

@@ -23,6 +23,10 @@ _RETRY_US = const(100_000)  # time between two starts of a sensor that does not 
 # next poll bounds the time of its sample.
 _PUNCTUAL_US = const(500)
 _UNKNOWN_US = const(2_500)  # priority of a strip whose sample times are unknown
+# Priority of a strip whose times have not been corrected for this number of samples: otherwise the
+# polls of two strips whose samples end together would be late for one of them, for many seconds.
+_AHEAD_US = const(1_500)
+_UNCORRECTED = const(16)
 # Further priority after a poll that was too early, for the strip of the last poll. Without it, two
 # strips with unknown sample times would be polled in turn, each with polls too far apart.
 _STAYS_US = const(4_000)
@@ -279,6 +283,8 @@ class SeveralApp(StripApp):
             left_us = self._ticks_diff(pacing.due, now)
             if not pacing._locked:
                 left_us -= _UNKNOWN_US
+            elif pacing._since > _UNCORRECTED:
+                left_us -= _AHEAD_US
             if pacing._was_early:
                 left_us -= _PUNCTUAL_US
                 if pacing is self.current.pacing:
