@@ -44,6 +44,84 @@ except ImportError:
 
 from array import array
 
+from .contact_state import (
+    APART_UM,
+    B_BEFORE,
+    B_BOTH,
+    B_GUESS,
+    B_OLDEST,
+    B_PAIR,
+    B_SECOND,
+    B_SEEN,
+    B_SINCE,
+    BEGAN,
+    CALM,
+    DECAY,
+    DETECT,
+    DRIFTS,
+    EVEN,
+    FALLS,
+    FELL,
+    FIRM_MN,
+    FIT_BOTH,
+    FIT_SEEN,
+    FORCE_MN,
+    FOUND_B,
+    FOUND_SLACK_UM,
+    FOUND_UM,
+    GUESSED,
+    HAS_DIPPED,
+    HIGH_MN,
+    HIGH_UM,
+    HINT_UM,
+    IS_CALM,
+    IS_EVEN,
+    JUMP_UM,
+    KNOWN,
+    LEAST,
+    LEAVING,
+    LEFT,
+    LENGTH_UM,
+    LOOSE,
+    LOST,
+    LOW,
+    LOW_MN,
+    LOW_UM,
+    MORE,
+    NEAR_UM,
+    NOISE_PRODUCT,
+    ODD,
+    PAIR,
+    PEAK,
+    PRESS_MN,
+    RELEASE_MN,
+    RELEASE_T,
+    RESTED,
+    RISEN,
+    RISES,
+    SAME_UM,
+    SECOND,
+    SEEN,
+    SINCE,
+    SIZE,
+    SLACK_GUESS_UM,
+    SOON,
+    STATE,
+    STEP_UM,
+    STILL,
+    STUCK_T,
+    THIRD,
+    X_BEFORE_UM,
+    X_BOTH_UM,
+    X_GUESS_UM,
+    X_PAIR_UM,
+    X_PEAK_UM,
+    X_SECOND_UM,
+    X_SEEN_UM,
+    X_UM,
+    B,
+    T,
+)
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
 from .evidence import (
     find_third,
@@ -77,7 +155,6 @@ _TWO = const(3)
 _NOISE = const(90_000)
 _TYPICAL = const(289)  # decay for which `_NOISE` was measured, see `second.locate`
 _REST_UM = const(250)  # largest difference between two readings of a resting position
-_SAME_UM = const(450)  # largest distance of a reading from the mean position of its finger
 _BACK_UM = const(900)  # largest distance from the first finger after the second one has left
 _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
@@ -85,17 +162,9 @@ _REST_T = const(12)  # least duration of a resting position
 _MOVED_UM = const(1500)
 # Ratios of light as differences of brightness, Q20 of log2.
 _FALLEN = const(772_000)  # 0.6
-_LOST = const(337_000)  # 0.8
-_MORE = const(171_000)  # 1.12
-_EVEN = const(74_000)  # 1.05
 # Limits for the detection of a second finger beside the first one.
-_NEAR_UM = const(2000)
-_APART_UM = const(4500)  # least distance between two fingers
-_RISEN = const(30_000)  # 1.02: a finger arrives
-_CALM = const(40_000)  # 1.03: the light of a finger at rest
-# Share of the estimate's uncertainty that must be inside a key, in eighths; `_SOON`: about two
+# Share of the estimate's uncertainty that must be inside a key, in eighths; `SOON`: about two
 # standard deviations; `_LATER`: about one, because the key would be lost otherwise.
-_SOON = const(5)
 _LATER = const(4)
 _NEVER = const(1 << 29)
 _FALL_T = const(34)  # longest time in which a finger lifts
@@ -107,79 +176,6 @@ _CHANGED = const(150_000)  # 1.1
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
 _HALF = const(1 << 20)  # 2
-
-# State of a tracker: indices in one array, because MicroPython is slow at objects with many
-# attributes. The first three elements are the output of `locate` and `weigh`. Positions are in um,
-# brightness (`B` in names) in Q20 of log2, times (`T` in names) in ticks; flags are 0 or 1.
-_FOUND_UM = const(0)
-_FOUND_SLACK_UM = const(1)
-_FOUND_B = const(2)
-_STATE = const(3)
-_X_UM = const(4)  # position of the first finger
-_FORCE_MN = const(5)  # force of the last reading that fits one press
-_KNOWN = const(6)  # in TWO: whether the position of the first finger is known
-_SEEN = const(7)  # consecutive readings that agree; -1 if the last one does not fit one press
-_X_BEFORE_UM = const(8)  # position of the first finger, one reading earlier
-_X_SEEN_UM = const(9)  # position and brightness of the last reading
-_B_SEEN = const(10)
-_STEP_UM = const(11)  # motion between the last two readings; in TWO: away from the first finger
-_B = const(12)  # brightness of the first finger in the last three readings of it alone
-_B_BEFORE = const(13)
-_B_OLDEST = const(14)
-_SINCE = const(15)  # time and brightness of the first reading at the present position
-_B_SINCE = const(16)
-_T = const(17)  # time of the last reading
-_BEGAN = const(18)  # start of the present state
-_IS_EVEN = const(19)  # the force of the first finger is steady
-_IS_CALM = const(20)  # the force of the first finger is steady within a lower limit
-_RISES = const(21)  # the force of the first finger rises
-_FALLS = const(22)  # whether the first finger lifts, and since when
-_FELL = const(23)
-_SECOND = const(24)  # whether a second finger is known; position and brightness of it
-_X_SECOND_UM = const(25)
-_B_SECOND = const(26)
-_THIRD = const(27)  # there may be a third finger
-_PAIR = const(28)  # whether there was a reading in the state TWO
-_LOOSE = const(29)  # the position of the first finger is an estimate
-_PEAK = const(30)  # in TWO: largest brightness and its position; least brightness since, and of all
-_X_PEAK_UM = const(31)
-_LOW = const(32)
-_LEAST = const(33)
-_RESTED = const(34)  # whether the last reading was at the same position; whether it fits one press
-_FIT_SEEN = const(35)
-_X_BOTH_UM = const(36)  # last reading of two fingers that rest: position, brightness, fit
-_B_BOTH = const(37)
-_FIT_BOTH = const(38)
-_GUESSED = const(39)  # whether there is an estimate of another finger, and since when
-_GUESSED_T = const(40)
-_X_GUESS_UM = const(41)  # this estimate: position, brightness and uncertainty of the other finger
-_B_GUESS = const(42)
-_SLACK_GUESS_UM = const(43)
-_DRIFTS = const(44)  # the finger alone did not fit one press: then the fit is no evidence
-_LEAVING = const(45)  # whether no finger touches, and since when
-_LEFT = const(46)
-_HAS_DIPPED = const(47)  # the light was lost for a moment
-_X_PAIR_UM = const(48)  # last reading of two known fingers that rest: position, brightness
-_B_PAIR = const(49)
-_HINT_UM = const(50)  # in TWO: unconfirmed estimate of the second finger nearest to the first one
-# MicroPython encodes an index from -16 to 47 in one byte.
-_ODD = const(-16)  # a reading did not fit one press
-_STILL = const(-15)  # since when a touch rests; limits of position and force in which it rests
-_LOW_UM = const(-14)
-_HIGH_UM = const(-13)
-_LOW_MN = const(-12)
-_HIGH_MN = const(-11)
-_FIRM_MN = const(-10)  # force of a firm press, until the firm press is reported
-_LENGTH_UM = const(-9)  # length of the strip, see `set_layout` and `_NOISE`
-_DECAY = const(-8)
-_NOISE_PRODUCT = const(-7)
-_RELEASE_MN = const(-6)  # from here on: limits of the layout
-_PRESS_MN = const(-5)
-_STUCK_T = const(-4)
-_DETECT = const(-3)
-_JUMP_UM = const(-2)
-_RELEASE_T = const(-1)
-_SIZE = const(67)
 
 
 def elapsed(since, now):
@@ -211,30 +207,30 @@ class ContactTracker:
     def __init__(self, sink):
         self.sink = sink
         self._layout = None
-        self._s = s = array("i", bytes(4 * _SIZE))
-        s[_STATE] = _SPENT
-        s[_FIRM_MN] = _NEVER
+        self._s = s = array("i", bytes(4 * SIZE))
+        s[STATE] = _SPENT
+        s[FIRM_MN] = _NEVER
 
     @property
     def x_um(self):
         """Position of the first finger in um."""
-        return self._s[_X_UM]
+        return self._s[X_UM]
 
     @property
     def force_mN(self):
         """Force of the last reading that fits one press, in mN."""
-        return self._s[_FORCE_MN]
+        return self._s[FORCE_MN]
 
     @property
     def touched(self):
         """Whether a finger with a known position touches the strip."""
         s = self._s
-        return s[_STATE] == _DOWN or (s[_STATE] == _TWO and s[_KNOWN])
+        return s[STATE] == _DOWN or (s[STATE] == _TWO and s[KNOWN])
 
     @property
     def two(self):
         """Whether more than one finger may touch the strip."""
-        return self._s[_STATE] == _TWO
+        return self._s[STATE] == _TWO
 
     def set_layout(self, layout, length_um=0, decay=0):
         """Set the limits and the strip length; a present touch is ignored until it is lifted.
@@ -251,27 +247,27 @@ class ContactTracker:
         """
         s = self._s
         self._layout = layout
-        s[_RELEASE_MN] = layout.release_mN
-        s[_PRESS_MN] = layout.press_mN
-        s[_STUCK_T] = layout.stuck_t
-        s[_DETECT] = layout.detect
-        s[_JUMP_UM] = layout.jump_um
-        s[_RELEASE_T] = layout.release_t
-        s[_DECAY] = decay
-        s[_LENGTH_UM] = length_um
+        s[RELEASE_MN] = layout.release_mN
+        s[PRESS_MN] = layout.press_mN
+        s[STUCK_T] = layout.stuck_t
+        s[DETECT] = layout.detect
+        s[JUMP_UM] = layout.jump_um
+        s[RELEASE_T] = layout.release_t
+        s[DECAY] = decay
+        s[LENGTH_UM] = length_um
         # Light decreases along a strip, and a long strip needs a weak dye: the noise grows. The
         # position comes from the decay: half the decay, twice the noise.
         share = min(max(length_um, 0), 600_000) * 3 // 1000
         product = max(share * share * 18 // 13, _NOISE)
-        s[_NOISE_PRODUCT] = max(product, product // max(decay, 72) * _TYPICAL)
+        s[NOISE_PRODUCT] = max(product, product // max(decay, 72) * _TYPICAL)
         self.spend()
 
     def spend(self):
         """End the present touch; the finger must be lifted before a new touch can begin."""
         s = self._s
-        s[_STATE] = _SPENT
-        s[_SEEN] = 0
-        s[_LEAVING] = False
+        s[STATE] = _SPENT
+        s[SEEN] = 0
+        s[LEAVING] = False
 
     def take(self, flags, position_um, force_mN, brightness, t):
         """Process a reading: update the state, and call the methods of `sink`.
@@ -290,28 +286,28 @@ class ContactTracker:
         s = self._s
         if flags & LED_OFF:
             return  # with the LED off, a touch cannot be detected
-        if not flags & TOUCHING or (force_mN < s[_RELEASE_MN] and not flags & DOUBTFUL):
-            if s[_STATE] != _UP:
+        if not flags & TOUCHING or (force_mN < s[RELEASE_MN] and not flags & DOUBTFUL):
+            if s[STATE] != _UP:
                 self._lift(t)
             else:
-                s[_SEEN] = 0
-            if force_mN and not flags & MISFIT and s[_STATE] == _UP:
+                s[SEEN] = 0
+            if force_mN and not flags & MISFIT and s[STATE] == _UP:
                 self._approach(position_um, brightness, t)
             return
-        if s[_LEAVING]:
-            s[_LEAVING] = False
-            s[_HAS_DIPPED] = True
+        if s[LEAVING]:
+            s[LEAVING] = False
+            s[HAS_DIPPED] = True
         if flags & _BLIND:
-            s[_SEEN] = 0
+            s[SEEN] = 0
             return
         fits = not flags & MISFIT or flags & TWO_FIT == TWO_FIT
-        if not fits and not s[_LENGTH_UM]:
+        if not fits and not s[LENGTH_UM]:
             return
-        state = s[_STATE]
+        state = s[STATE]
         if fits:
-            s[_FORCE_MN] = force_mN
-            if s[_STUCK_T] and state and self._rests(position_um, force_mN, t):
-                s[_STATE] = _SPENT
+            s[FORCE_MN] = force_mN
+            if s[STUCK_T] and state and self._rests(position_um, force_mN, t):
+                s[STATE] = _SPENT
                 self.sink.stuck()
                 return
         if state == _DOWN:
@@ -320,22 +316,22 @@ class ContactTracker:
             self._press(fits, position_um, force_mN, brightness, t)
         elif state == _TWO:
             self._part(fits, position_um, force_mN, brightness, t)
-        if s[_STATE] == _DOWN:
-            s[_DRIFTS] = flags & MISFIT
-        s[_T] = t
+        if s[STATE] == _DOWN:
+            s[DRIFTS] = flags & MISFIT
+        s[T] = t
 
     def _lift(self, t):
         s = self._s
-        if not s[_LEAVING]:
-            s[_LEAVING] = True
-            s[_LEFT] = s[_T]
-        if elapsed(s[_LEFT], t) < s[_RELEASE_T]:
+        if not s[LEAVING]:
+            s[LEAVING] = True
+            s[LEFT] = s[T]
+        if elapsed(s[LEFT], t) < s[RELEASE_T]:
             return
-        s[_LEAVING] = False
-        if s[_STATE] == _TWO and has_almost_left(s):
-            self.sink.next(s[_X_SEEN_UM], t)
-        down, s[_STATE] = self.touched, _UP
-        s[_SEEN] = 0
+        s[LEAVING] = False
+        if s[STATE] == _TWO and has_almost_left(s):
+            self.sink.next(s[X_SEEN_UM], t)
+        down, s[STATE] = self.touched, _UP
+        s[SEEN] = 0
         if down:
             self.sink.up(t)
 
@@ -344,50 +340,50 @@ class ContactTracker:
     def _approach(self, x_um, brightness, t):
         """Record a reading that may be the first reading of a touch; arguments as in `_is_next`."""
         s = self._s
-        s[_BEGAN] = s[_SINCE] = t
-        s[_X_UM] = s[_X_SEEN_UM] = x_um
-        s[_B_SEEN] = brightness
-        s[_STEP_UM] = 0
-        s[_SEEN] = 1
+        s[BEGAN] = s[SINCE] = t
+        s[X_UM] = s[X_SEEN_UM] = x_um
+        s[B_SEEN] = brightness
+        s[STEP_UM] = 0
+        s[SEEN] = 1
 
     def _press(self, fits, x_um, force_mN, brightness, t):
         s = self._s
-        if force_mN < s[_PRESS_MN]:
-            s[_SEEN] = 0
+        if force_mN < s[PRESS_MN]:
+            s[SEEN] = 0
             if fits:
                 self._approach(x_um, brightness, t)
             return
-        moved_um = x_um - s[_X_SEEN_UM]
-        if not s[_SEEN]:
+        moved_um = x_um - s[X_SEEN_UM]
+        if not s[SEEN]:
             self._approach(x_um, brightness, t)
         elif (
             fits
-            and s[_SEEN] > 0
+            and s[SEEN] > 0
             and abs(moved_um)
-            < (self._slack_um(brightness) * 5 >> 2 if s[_LENGTH_UM] else s[_JUMP_UM])
+            < (self._slack_um(brightness) * 5 >> 2 if s[LENGTH_UM] else s[JUMP_UM])
         ):
-            s[_SEEN] += 1
+            s[SEEN] += 1
         else:
-            steady = s[_STEP_UM] and abs(moved_um - s[_STEP_UM]) < self._slack_um(brightness)
-            if fits and steady and abs(moved_um) <= s[_JUMP_UM]:
-                s[_SEEN] = s[_DETECT]  # the finger slides already
+            steady = s[STEP_UM] and abs(moved_um - s[STEP_UM]) < self._slack_um(brightness)
+            if fits and steady and abs(moved_um) <= s[JUMP_UM]:
+                s[SEEN] = s[DETECT]  # the finger slides already
             else:
-                s[_SEEN] = 1
-                s[_X_UM] = x_um
-                if elapsed(s[_BEGAN], t) >= _TOGETHER_T:
-                    s[_KNOWN] = s[_IS_EVEN] = False
+                s[SEEN] = 1
+                s[X_UM] = x_um
+                if elapsed(s[BEGAN], t) >= _TOGETHER_T:
+                    s[KNOWN] = s[IS_EVEN] = False
                     self._mix(x_um, brightness, t)
                     return
         # Three readings show whether a motion is steady.
-        s[_STEP_UM] = moved_um if s[_SEEN] == 1 and elapsed(s[_BEGAN], t) else 0
+        s[STEP_UM] = moved_um if s[SEEN] == 1 and elapsed(s[BEGAN], t) else 0
         if not fits:
-            s[_STEP_UM] = 0
-            s[_SEEN] = -1
-        s[_X_SEEN_UM] = x_um
-        s[_B_SEEN] = brightness
-        if s[_SEEN] >= s[_DETECT]:
+            s[STEP_UM] = 0
+            s[SEEN] = -1
+        s[X_SEEN_UM] = x_um
+        s[B_SEEN] = brightness
+        if s[SEEN] >= s[DETECT]:
             self._begin(x_um, force_mN, brightness, t)
-            s[_B_BEFORE] = 0
+            s[B_BEFORE] = 0
             self.sink.down(x_um, t)
             self._harden(force_mN, t)
 
@@ -395,37 +391,37 @@ class ContactTracker:
 
     def _begin(self, x_um, force_mN, brightness, t):
         s = self._s
-        s[_STATE] = _DOWN
-        s[_SEEN] = 0
-        s[_LOOSE] = False
-        s[_HAS_DIPPED] = False
-        s[_X_UM] = s[_X_BEFORE_UM] = x_um
-        s[_B] = s[_B_BEFORE] = brightness
-        s[_B_OLDEST] = 0
-        s[_X_SEEN_UM] = x_um
-        s[_FIRM_MN] = self._layout.firm_mN
+        s[STATE] = _DOWN
+        s[SEEN] = 0
+        s[LOOSE] = False
+        s[HAS_DIPPED] = False
+        s[X_UM] = s[X_BEFORE_UM] = x_um
+        s[B] = s[B_BEFORE] = brightness
+        s[B_OLDEST] = 0
+        s[X_SEEN_UM] = x_um
+        s[FIRM_MN] = self._layout.firm_mN
         self._rest(x_um, force_mN, t)
 
     def _follow(self, fits, x_um, force_mN, brightness, t):
         s = self._s
-        off_um = x_um - s[_X_UM]
-        if fits and -_SAME_UM < off_um < _SAME_UM:
+        off_um = x_um - s[X_UM]
+        if fits and -SAME_UM < off_um < SAME_UM:
             off_um >>= 1
-            s[_LOOSE] = False
-        elif fits and s[_LOOSE] and -_NEAR_UM < off_um < _NEAR_UM:
+            s[LOOSE] = False
+        elif fits and s[LOOSE] and -NEAR_UM < off_um < NEAR_UM:
             pass
         elif self._is_next(fits, off_um, x_um, brightness, t):
             self._part(fits, x_um, force_mN, brightness, t)
             return
-        s[_X_BEFORE_UM] = s[_X_UM]
-        s[_X_UM] += off_um
-        s[_X_SEEN_UM] = x_um
-        s[_B_OLDEST] = s[_B_BEFORE]
-        s[_B_BEFORE] = s[_B]
-        s[_B] = brightness
-        s[_HAS_DIPPED] = False
+        s[X_BEFORE_UM] = s[X_UM]
+        s[X_UM] += off_um
+        s[X_SEEN_UM] = x_um
+        s[B_OLDEST] = s[B_BEFORE]
+        s[B_BEFORE] = s[B]
+        s[B] = brightness
+        s[HAS_DIPPED] = False
         self.sink.at(x_um, t)
-        if force_mN >= s[_FIRM_MN]:
+        if force_mN >= s[FIRM_MN]:
             self._harden(force_mN, t)
 
     def _is_next(self, fits, off_um, x_um, brightness, t):
@@ -441,100 +437,96 @@ class ContactTracker:
             Position in um, brightness in Q20 of log2, and time in ticks.
         """
         s = self._s
-        if fits and not s[_HAS_DIPPED]:
+        if fits and not s[HAS_DIPPED]:
             if abs(off_um) < 4 * self.noise_um(brightness):
                 return False
-            ticks = min(elapsed(s[_T], t), _TOGETHER_T)
-            if abs(x_um - s[_X_SEEN_UM]) <= s[_JUMP_UM] and (
-                not s[_LENGTH_UM] or abs(brightness - s[_B]) <= _SLIDE_LIGHT * ticks
+            ticks = min(elapsed(s[T], t), _TOGETHER_T)
+            if abs(x_um - s[X_SEEN_UM]) <= s[JUMP_UM] and (
+                not s[LENGTH_UM] or abs(brightness - s[B]) <= _SLIDE_LIGHT * ticks
             ):
                 return False
-        before = s[_B_BEFORE]
-        risen = s[_B] - before
-        last = min(s[_B], brightness)
-        steady = before and abs(before - s[_B_OLDEST]) < _EVEN
-        s[_IS_CALM] = abs(risen) < _CALM and abs(before - s[_B_OLDEST]) < _CALM
-        s[_IS_EVEN] = risen > -_EVEN and (risen < _EVEN or steady)
-        s[_RISES] = risen >= _EVEN and not steady
-        s[_FALLS] = risen <= -_EVEN
-        s[_FELL] = t
-        if last < max(s[_B], before, s[_B_OLDEST]) - _FALLEN:
-            s[_HAS_DIPPED] = True
-        s[_KNOWN] = True
-        s[_X_UM] = s[_X_BEFORE_UM]
-        if not s[_RISES]:
-            s[_B] = before
+        before = s[B_BEFORE]
+        risen = s[B] - before
+        last = min(s[B], brightness)
+        steady = before and abs(before - s[B_OLDEST]) < EVEN
+        s[IS_CALM] = abs(risen) < CALM and abs(before - s[B_OLDEST]) < CALM
+        s[IS_EVEN] = risen > -EVEN and (risen < EVEN or steady)
+        s[RISES] = risen >= EVEN and not steady
+        s[FALLS] = risen <= -EVEN
+        s[FELL] = t
+        if last < max(s[B], before, s[B_OLDEST]) - _FALLEN:
+            s[HAS_DIPPED] = True
+        s[KNOWN] = True
+        s[X_UM] = s[X_BEFORE_UM]
+        if not s[RISES]:
+            s[B] = before
         self._mix(x_um, brightness, t)
-        s[_LEAST] = last
-        s[_SEEN] = -1
+        s[LEAST] = last
+        s[SEEN] = -1
         return True
 
     # State TWO.
 
     def _mix(self, x_um, brightness, t):
         s = self._s
-        s[_STATE] = _TWO
-        s[_BEGAN] = t
-        s[_ODD] = s[_SECOND] = s[_THIRD] = False
-        s[_RESTED] = s[_GUESSED] = s[_PAIR] = False
-        s[_B_BOTH] = 0
-        s[_HINT_UM] = -_NEVER
-        s[_PEAK] = s[_LEAST] = s[_LOW] = brightness
-        s[_X_PEAK_UM] = x_um
+        s[STATE] = _TWO
+        s[BEGAN] = t
+        s[ODD] = s[SECOND] = s[THIRD] = False
+        s[RESTED] = s[GUESSED] = s[PAIR] = False
+        s[B_BOTH] = 0
+        s[HINT_UM] = -_NEVER
+        s[PEAK] = s[LEAST] = s[LOW] = brightness
+        s[X_PEAK_UM] = x_um
 
     def _part(self, fits, x_um, force_mN, brightness, t):
         s = self._s
         # While the first finger lifts, the light is lost. More light: another finger arrives.
         if (
-            brightness > s[_B_SEEN] + _RISEN
-            and elapsed(s[_FELL], s[_T]) >= _LIFTS_T
+            brightness > s[B_SEEN] + RISEN
+            and elapsed(s[FELL], s[T]) >= _LIFTS_T
             and has_almost_left(s)
         ):
-            self._begin(s[_X_SEEN_UM], force_mN, s[_B_SEEN], t)
-            s[_LOOSE] = True
-            self.sink.next(s[_X_UM], t)
+            self._begin(s[X_SEEN_UM], force_mN, s[B_SEEN], t)
+            s[LOOSE] = True
+            self.sink.next(s[X_UM], t)
             self._follow(fits, x_um, force_mN, brightness, t)
             return
         # The light of two fingers was lost and grows again: a third finger.
-        if (
-            s[_LOW] < s[_PEAK] - _LOST
-            and brightness > s[_LOW] + _GROWN
-            and s[_PEAK] > s[_B] + _BOTH
-        ):
-            s[_THIRD] = True
-        if brightness >= s[_PEAK]:
-            s[_PEAK] = s[_LOW] = brightness
-            s[_X_PEAK_UM] = x_um
-        if brightness < s[_LOW]:
-            s[_LOW] = brightness
-        if brightness < s[_LEAST]:
-            s[_LEAST] = brightness
-        seen = s[_SEEN]
-        x_last_um = s[_X_SEEN_UM]
-        b_last = s[_B_SEEN]
+        if s[LOW] < s[PEAK] - LOST and brightness > s[LOW] + _GROWN and s[PEAK] > s[B] + _BOTH:
+            s[THIRD] = True
+        if brightness >= s[PEAK]:
+            s[PEAK] = s[LOW] = brightness
+            s[X_PEAK_UM] = x_um
+        if brightness < s[LOW]:
+            s[LOW] = brightness
+        if brightness < s[LEAST]:
+            s[LEAST] = brightness
+        seen = s[SEEN]
+        x_last_um = s[X_SEEN_UM]
+        b_last = s[B_SEEN]
         steady = abs(x_um - x_last_um) < self._slack_um(brightness)
-        if brightness > s[_B_SEEN] + _RISEN:
-            s[_B_BOTH] = 0
-        elif not steady and s[_RESTED]:
-            s[_X_BOTH_UM] = s[_X_SEEN_UM]
-            s[_B_BOTH] = s[_B_SEEN]
-            s[_FIT_BOTH] = s[_FIT_SEEN]
-        s[_RESTED] = steady
-        s[_FIT_SEEN] = fits
+        if brightness > s[B_SEEN] + RISEN:
+            s[B_BOTH] = 0
+        elif not steady and s[RESTED]:
+            s[X_BOTH_UM] = s[X_SEEN_UM]
+            s[B_BOTH] = s[B_SEEN]
+            s[FIT_BOTH] = s[FIT_SEEN]
+        s[RESTED] = steady
+        s[FIT_SEEN] = fits
         if seen >= 0 and fits and steady:
-            s[_SEEN] = min(seen + 1, 99)
+            s[SEEN] = min(seen + 1, 99)
         else:
-            s[_SEEN] = 0
-            s[_SINCE] = t
-            s[_B_SINCE] = brightness
+            s[SEEN] = 0
+            s[SINCE] = t
+            s[B_SINCE] = brightness
             if not fits:
-                s[_SEEN] = -1
-                s[_ODD] = True
-        s[_X_SEEN_UM] = x_um
-        s[_B_SEEN] = brightness
-        off_um = abs(x_um - s[_X_UM])
-        away_um = off_um - abs(x_last_um - s[_X_UM])
-        known = fits and s[_KNOWN] and s[_PAIR] and not s[_SECOND]
+                s[SEEN] = -1
+                s[ODD] = True
+        s[X_SEEN_UM] = x_um
+        s[B_SEEN] = brightness
+        off_um = abs(x_um - s[X_UM])
+        away_um = off_um - abs(x_last_um - s[X_UM])
+        known = fits and s[KNOWN] and s[PAIR] and not s[SECOND]
         # With two fingers, this change of light would move the position.
         change = abs(brightness - b_last)
         single = (
@@ -547,92 +539,92 @@ class ContactTracker:
         # Or the second finger was estimated here before.
         ends = known and (
             (
-                s[_FALLS]
-                and not s[_THIRD]
-                and elapsed(s[_FELL], t) >= _LIFTS_T
-                and brightness > b_last - _LOST
+                s[FALLS]
+                and not s[THIRD]
+                and elapsed(s[FELL], t) >= _LIFTS_T
+                and brightness > b_last - LOST
                 and 0 < away_um < _FAST_UM
-                and away_um * away_um < s[_STEP_UM] * _REMAINS_UM
+                and away_um * away_um < s[STEP_UM] * _REMAINS_UM
             )
-            or (abs(x_um - s[_HINT_UM]) < _NEAR_UM and brightness < s[_PEAK] - _EVEN)
+            or (abs(x_um - s[HINT_UM]) < NEAR_UM and brightness < s[PEAK] - EVEN)
         )
-        s[_STEP_UM] = away_um
-        if brightness < s[_PEAK] - _EVEN and not (
-            s[_SECOND]
-            and not s[_FALLS]
-            and brightness > b_last - _EVEN
+        s[STEP_UM] = away_um
+        if brightness < s[PEAK] - EVEN and not (
+            s[SECOND]
+            and not s[FALLS]
+            and brightness > b_last - EVEN
             and slides(s, fits, x_um, brightness)
         ):
-            s[_IS_EVEN] = s[_RISES] = False  # the first finger may be leaving
-            if s[_KNOWN] and not s[_FALLS] and brightness < b_last - _CALM and away_um > _REST_UM:
-                s[_FALLS] = True
-                s[_FELL] = t
-        if not s[_SECOND]:
-            s[_X_PAIR_UM] = x_um
-            s[_B_PAIR] = brightness
+            s[IS_EVEN] = s[RISES] = False  # the first finger may be leaving
+            if s[KNOWN] and not s[FALLS] and brightness < b_last - CALM and away_um > _REST_UM:
+                s[FALLS] = True
+                s[FELL] = t
+        if not s[SECOND]:
+            s[X_PAIR_UM] = x_um
+            s[B_PAIR] = brightness
         elif self._resolve(fits, x_um, force_mN, brightness, t):
             return
-        if not (s[_SECOND] or s[_THIRD] or s[_HAS_DIPPED]):
-            if s[_IS_EVEN]:
+        if not (s[SECOND] or s[THIRD] or s[HAS_DIPPED]):
+            if s[IS_EVEN]:
                 found = guess(s, fits, x_um, brightness, t)
             else:
                 found = (
-                    s[_RISES]
-                    and s[_PAIR]
+                    s[RISES]
+                    and s[PAIR]
                     and guess_both(s, fits, x_last_um, b_last, x_um, brightness)
                 )
             if found:
-                s[_SECOND] = self.sink.second(s[_X_GUESS_UM], s[_SLACK_GUESS_UM] * _SOON >> 3, t)
-                s[_X_SECOND_UM] = s[_X_GUESS_UM]
-                s[_B_SECOND] = s[_B_GUESS]
+                s[SECOND] = self.sink.second(s[X_GUESS_UM], s[SLACK_GUESS_UM] * SOON >> 3, t)
+                s[X_SECOND_UM] = s[X_GUESS_UM]
+                s[B_SECOND] = s[B_GUESS]
             # When the first finger begins to lift, estimates move away from it.
-            if s[_GUESSED] and abs(s[_X_GUESS_UM] - s[_X_UM]) < abs(s[_HINT_UM] - s[_X_UM]):
-                s[_HINT_UM] = s[_X_GUESS_UM]
-        s[_PAIR] = True
-        seen = s[_SEEN]
+            if s[GUESSED] and abs(s[X_GUESS_UM] - s[X_UM]) < abs(s[HINT_UM] - s[X_UM]):
+                s[HINT_UM] = s[X_GUESS_UM]
+        s[PAIR] = True
+        seen = s[SEEN]
         if not (single or ends) and (
-            seen < 1 or elapsed(s[_SINCE], t) * (seen + 1) < _REST_T * seen
+            seen < 1 or elapsed(s[SINCE], t) * (seen + 1) < _REST_T * seen
         ):
             return
-        if not s[_KNOWN]:
+        if not s[KNOWN]:
             # If light was lost and the position moved, one of two fingers has left. Or there was
             # only one finger, and ambient light that is now off.
-            if (brightness < s[_PEAK] - _LOST and abs(x_um - s[_X_PEAK_UM]) > _MOVED_UM) or (
-                s[_ODD] and elapsed(s[_SINCE], t) >= _TOGETHER_T
+            if (brightness < s[PEAK] - LOST and abs(x_um - s[X_PEAK_UM]) > _MOVED_UM) or (
+                s[ODD] and elapsed(s[SINCE], t) >= _TOGETHER_T
             ):
                 self._begin(x_um, force_mN, brightness, t)
-                s[_B_BEFORE] = 0
+                s[B_BEFORE] = 0
                 self.sink.down(x_um, t)
                 self._recall(x_um, brightness, t)
                 self._harden(force_mN, t)
             return
-        off_um = x_um - s[_X_UM]
-        back_um = _APART_UM if s[_LOOSE] else _BACK_UM
+        off_um = x_um - s[X_UM]
+        back_um = APART_UM if s[LOOSE] else _BACK_UM
         # The first reading of a soft touch is noisier than the present one.
-        if abs(off_um) < max(back_um, 4 * self.noise_um(min(brightness, s[_B]))):
-            firm_mN = s[_FIRM_MN]
-            if not s[_SECOND]:
+        if abs(off_um) < max(back_um, 4 * self.noise_um(min(brightness, s[B]))):
+            firm_mN = s[FIRM_MN]
+            if not s[SECOND]:
                 self._recall(x_um, brightness, t)
             self._begin(x_um, force_mN, brightness, t)
-            s[_FIRM_MN] = firm_mN
-            if s[_SECOND]:
-                s[_SECOND] = False
+            s[FIRM_MN] = firm_mN
+            if s[SECOND]:
+                s[SECOND] = False
                 self.sink.left(True, t)
             self.sink.at(x_um, t)
         elif single or has_left(s, off_um, brightness):
-            stays = s[_SECOND] and not s[_HAS_DIPPED] and abs(x_um - s[_X_SECOND_UM]) < _APART_UM
+            stays = s[SECOND] and not s[HAS_DIPPED] and abs(x_um - s[X_SECOND_UM]) < APART_UM
             if not stays:
-                if s[_SECOND]:
+                if s[SECOND]:
                     self.sink.left(True, t)
                 if not ends:
                     self._recall(x_um, brightness, t)
-            s[_SECOND] = False
+            s[SECOND] = False
             self._begin(x_um, force_mN, brightness, t)
             if stays:
                 self.sink.left(False, t)
             else:
-                s[_B_BEFORE] = 0
-                s[_LOOSE] = ends
+                s[B_BEFORE] = 0
+                s[LOOSE] = ends
                 self.sink.next(x_um, t)
             self._harden(force_mN, t)
 
@@ -642,62 +634,62 @@ class ContactTracker:
         The arguments are a reading, as in `_is_next` and `take`.
         """
         s = self._s
-        if s[_IS_EVEN]:
-            if solve(s, s[_X_UM], s[_B], x_um, brightness, fits):
-                at_um = s[_FOUND_UM]
-                slack_um = s[_FOUND_SLACK_UM]
-                near = abs(at_um - s[_X_SECOND_UM]) < _NEAR_UM
-                if near and brightness == s[_PEAK]:
-                    s[_X_SECOND_UM] = at_um
-                    s[_B_SECOND] = s[_FOUND_B]
+        if s[IS_EVEN]:
+            if solve(s, s[X_UM], s[B], x_um, brightness, fits):
+                at_um = s[FOUND_UM]
+                slack_um = s[FOUND_SLACK_UM]
+                near = abs(at_um - s[X_SECOND_UM]) < NEAR_UM
+                if near and brightness == s[PEAK]:
+                    s[X_SECOND_UM] = at_um
+                    s[B_SECOND] = s[FOUND_B]
                 if near or slides(s, fits, x_um, brightness):
-                    s[_X_PAIR_UM] = x_um
-                    s[_B_PAIR] = brightness
-                    s[_GUESSED] = False
+                    s[X_PAIR_UM] = x_um
+                    s[B_PAIR] = brightness
+                    s[GUESSED] = False
                     self.sink.moved(at_um, slack_um)
                     return True
             # Two fingers that rest act like one finger at the position of their common reading.
-            slack_um = find_third(s, s[_X_PAIR_UM], s[_B_PAIR], -1, x_um, brightness)
+            slack_um = find_third(s, s[X_PAIR_UM], s[B_PAIR], -1, x_um, brightness)
             if slack_um:
-                self.sink.second(s[_X_GUESS_UM], slack_um, t)
-                self.sink.moved(s[_X_SECOND_UM], slack_um)
+                self.sink.second(s[X_GUESS_UM], slack_um, t)
+                self.sink.moved(s[X_SECOND_UM], slack_um)
             return True
-        if fits and abs(x_um - s[_X_SECOND_UM]) < _NEAR_UM and (brightness < s[_B_SECOND] + _MORE):
-            b = s[_B_SECOND]
-            s[_SECOND] = False
+        if fits and abs(x_um - s[X_SECOND_UM]) < NEAR_UM and (brightness < s[B_SECOND] + MORE):
+            b = s[B_SECOND]
+            s[SECOND] = False
             self._begin(x_um, force_mN, brightness, t)
-            s[_B_BEFORE] = b
-            s[_LOOSE] = True
+            s[B_BEFORE] = b
+            s[LOOSE] = True
             self.sink.left(False, t)
             self.sink.at(x_um, t)
             return True
-        if not s[_FALLS]:
-            s[_GUESSED] = False
+        if not s[FALLS]:
+            s[GUESSED] = False
             return False
-        second_um = s[_X_SECOND_UM]
-        slack_um = find_third(s, second_um, s[_B_SECOND], fits, x_um, brightness)
-        if not slack_um and elapsed(s[_FELL], t) < _FALL_T:
+        second_um = s[X_SECOND_UM]
+        slack_um = find_third(s, second_um, s[B_SECOND], fits, x_um, brightness)
+        if not slack_um and elapsed(s[FELL], t) < _FALL_T:
             return False
-        s[_X_UM] = s[_X_BEFORE_UM] = second_um
-        s[_B] = s[_B_SECOND]
-        s[_SECOND] = False
+        s[X_UM] = s[X_BEFORE_UM] = second_um
+        s[B] = s[B_SECOND]
+        s[SECOND] = False
         self._mix(x_um, brightness, t)
-        s[_IS_EVEN] = s[_PAIR] = True
-        s[_HAS_DIPPED] = s[_IS_CALM] = False
-        s[_FALLS] = False
-        s[_LOOSE] = True
+        s[IS_EVEN] = s[PAIR] = True
+        s[HAS_DIPPED] = s[IS_CALM] = False
+        s[FALLS] = False
+        s[LOOSE] = True
         self.sink.left(False, t)
-        if slack_um and s[_B_GUESS] > s[_B] - _HALF:
-            s[_SECOND] = self.sink.second(s[_X_GUESS_UM], slack_um, t)
-            s[_X_SECOND_UM] = s[_X_GUESS_UM]
-            s[_B_SECOND] = s[_B_GUESS]
+        if slack_um and s[B_GUESS] > s[B] - _HALF:
+            s[SECOND] = self.sink.second(s[X_GUESS_UM], slack_um, t)
+            s[X_SECOND_UM] = s[X_GUESS_UM]
+            s[B_SECOND] = s[B_GUESS]
         return True
 
     def _recall(self, x_um, brightness, t):
         """Report a second finger that was not found while two fingers touched."""
         s = self._s
         if recalls(s, x_um, brightness) and self.sink.second(
-            s[_FOUND_UM], s[_FOUND_SLACK_UM] * _LATER >> 3, t
+            s[FOUND_UM], s[FOUND_SLACK_UM] * _LATER >> 3, t
         ):
             self.sink.left(True, t)
 
@@ -706,34 +698,34 @@ class ContactTracker:
 
         `brightness` is that of the reading, in Q20 of log2.
         """
-        return noise(self._s[_NOISE_PRODUCT], brightness)
+        return noise(self._s[NOISE_PRODUCT], brightness)
 
     def _slack_um(self, brightness):
         s = self._s
         # Largest difference of two readings of a resting finger, by the noise of the darker one.
-        return max(_REST_UM, self.noise_um(min(brightness, s[_B_SEEN])) * 7 >> 1)
+        return max(_REST_UM, self.noise_um(min(brightness, s[B_SEEN])) * 7 >> 1)
 
     def _harden(self, force_mN, t):
         s = self._s
-        if force_mN >= s[_FIRM_MN] and s[_STATE] == _DOWN:
-            s[_FIRM_MN] = _NEVER
+        if force_mN >= s[FIRM_MN] and s[STATE] == _DOWN:
+            s[FIRM_MN] = _NEVER
             self.sink.firm(t)
 
     def _rests(self, x_um, force_mN, t):
         s = self._s
-        if not (s[_LOW_UM] <= x_um <= s[_HIGH_UM] and s[_LOW_MN] <= force_mN <= s[_HIGH_MN]):
+        if not (s[LOW_UM] <= x_um <= s[HIGH_UM] and s[LOW_MN] <= force_mN <= s[HIGH_MN]):
             self._rest(x_um, force_mN, t)
             return False
-        if elapsed(s[_STILL], t) < s[_STUCK_T]:
+        if elapsed(s[STILL], t) < s[STUCK_T]:
             return False
-        s[_STILL] = t
+        s[STILL] = t
         return True
 
     def _rest(self, x_um, force_mN, t):
         s = self._s
         off_um = self._layout.slide_um >> 1
-        s[_LOW_UM] = x_um - off_um
-        s[_HIGH_UM] = x_um + off_um
-        s[_LOW_MN] = force_mN - (force_mN >> 2)
-        s[_HIGH_MN] = force_mN + (force_mN >> 2)
-        s[_STILL] = t
+        s[LOW_UM] = x_um - off_um
+        s[HIGH_UM] = x_um + off_um
+        s[LOW_MN] = force_mN - (force_mN >> 2)
+        s[HIGH_MN] = force_mN + (force_mN >> 2)
+        s[STILL] = t

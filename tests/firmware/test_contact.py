@@ -6,7 +6,6 @@ import pytest
 
 import keys
 from keys import DECAY, Desk, clicks, key, letter, limit
-from spots_device import contact, evidence
 from spots_device.decode import (
     BRIGHTNESS,
     FORCE_MN,
@@ -490,10 +489,3 @@ def test_readings_that_a_board_has_marked_give_the_same_keys():
         again.pad.take(*reading)
         again.pad.tick(reading[-1])
     assert again.events == desk.events == ROLLED + ROLLED
-
-
-def test_two_modules_agree_on_the_state_of_a_tracker():
-    ours, theirs = vars(evidence), vars(contact)
-    both = {name for name in ours.keys() & theirs.keys() if type(ours[name]) is int}
-    assert {"_X_UM", "_DECAY", "_EVEN"} <= both
-    assert [name for name in both if ours[name] != theirs[name]] == []
