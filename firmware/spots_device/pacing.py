@@ -166,13 +166,13 @@ class Pacing:
         """
         due = self.due
         if self._locked:
-            part = self._part + self._exact
-            self._part = part & 255
-            self._end = self._add(self._end, part >> 8)
+            self._part += self._exact
+            self._end = self._add(self._end, self._part >> 8)
+            self._part &= 255
             self._since += 1
-            late_us = self._diff(before, self._end) + _LATCH_US
-            if late_us < self._high_us and samples == 1 and self._diff(after, before) < _BRIEF_US:
-                self._high_us = late_us
+            shift_us = self._diff(before, self._end) + _LATCH_US
+            if shift_us < self._high_us and samples == 1 and self._diff(after, before) < _BRIEF_US:
+                self._high_us = shift_us
             if self._was_early:
                 self._follow()
         if self._was_early and samples == 1 and self._diff(after, self._early) <= _WIDE_US:
@@ -180,7 +180,7 @@ class Pacing:
             due = before
         elif self._locked and samples == 1:
             # A poll is never before `due`. The next sample ends after `before`.
-            if late_us > self.period_us:
+            if shift_us > self.period_us:
                 shift_us = self._diff(before, due) - self.period_us
                 if shift_us > 0:
                     due = self._add(due, shift_us)
