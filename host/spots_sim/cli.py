@@ -87,7 +87,7 @@ def characterize(parser: Parser):
         "--sensor",
         default="default",
         metavar="FILE",
-        help="sensor: a .toml file, or a name such as default",
+        help="simulated strip and sensor: a .toml file, or a name such as default",
     )
     parser.add_argument("--seed", type=arguments.seed, default=0, help="random seed of the noise")
     parser.add_argument(

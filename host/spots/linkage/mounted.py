@@ -28,7 +28,7 @@ class Mounting(toml.Strict, kw_only=True):
     calibration : str
         Path of the strip's calibration file, relative to the folder of the linkage file.
     offset_deg : float
-        Joint angle (as in Eqs. 3 and 4) where the calibrated angle is 0, in degrees.
+        Joint angle (Eqs. 3 and 4 of the paper) where the calibrated angle is 0, in degrees.
     gain : float
         About 1, or about -1 if the calibrated angle grows in the opposite direction.
     """
@@ -166,7 +166,7 @@ def load(path: str | Path) -> Mounted:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(
-            f"cannot read the linkage file {path}: name an existing file with --linkage; "
+            f"cannot read the linkage file {path}: name an existing file; "
             "docs/fivebar.md shows how to write one"
         ) from None
     return toml.checked(text, Mounted, f"linkage file {path}")
