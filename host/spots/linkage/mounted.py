@@ -166,7 +166,7 @@ def load(path: str | Path) -> Mounted:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(
-            f"cannot read the linkage file {path}: name an existing file; "
+            f"cannot read the linkage file {path}: name an existing file with --linkage; "
             "docs/fivebar.md shows how to write one"
         ) from None
     return toml.checked(text, Mounted, f"linkage file {path}")
