@@ -19,12 +19,12 @@ from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey
 # Name, sensor file, and how the simulation treats its change, see `Simulation`.
 STRIPS = {
     "ideal strips": ("default", {}),
-    "real strips, not re-zeroed": ("real", {"misfits": True}),
-    "real strips, re-zeroed": ("real", {"rezeroed": True}),
+    "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
+    "imperfect strips, re-zeroed": ("real", {"rezeroed": True}),
 }
 SEEDS = range(5)
 # The same with both strips on one board, for the workspace only: seeds.
-ONE_BOARD = {"ideal strips": range(11), "real strips, re-zeroed": range(11)}
+ONE_BOARD = {"ideal strips": range(11), "imperfect strips, re-zeroed": range(11)}
 EXPOSURES_US = (10_000, 30_000, 50_000)
 _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 
@@ -245,11 +245,12 @@ lengths and mounting to 40 places ([below](#unknown-lengths)), is as accurate. T
 includes all errors of a real mechanism, such as bearings and bending bars. The simulation has only
 backlash and wrong lengths.
 
-Ideal and real strips are the sensor files `default` and `real`, as in
-[applications.md](applications.md), with warm LEDs. A re-zero corrects the calibration of the real
-strips at the stops of the joints (`spots rezero --joint`, [drift.md](drift.md#joints)). Without it,
-many readings do not fit the calibration. An encoder normally ignores such readings; for this table
-the encoders used them. A kinematic calibration also corrects the strips, until they change further.
+Ideal strips have the sensor file `default`, imperfect strips `real`, as in
+[applications.md](applications.md); all LEDs are warm. A re-zero (`spots rezero --joint`,
+[drift.md](drift.md#joints)) corrects the calibration of the imperfect strips at the stops of the
+joints. Without a re-zero, many readings do not fit the calibration. An encoder normally ignores
+such readings; for this table the encoders used them. A kinematic calibration also corrects the
+strips, until they change further.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
 """

@@ -145,7 +145,7 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the standard deviation of the angle at a position, from one reading, in degrees.
+        """Return the standard deviation of angles from single readings at a position, in degrees.
 
         The noise grows exponentially with the distance from the sensor.
         """
@@ -196,7 +196,7 @@ class Encoder:
 
         The velocity is the slope of a line through the last readings. Their number is the smallest
         for which the slope is clearly larger than its noise. `noise_deg` is the standard deviation
-        of the angle from one reading, in degrees.
+        of the angles of single readings, in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

@@ -36,7 +36,7 @@ class Recordings(Orders):
     folder : Path
         Folder for the recordings; each file name consists of date and board id.
     state : PageState
-        State that gets the part ``recording``.
+        Its part ``recording`` is set, see `PageState.put`.
 
     Raises
     ------
