@@ -82,7 +82,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "7 µm",
             each("{:.1f} µm", lambda s: s["position"]["resolution_um"]),
-            "It depends on the light that a physical strip couples, which is not published.",
+            "The resolution depends on the light of a physical strip, which is not published.",
         ),
         (
             "Position accuracy",
@@ -175,8 +175,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.02°",
             each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
-            "It is the position's resolution divided by the radius, which the paper does not "
-            "state.",
+            "It is the position's resolution divided by the radius. The paper does not state the "
+            "radius.",
         ),
         (
             "Joint: accuracy",

@@ -92,8 +92,9 @@ def joint(
     Returns
     -------
     list of dict
-        One dict for each minute, measured in the middle of this minute: ``minute``; ``rezeroed``, whether the
-        drift is corrected by then; ``accuracy_deg``, the mean absolute error of single readings.
+        One dict for each minute, measured in the middle of this minute: ``minute``; ``rezeroed``,
+        whether the drift is corrected by then; ``accuracy_deg``, the mean absolute error of single
+        readings.
     """
     with Rig(sensor, seed, 10_000, average) as rig:
         conditions, lines = rig.conditions, rig.lines

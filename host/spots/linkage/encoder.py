@@ -38,9 +38,9 @@ class Angle(NamedTuple):
     systematic_rad : float
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        Angular velocity and its standard error in rad/s, by the board's clock. It is the mean over
-        the last 3 readings in a fast movement, and over up to 8 in a slow one. None before three
-        readings.
+        Angular velocity and its standard error in rad/s, by the board's clock. The velocity
+        is the mean over the last 3 readings in a fast movement, and over up to 8 in a slow one.
+        None before three readings.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.

@@ -143,7 +143,7 @@ class LayoutEditor(FileEditor):
     usual : KeyLayout
         Layout to begin with if the file does not exist.
     state : PageState
-        Its part ``editor`` is set, see `PageState.put`.
+        State of the web UI; its part ``editor`` is set, see `PageState.put`.
 
     Raises
     ------
@@ -261,7 +261,7 @@ class SettingsEditor(FileEditor):
     path : Path
         Settings file. If it does not exist, the first request that stores settings creates it.
     state : PageState
-        Its part with this name is set, see `PageState.put`.
+        State of the web UI; its part with this name is set, see `PageState.put`.
 
     Raises
     ------

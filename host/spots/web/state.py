@@ -73,7 +73,7 @@ class PageState:
             return Cursor(0, self._added)
 
     def since(self, cursor: Cursor) -> tuple[Cursor, dict]:
-        """Return the changes since a client's cursor, and the client's new cursor.
+        """Return a client's new cursor, and the changes since its previous cursor.
 
         Returns
         -------
@@ -104,7 +104,7 @@ class Beside(PageState):
     Parameters
     ----------
     state : PageState
-        Its part ``beside`` is set, see `PageState.put`.
+        State of the web UI; its part ``beside`` is set, see `PageState.put`.
     sensor : int
         Number of the strip.
     strips : dict
