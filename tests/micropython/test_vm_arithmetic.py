@@ -202,8 +202,9 @@ def test_estimate(compare, rng):
         tables = a_calibration(rng)
         held = a_reading(rng)  # for some time, so that a drift is learnt
         readings = [rng.choice((held, held, a_reading(rng))) for _ in range(40)]
-        cases.append((tables, some_limits(rng, tables), readings))
-    compare("estimate", cases, width=(TOLERANCE_Q12 + 1) * 40)
+        checked = rng.choice((0, 1)), rng.choice((0, 10_000))
+        cases.append((tables, some_limits(rng, tables), checked, readings))
+    compare("estimate", cases, width=(TOLERANCE_Q12 + 2) * 40)
 
 
 def test_unpack(compare, rng):
