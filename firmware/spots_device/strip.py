@@ -109,6 +109,7 @@ class Strip:
         self._search = None
         self._on_dark = self._on_search = None
         self._state = _UNKNOWN
+        self.lit_flags = 0
 
     @property
     def stream_touch(self):
