@@ -64,7 +64,8 @@ def test_forty_of_forty_light_taps_are_typed(sensor, calibration, seed):
 @pytest.mark.parametrize(("flicker_percent", "flicker_hz"), [(0, 100), (30, 120), (100, 120)])
 def test_a_lamp_that_is_switched_on_is_no_touch(sensor, calibration, flicker_percent, flicker_hz):
     # Without `mains_hz`, at 10 ms, the light of a lamp of 120 Hz swings.
-    steps = [(5.0 * i + 0.003 * i, level) for i, level in enumerate((0, 95, 0, 110, 0, 130, 0, 150))]
+    levels = (0, 95, 0, 110, 0, 130, 0, 150)
+    steps = [(5.003 * i, level) for i, level in enumerate(levels)]
     lamp = Ambient(steps=steps, flicker_percent=flicker_percent, flicker_hz=flicker_hz)
     scenario = ScenarioFile(seconds=40.0, ambient=lamp)
     begun, touching = 0, False
