@@ -201,7 +201,7 @@ class Strip:
         self._on_dark = done
 
     def request_search(self, done):
-        """Search gain, LED current and exposure; then ``done(outcome)`` is called."""
+        """Search for gain, LED current and exposure; then call ``done(outcome)``."""
         from .search import Search  # rare, and large
 
         s = self.settings.values
