@@ -87,9 +87,9 @@ class StripApp(BoardApp):
         self.framer = StripFramer(self.framer)
         sensor = open_sensor(config, self._clock)
         if hasattr(config, "MUX_CHANNEL"):
-            from .multiplexer import ChannelBus
+            from .multiplexer import connect
 
-            sensor._bus = ChannelBus(sensor._bus, config.MUX_CHANNEL)
+            connect(sensor, config.MUX_CHANNEL)
         sensor.pacing = AlignedPacing(self._clock)
         BoardApp._attach(self, sensor, config, None)
         self.pacing = self._pacing

@@ -337,32 +337,66 @@ def test_the_terminal_prints_the_readings_of_both_strips(capsys):
     assert min(shown.values()) >= 3
 
 
-def test_two_strips_behind_a_multiplexer_share_one_bus(monkeypatch, own_firmware):
+PINS = {
+    "virtual": {"I2C_ID": 0, "SCL_PIN": 1, "SDA_PIN": 0},
+    "virtual_circuitpython": {"SCL_PIN": "SCL", "SDA_PIN": "SDA"},
+}
+
+
+@pytest.fixture(params=BOARDS)
+def multiplexed(request, monkeypatch, own_firmware):
+    """A board with two strips behind a multiplexer, on one bus."""
     known = staging.device_of
 
-    def multiplexed(board, strips=1):
+    def device_of(board, strips=1):
         device = known(board, strips)
         for channel, sensor in enumerate(device.device["SENSORS"] if strips > 1 else ()):
-            sensor |= {"I2C_ID": 0, "SCL_PIN": 1, "SDA_PIN": 0, "MUX_CHANNEL": channel}
+            sensor |= PINS[request.param] | {"MUX_CHANNEL": channel}
         return device
 
-    monkeypatch.setattr(staging, "device_of", multiplexed)
+    monkeypatch.setattr(staging, "device_of", device_of)
     scenario = Scenario(load(ScenarioFile, "demo"))
-    link = LockstepLink(SENSOR, scenario, 1, second=(scenario, 2))
+    link = LockstepLink(SENSOR, scenario, 1, board=request.param, second=(scenario, 2))
     link.bus = MultiplexedBus((link.bus.chip, link.second.chip), link.clock)
     link.second = I2CBus(None, link.clock)
     with Board(link) as board:
-        board.set(gain=7, sensor=1)
-        board.stream("touch")
-        for _ in board.frames(_SETTLE_S):
-            pass
-        counts = Counter(touch.sensor for touch in board.touches(2.0))
-        assert counts == {0: pytest.approx(200, abs=2), 1: pytest.approx(200, abs=2)}
-        states = [board.command(f"get sensor={sensor}") for sensor in board.sensors]
-        assert [state["missed"] for state in states] == [0, 0]
-        assert [state["gain"] for state in states] == [9, 7]
-        chips = link.bus._chips
-        assert [chip._main[0xAA] for chip in chips] == [9, 7]
+        yield board
+
+
+def test_two_strips_behind_a_multiplexer_share_one_bus(multiplexed):
+    board = multiplexed
+    board.set(gain=7, sensor=1)
+    board.stream("touch")
+    for _ in board.frames(_SETTLE_S):
+        pass
+    counts = Counter(touch.sensor for touch in board.touches(2.0))
+    assert counts == {0: pytest.approx(200, abs=2), 1: pytest.approx(200, abs=2)}
+    states = [board.command(f"get sensor={sensor}") for sensor in board.sensors]
+    assert [state["missed"] for state in states] == [0, 0]
+    assert [state["gain"] for state in states] == [9, 7]
+    chips = board._link.bus._chips
+    assert [chip._main[0xAA] for chip in chips] == [9, 7]
+
+
+def test_both_strips_continue_after_the_multiplexer_lost_its_supply(multiplexed):
+    board = multiplexed
+    board.stream("touch")
+    for _ in board.frames(_SETTLE_S):
+        pass
+    bus = board._link.bus
+    chips = bus._chips
+    bus._chips = (None,) * len(chips)
+    refuse, bus._address = bus._address, lambda address: bus.refuse()
+    write, bus.write = bus.write, lambda address, data: bus.refuse()
+    for _ in board.frames(0.5):
+        pass
+    assert all(board.command(f"get sensor={sensor}")["fault"] for sensor in board.sensors)
+    bus._chips, bus._address, bus.write = chips, refuse, write
+    for _ in board.frames(1.0):
+        pass
+    assert not any(board.command(f"get sensor={sensor}")["fault"] for sensor in board.sensors)
+    counts = Counter(touch.sensor for touch in board.touches(1.0))
+    assert counts == {0: pytest.approx(100, abs=2), 1: pytest.approx(100, abs=2)}
 
 
 class TestKeyboard:

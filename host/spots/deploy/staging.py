@@ -35,7 +35,7 @@ LIBRARIES = {
 
 # The modules of a board with several strips, and the bus behind a multiplexer: only boards that use
 # these modules get them.
-_SEVERAL, _MULTIPLEXER = ("several.py", "aligned.py"), "multiplexer.py"
+_SEVERAL, _MULTIPLEXER = ("several.py", "aligned.py"), "multiplexer*.py"
 STRIPS_MAX = 4
 
 # A module with this suffix is the machine code of the module without it. A board gets one of both,
@@ -85,8 +85,6 @@ class Device(toml.Strict, kw_only=True):
             raise ValueError("viper needs runtime = micropython, and the key march: add them")
         if not 1 <= len(self.strips) <= STRIPS_MAX:
             raise ValueError(f"there must be 1 to {STRIPS_MAX} [[strips]] tables, or none")
-        if self.runtime != "micropython" and any("MUX_CHANNEL" in one for one in self.strips):
-            raise ValueError("MUX_CHANNEL needs runtime = micropython: give pins instead")
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(
