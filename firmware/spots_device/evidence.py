@@ -172,7 +172,7 @@ def _confirm(s, fits, x_um, brightness):
 
 
 def recalls(s, x_um, brightness):
-    """Estimate a second finger that rested, but was not found; return whether it is certain.
+    """Estimate a second finger that rested, but was not found; return whether its place is certain.
 
     One of the two fingers has left; the present reading is of the other one, at `x_um`.
     """
@@ -191,7 +191,7 @@ def recalls(s, x_um, brightness):
 def slides(s, fits, x_um, brightness):
     """Follow a sliding second finger; return whether its position was updated.
 
-    It is not updated if the first finger may be lifting, because that has a similar effect. The
+    The position stays if the first finger may be lifting, because that has a similar effect. The
     arguments are a reading, as in `second.locate`.
     """
     if (
