@@ -75,7 +75,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "> 0.996",
             each("{:.7f}", lambda s: s["position"]["r2"]),
-            "The simulated dye has a smooth edge; a physical pigment bends the line more.",
+            "The simulated dye has a smooth edge; a physical pigment bends the response more.",
         ),
         (
             "Position resolution",
