@@ -60,6 +60,7 @@ from .contact_state import (
     STEP_UM,
     T_NOW,
     THIRD,
+    TICKS,
     X_BOTH_UM,
     X_GUESS_UM,
     X_LAST_UM,
@@ -74,7 +75,6 @@ from .contact_state import (
 from .locate import estimate, power
 from .second import may_rest, weigh
 
-_TIME_MASK = const((1 << 22) - 1)  # ticks as in contact.py
 SINGLE = 1  # results of `remains`
 ENDS = 2
 _REMAINS_UM = const(2000)  # largest distance to the second finger at the end of a lift
@@ -146,7 +146,7 @@ def guess(s):
         slack_um + s[SLACK_GUESS_UM] >> 1
     )
     if agrees and (
-        (s[T_NOW] - s[GUESSED_T]) & _TIME_MASK < _TWICE_T
+        (s[T_NOW] - s[GUESSED_T]) & (TICKS - 1) < _TWICE_T
         or (abs(s[FOUND_B] - s[B_GUESS]) <= _OTHER and (s[FITS] or not s[IS_CALM]))
     ):
         return False  # no evidence: the same share of light always gives the same position
@@ -236,7 +236,7 @@ def slides(s):
     """
     brightness = s[B_NOW]
     if (
-        (s[T] - s[BEGAN]) & _TIME_MASK < _SLIDES_T
+        (s[T] - s[BEGAN]) & (TICKS - 1) < _SLIDES_T
         or (
             brightness < s[PEAK] - (RISEN >> 1)  # a finger that lifts loses light
             and estimate(s, s[X_SECOND_UM], s[B_SECOND], s[X_NOW_UM], brightness, s[FITS])
@@ -350,7 +350,7 @@ def remains(s):
     if (abs(s[X_NOW_UM] - s[HINT_UM]) < NEAR_UM and s[B_NOW] < s[PEAK] - EVEN) or (
         s[FALLS]
         and not s[THIRD]
-        and (s[T_NOW] - s[FELL]) & _TIME_MASK >= LIFTS_T
+        and (s[T_NOW] - s[FELL]) & (TICKS - 1) >= LIFTS_T
         and s[B_NOW] > s[B_LAST] - LOST
         and 0 < step_um < _FAST_UM
         and step_um * step_um < s[STEP_LAST_UM] * _REMAINS_UM
