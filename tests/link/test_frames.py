@@ -7,7 +7,7 @@ import zlib
 
 import pytest
 from cobs import cobs
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from spots.link.frames import Decoder, Key, Note, Spectrum, Text, Touch, _unstuffed
@@ -36,6 +36,7 @@ def decoded(piece):
 
 
 @given(st.binary(max_size=600))
+@example(bytes(range(1, 256)) * 2)
 @pytest.mark.parametrize("longest", [8, 255])
 def test_cobs_is_decoded_as_by_the_library(longest, data):
     piece = bytes(1 + byte % longest for byte in data)
