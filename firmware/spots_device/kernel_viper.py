@@ -1,4 +1,4 @@
-"""Arithmetic and framing of a sample in machine code; replaces kernel.py on some boards.
+"""Arithmetic and framing of a sample in machine code, for boards with ``viper = true``.
 
 Literals replace the constants of decode.py and kernel.py, because a name costs a look-up. A comment
 at the start of each function names the constants.
