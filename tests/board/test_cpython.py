@@ -15,6 +15,7 @@ from spots.cli import main
 from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_sim import vm
+from test_realtime import TAPS
 
 TIMEOUT_S = 120
 
@@ -92,8 +93,10 @@ def test_the_demo_names_what_runs_the_firmware(port):
     assert any(" mm " in line and " N" in line for line in readings)
 
 
-def test_the_demo_in_real_time_loses_nothing(port, capsys):
-    run = figures(capsys, "--seconds", "3")
+def test_the_demo_in_real_time_loses_nothing(port, capsys, tmp_path):
+    scenario = tmp_path / "taps.toml"
+    scenario.write_text(TAPS)
+    run = figures(capsys, "--seconds", "3", "--scenario", str(scenario))
     assert run["runtime"].startswith("cpython 3.")
     assert run["lost"] == run["bad_crc"] == 0
     assert run["touches"] >= 2
