@@ -7,10 +7,10 @@ import zlib
 
 import pytest
 from cobs import cobs
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from spots.link.frames import Decoder, Key, Note, Spectrum, Text, Touch, _unstuffed
+from spots.link.frames import Decoder, Key, Note, Spectrum, Text, Touch
 from spots_device.frame import TEXT_MAX
 
 
@@ -26,23 +26,6 @@ def touch(sequence, position_um=42_000, kind=0x01):
 
 def stream(count, start=0):
     return [touch(i, position_um=1000 + i) for i in range(start, start + count)]
-
-
-def decoded(piece):
-    try:
-        return cobs.decode(piece)
-    except cobs.DecodeError:
-        return None
-
-
-@given(st.binary(max_size=600))
-@example(bytes(range(1, 256)) * 2)
-@pytest.mark.parametrize("longest", [8, 255])
-def test_cobs_is_decoded_as_by_the_library(longest, data):
-    piece = bytes(1 + byte % longest for byte in data)
-    assert _unstuffed(piece) == decoded(piece)
-    assert _unstuffed(cobs.encode(data)) == data
-    assert _unstuffed(cobs.encode(data + bytes(range(1, 256)) * 2)[:-1]) is None
 
 
 def test_a_touch_frame_becomes_a_touch():
