@@ -119,10 +119,9 @@ def test_the_keyboard_demo_types_its_text(capsys):
 
 def test_the_keyboard_demo_in_real_time(port, capsys):
     run = figures(capsys, "--use", "keyboard", "--seconds", "7")
-    # Which keys a busy machine's fingers hit is asserted in simulated time.
+    # Which keys are hit, and that host and board agree, is asserted in simulated time: a host that
+    # is stopped for 0.3 s releases its keys.
     assert run["presses"] >= 3
-    # Over readings that a busy host lost, its engine may press another key.
-    assert run["host_agrees"] or run["lost"]
     assert run["runtime"].startswith("cpython")
 
 
