@@ -152,9 +152,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "similar",
             each("{}", bent("strain")),
             "The simulated strain is known exactly, uniform, and calibrated at each value. The "
-            "imperfect strip was re-zeroed unstretched, with marks up to 90 % of its length. On "
-            "the stretched strip, positions beyond the last mark use an extrapolated correction, "
-            "which gives most of the error at 25 % strain.",
+            "re-zero of the imperfect strip has marks up to 90 % of the unstretched length. Beyond "
+            "them the correction is extrapolated, which gives most of the error at 25 % strain.",
         ),
         (
             "Accuracy straight, then bent up to 180°",
