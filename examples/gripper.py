@@ -23,7 +23,9 @@ def move(to_mm: float) -> None:
 
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("port", nargs="?", default="virtual", help="default: a simulated board")
+parser.add_argument(
+    "port", nargs="?", default="virtual", help="port of the board; default: a simulated board"
+)
 options = parser.parse_args()
 
 at_mm = OPEN_MM

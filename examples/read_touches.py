@@ -5,7 +5,9 @@ import argparse
 import spots
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("port", nargs="?", default="virtual", help="default: a simulated board")
+parser.add_argument(
+    "port", nargs="?", default="virtual", help="port of the board; default: a simulated board"
+)
 options = parser.parse_args()
 
 try:

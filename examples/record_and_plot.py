@@ -13,7 +13,9 @@ DRAW_EVERY_S = 0.1
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("file", metavar="FILE.spots", help="recording to write; must not exist")
-parser.add_argument("port", nargs="?", default="virtual", help="default: a simulated board")
+parser.add_argument(
+    "port", nargs="?", default="virtual", help="port of the board; default: a simulated board"
+)
 options = parser.parse_args()
 
 try:

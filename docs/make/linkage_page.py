@@ -75,8 +75,8 @@ position, with the keys of `twin` in [page.md](page.md#messages), and `velocity_
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
 position has moved by more than its noise, half the backlash is added or subtracted. At rest the
 joint may be anywhere in its backlash; the standard error includes this uncertainty. The velocity is
-measured by the board's clock. `spots.Twin` takes the readings of both joints, live or recorded. It
-returns the end point at the time of each reading; the angle of the other joint is interpolated
+computed with the board's clock. `spots.Twin` takes the readings of both joints, live or recorded.
+It returns the end point at the time of each reading; the angle of the other joint is interpolated
 between two of its readings. Nothing is extrapolated, and the order of arrival does not matter. The
 boards' clocks are mapped to the computer's clock. A board that restarts gets its calibration again.
 
@@ -283,8 +283,9 @@ def _both(surveys: dict[str, list[Survey]]) -> str:
 
 The table shows the same errors in mm if one board has both strips, for
 {seeds}. The end point stops for {LASTS_S:g} s
-at each point. For the fit, each angle is the mean of a stop. The encoders follow all movements, so
-they correct the backlash; `spots twin --measure` reads the joints only at the stops, and does not.
+at each point. For the fit, each angle is the mean over a stop. The encoders follow all movements,
+so they correct the backlash. `spots twin --measure` reads the joints only at the stops, and does
+not correct it.
 
 """ + "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
 

@@ -95,7 +95,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "",
             "",
             each("{:.2f}", lambda s: s["position"]["crb_ratio"]),
-            "The bound assumes the simulated noise, which is independent in each channel.",
+            "The bound assumes simulated noise of the counts, independent in each channel.",
         ),
         (
             "Scatter of one pair of channels divided by the same bound (Eq. 2; here the best, "

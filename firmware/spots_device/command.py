@@ -193,7 +193,7 @@ class Commands:
       get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
                           baseline, dark_every, mains_hz, keys, gamepad, watchdog, led
-      auto                search gain and LED current while you press firmly
+      auto                find gain and LED current while you press firmly
       dark                take a dark frame; 'dark off' takes it with an unplugged LED
       rest                take the present light as the baseline
       stream KIND ...     select the frames of each sample: touch, spectrum, contact, off

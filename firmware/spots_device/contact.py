@@ -30,8 +30,8 @@ TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is 
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-When one finger is alone again, and a second finger had rested beside it but was not found, the
-position of the second finger is estimated from the last readings of both fingers. A release is
+A second finger may rest beside the first one without being found. When one of them is alone again,
+the position of the second finger is estimated from the last readings of both fingers. A release is
 delayed by `release_ms` (release debounce). The conditions about other fingers are in evidence.py.
 Integers only; allocates nothing.
 """
@@ -233,7 +233,7 @@ class ContactTracker:
         return self._s[STATE] == _TWO
 
     def set_layout(self, layout, length_um=0, decay=0):
-        """Set the limits and the strip length; a present touch is ignored until it is lifted.
+        """Set the limits and the strip length; a finger that touches is ignored until it lifts.
 
         Parameters
         ----------

@@ -17,6 +17,7 @@ from micropython import const
 from .decode import (
     AGE_STEP_US,
     AGE_US,
+    CHECK,
     DARK,
     EVERY_US,
     FLOOR,
@@ -128,8 +129,9 @@ class Dark:
             if self._pool_wanted:
                 windows = min(max(1, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us)), _WINDOWS)
             self._pool_wanted = False
-            self.state[WANTED] = 0
-            self._count = self._taken = 0
+            if self.state[WANTED] != CHECK:
+                self._count = 0
+            self.state[WANTED] = self._taken = 0
             self._left = _WINDOW_SAMPLES * windows
         else:
             self._left = _WINDOW_SAMPLES if self.state[IDLE_MIN_US] else 1

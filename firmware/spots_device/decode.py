@@ -41,11 +41,13 @@ SUMS, FLOOR, REST, DARK = range(30, 54, 6)
 # Right shift from Q12 to the floor. Whether the baseline is tracked: 0, 1, or 2 if the next reading
 # becomes the baseline; whether it has been measured. Time without a touch in us.
 SHIFT, FOLLOWS, FOLLOWED, IDLE_US = range(54, 58)
-# Change of the ambient light, see dark.py: light without a touch plus 1, or 0; duration in us.
+# Change of the ambient light, see dark.py: light without a touch plus 1, or 0 from a dark window to
+# the next reading without a touch; duration in us.
 LEVEL, ODD_US = 58, 59
-# Dark frame: its age and largest age in us, us that a sample adds, whether one is wanted, and the
-# time without a touch before the next one.
+# Dark frame: its age and largest age in us, us that a sample adds, whether one is wanted (0, 1, or
+# `CHECK`: a window for the present mean), and the time without a touch before the next one.
 AGE_US, EVERY_US, AGE_STEP_US, WANTED, IDLE_MIN_US = range(60, 65)
+CHECK = 2
 # Samples of a complete reading, and of the present one; its flags; exposure; `DROPPED` if samples
 # are missing before it; its flags before keys and contacts changed them; byte 0 of its TOUCH
 # frame, or 0 if it is not streamed.

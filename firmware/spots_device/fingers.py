@@ -81,7 +81,7 @@ class Fingers:
             self.moved(second.x_um, second.sigma_um + 500)  # until it is located again
 
     def release(self):
-        """Send each finger's last frame; an object that still touches is ignored until lifted."""
+        """Send each finger's last frame; a finger that still touches is ignored until it lifts."""
         self._end(self._first)
         self._end(self._second)
         self._tracker.spend()

@@ -17,6 +17,7 @@ from .decode import (
     AGE_US,
     AVERAGE,
     BRIGHTNESS,
+    CHECK,
     COMPLETE,
     CONTRAST,
     CRC_SIZE,
@@ -296,9 +297,14 @@ def _judge(state, touching):
     force_mN = state[FORCE_MN]
     least_mN = state[TOUCH_OFF_MN]
     if not touching:
-        # A lamp or two fingers: light that fits no press begins a touch at the force from which
-        # the drift is learned.
-        least_mN = state[TOUCH_ON_MN] << (2 if flags == MISFIT else 0)
+        least_mN = state[TOUCH_ON_MN]
+        if flags == MISFIT:
+            # A lamp or two fingers: light that fits no press begins a touch at the force from which
+            # the drift is learned, and only if it remains after a dark window.
+            least_mN <<= 2
+            if force_mN >= least_mN and state[LEVEL] and state[AGE_STEP_US]:
+                state[WANTED] |= CHECK
+                return flags
         state[LEARNS] = 3
     if not force_mN or force_mN < least_mN:
         return flags & MISFIT

@@ -1,4 +1,4 @@
-"""Arithmetic and framing of a sample in machine code; replaces kernel.py on some boards.
+"""Arithmetic and framing of a sample in machine code, for boards with ``viper = true``.
 
 Literals replace the constants of decode.py and kernel.py, because a name costs a look-up. A comment
 at the start of each function names the constants.
@@ -68,7 +68,7 @@ def process(
     # Element 27 is scratch too: storing truncates a sum to 32 bits.
     # tables: 0 SEGMENTS, 1 FORCES, 2 WEIGHTS, 14 BOUNDS; the last bound is at 12 + 2 * segments.
     # flags: 1 TOUCHING, 4 TOO_DARK, 16 MISFIT, 64 NOT_CALIBRATED, 128 LED_OFF, 256 READ, 512 SEND,
-    # 1024 TWO. Result: 4096 COMPLETE, 8192 ODD, 16384 DUE; 28672 is their sum.
+    # 1024 TWO. WANTED: 2 CHECK. Result: 4096 COMPLETE, 8192 ODD, 16384 DUE; 28672 is their sum.
     # head: 0 KIND, 1 SEQUENCE, 2 TIME_LOW, 3 TIME_HIGH, 4 GAP, 5 LESS_US.
     # The upper bits of `flags` are the bytes of the frame if only a frame is encoded, see `frame`.
     # payload: flags in byte 7 (HEADER_SIZE); contrast, brightness and position_um in 32-bit words 2
@@ -207,6 +207,9 @@ def process(
             least_mN = state[8]
             if flags & 16 and uint(off + tolerance) > most:
                 least_mN <<= 2
+                if force_mN >= least_mN and state[58] and state[62]:
+                    state[63] = state[63] | 2
+                    break
             state[12] = 3
         if force_mN and force_mN >= least_mN:
             flags |= 1

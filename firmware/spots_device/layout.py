@@ -156,7 +156,7 @@ class Layout:
         return self._firsts[layer]
 
     def is_on(self, layer, row):
-        """Return whether the key at the row `row` (index in `keys`) belongs to a layer."""
+        """Return whether the key whose first integer is ``keys[row]`` belongs to `layer`."""
         return self._firsts[layer] <= row < self._firsts[layer + 1]
 
     def swipe(self, layer, plus):

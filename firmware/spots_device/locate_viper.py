@@ -1,6 +1,6 @@
 """Solves for the position of the second of two fingers, in machine code.
 
-Replaces locate.py on some boards.
+Replaces locate.py on boards with ``viper = true`` in board.toml.
 
 The code is correct with words of 32 bits and of 64 bits, see kernel_viper.py. It checks no
 argument.

@@ -13,9 +13,10 @@ time. Missed samples are counted with the last measured period of the chip, scal
 Samples in the chip's FIFO are not lost while the loop stalls.
 
 The times of the samples are not those of the polls, which may be late. They come from an estimate
-of the chip's phase and period that counts every sample. Each poll that finds one sample gives an
-upper limit of its end, each early poll a lower limit. Between two early polls, the polls approach
-the end in small steps, so these limits soon differ by one step only. Half of it is the error.
+of the chip's phase and period that counts every sample. A poll that finds one sample gives an
+upper limit of the sample's end; an early poll gives a lower limit. Between two early polls, the
+polls approach the end in small steps, so these limits soon differ by only one step. The error is
+half a step.
 """
 
 from micropython import const
@@ -59,7 +60,7 @@ class Pacing:
     missed : int
         Samples that were not read, or whose time is unknown.
     slack_us : int
-        The last sample may have ended up to this much earlier.
+        Uncertainty: the last sample ended at its estimated time, or up to this time earlier.
     sampled, lasted_us, longest_us : int
         Measurement of the period: number of samples, and lower and upper limit of their total
         duration in us of the board's clock. `sampled` is 0 before the first measurement.

@@ -1,4 +1,4 @@
-"""Searches gain, LED current and exposure for the command ``auto``.
+"""Searches for gain, LED current and exposure: the command ``auto``.
 
 Imported only when this command is used.
 """

@@ -109,6 +109,7 @@ class Strip:
         self._search = None
         self._on_dark = self._on_search = None
         self._state = _UNKNOWN
+        self.lit_flags = 0
 
     @property
     def stream_touch(self):
@@ -200,7 +201,7 @@ class Strip:
         self._on_dark = done
 
     def request_search(self, done):
-        """Search gain, LED current and exposure; then ``done(outcome)`` is called."""
+        """Search for gain, LED current and exposure; then call ``done(outcome)``."""
         from .search import Search  # rare, and large
 
         s = self.settings.values

@@ -224,7 +224,7 @@ class Uses:
         return idle
 
     def release(self):
-        """Release all keys, contacts and the gamepad; ignore the touch until it is lifted."""
+        """Release all keys, contacts and the gamepad; ignore the finger until it lifts."""
         if self._fingers is not None:
             self._fingers.release()
         if self._keypad is not None:

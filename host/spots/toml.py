@@ -34,9 +34,39 @@ _STRING_OR_COMMENT = re.compile(
     re.DOTALL,
 )
 
-# msgspec's message about an unknown key or value, and the steps of the path in it.
-_UNKNOWN = re.compile(r"(?:unknown field `|Invalid enum value ')(.*?)[`'](?: - at `\$(.*)`)?$")
-_STEP = re.compile(r"\.([^.\[]+)|\[[^]]*\]")
+# msgspec's messages about a key or a value, and the steps of the path in them.
+_KEY = re.compile(r"Object (contains unknown|missing required) field `(.*)`")
+_VALUE = re.compile(r"Invalid (?:enum )?value '(.*)'")
+_TYPE = re.compile(
+    r"Expected `(?P<types>[^`]*)`(?: (?P<sign>[<>]=?) (?P<limit>[^ ,]+))?"
+    r"(?: of length (?:(?P<least>[<>]=?) )?(?P<length>\d+))?(?:, got `?(?P<got>[^`]*)`?)?"
+)
+_AT = re.compile(r"(.*) - at `\$((?:\.\w+|\[(?:[0-9]{1,9}|\.\.\.)\])+)`", re.DOTALL)
+_STEP = re.compile(r"\.([^.\[]+)|\[([^]]*)\]")
+# The types and limits in these messages, as in TOML.
+_WORDS = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+}
+_LIMITS = {">=": "at least ", "<=": "at most ", ">": "more than ", "<": "less than ", None: ""}
+
+
+class WrongKeyError(msgspec.ValidationError):
+    """Raised if a key of a file is unknown, missing or out of range.
+
+    Attributes
+    ----------
+    keys : list of str
+        The key and the tables that contain it, from the inside out.
+    """
+
+    def __init__(self, text: str, keys: list[str]):
+        super().__init__(text)
+        self.keys = keys
 
 
 class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -94,7 +124,9 @@ def loads(text: str) -> dict:
         _check_strings(content)
     except RecursionError:
         raise msgspec.ValidationError(_TOO_DEEP) from None
-    except ValueError as error:  # a TOMLDecodeError, or a number with too many digits
+    except tomllib.TOMLDecodeError as error:
+        raise msgspec.ValidationError(f"wrong TOML syntax: {error}") from None
+    except ValueError as error:  # for example, a number with too many digits
         raise msgspec.ValidationError(str(error)) from None
     return content
 
@@ -128,7 +160,7 @@ def dumps(content: dict, prefix: str = "") -> str:
 
 
 def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
-    """Return the content of a TOML file as a struct.
+    """Parse and validate a TOML file; return its content as a struct.
 
     Parameters
     ----------
@@ -156,7 +188,7 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
 
 
 def convert(content: dict, kind: type[_Kind]) -> _Kind:
-    """Return the content of a TOML file as a struct.
+    """Convert the parsed content of a TOML file to a struct.
 
     Parameters
     ----------
@@ -172,24 +204,70 @@ def convert(content: dict, kind: type[_Kind]) -> _Kind:
 
     Raises
     ------
-    msgspec.ValidationError
+    WrongKeyError
         If a key is unknown, missing or out of range. For an unknown key the text suggests keys
         that exist.
     """
     try:
         return msgspec.convert(content, kind)
     except msgspec.ValidationError as error:
-        wrong = _UNKNOWN.search(str(error))
-        if wrong is None:
-            raise
-        hint = did_you_mean(wrong[1], _known(kind, wrong[2] or ""))
-        raise msgspec.ValidationError(f"{error}: {hint}") from None
+        raise _wrong_key(str(error), kind) from None
+
+
+def _wrong_key(message: str, kind: type) -> WrongKeyError:
+    """Return the error for a message of msgspec about content of the type `kind`."""
+    found = _AT.fullmatch(message)
+    message, path = (found[1], found[2]) if found else (message, "")
+    place = _place(path)
+    table = "" if " of " in place else "table "
+    inside = f" in {table}{place}" if place else ""
+    keys = [name for name, _ in reversed(_STEP.findall(path)) if name]
+    if wrong := _KEY.fullmatch(message):
+        keys.insert(0, wrong[2])
+        if wrong[1] == "missing required":
+            return WrongKeyError(f"the key '{wrong[2]}' is missing{inside}: add it", keys)
+        hint = did_you_mean(wrong[2], _known(kind, path))
+        return WrongKeyError(f"unknown key '{wrong[2]}'{inside}: {hint}", keys)
+    if wrong := _VALUE.fullmatch(message):
+        hint = did_you_mean(wrong[1], _known(kind, path))
+        return WrongKeyError(f"{place} cannot be '{wrong[1]}': {hint}", keys)
+    if wrong := _TYPE.fullmatch(message):
+        return WrongKeyError(f"{place or 'the file'} must be {_allowed(wrong)}", keys)
+    return WrongKeyError(f"{message}{f' ({place})' if place else ''}", keys)
+
+
+def _allowed(wrong: re.Match) -> str:
+    types = [_WORDS.get(one, one) for one in wrong["types"].split(" | ") if one != "null"]
+    allowed = " or ".join(types)
+    if wrong["limit"]:
+        allowed += f" of {_LIMITS[wrong['sign']]}{wrong['limit']}"
+    if wrong["length"]:
+        allowed += f" of {_LIMITS[wrong['least']]}{wrong['length']} entries"
+    got = wrong["got"]
+    return f"{allowed}, not {_WORDS.get(got, got)}" if got else allowed
+
+
+def _place(path: str) -> str:
+    """Return the place in a file in words: ``.leak[0][1]`` is ``entry 2 of entry 1 of leak``."""
+    place, names = "", []
+    for name, index in _STEP.findall(path):
+        if name:
+            names.append(name)
+            continue
+        number = f"entry {int(index) + 1}" if index != "..." else "an entry"
+        if names and place:
+            place = f" in {place}"
+        place = f"{number} of {'.'.join(names)}{place}"
+        names = []
+    if names and place:
+        return f"{'.'.join(names)} in {place}"
+    return place or ".".join(names)
 
 
 def _known(kind: type, path: str) -> list[str]:
     """Return the keys or values that the type `kind` allows at a path such as ``$.key[0].tap``."""
     found = _alternatives(inspect.type_info(kind))
-    for name in _STEP.findall(path):
+    for name, _ in _STEP.findall(path):
         found = [one for outer in found for one in _inside(outer, name)]
     names = []
     for one in found:
@@ -203,6 +281,8 @@ def _known(kind: type, path: str) -> list[str]:
 
 def _inside(outer: inspect.Type, name: str) -> list[inspect.Type]:
     if isinstance(outer, inspect.StructType):
+        if name == outer.tag_field:
+            return [inspect.LiteralType((outer.tag,))]
         (inner,) = [field.type for field in outer.fields if field.encode_name == name] or [None]
     else:
         inner = getattr(outer, "item_type", getattr(outer, "value_type", None))

@@ -87,7 +87,7 @@ def characterize(parser: Parser):
         "--sensor",
         default="default",
         metavar="FILE",
-        help="sensor: a .toml file, or a name such as default",
+        help="simulated strip and sensor: a .toml file, or a name such as default",
     )
     parser.add_argument("--seed", type=arguments.seed, default=0, help="random seed of the noise")
     parser.add_argument(
@@ -143,11 +143,11 @@ def design(parser: Parser):
         "AS7341 breakout that the caps must fit: adafruit-4698 or sparkx-17719",
         default="adafruit-4698",
     )
-    parser.flag("--measure-dye", "read a clear and a dyed test piece, and print the dose")
+    parser.flag("--measure-dye", "read a clear and a dyed test piece, and print the dose of dye")
     parser.option(
         "--test-dose",
         "G",
-        "dose of the dyed test piece: g of tint in 100 g",
+        "dose of the dyed test piece: g of tint in 100 g of rubber",
         type=_dose,
         default=2.0,
     )

@@ -26,9 +26,9 @@ class Cpu(toml.Strict):
     Attributes
     ----------
     call_us : dict of str to float or dict
-        Time of each function in us, without the listed functions that it calls; by its name in the
-        firmware's package. Some functions have a dict of times by kind of call, see
-        ``boards/_virtual/_cpu.py``.
+        Time of each function in us, by the function's name in the firmware's package. The time does
+        not include listed functions that the function calls. Some functions have a dict of times
+        by kind of call, see ``boards/_virtual/_cpu.py``.
     bus_us : float
         Processor time of an I2C transfer in us, in addition to the time of its bits on the wire.
     like : str or None
@@ -85,8 +85,8 @@ def load(name: str, board: str) -> Cpu:
         raise SpotsError(f"there is no processor '{name}': use one of {', '.join(known)}")
     if device_of(board).runtime != "micropython":
         raise SpotsError(
-            f"the processor '{name}' has times of MicroPython only: leave it out, or use the "
-            "board 'virtual'"
+            f"the processor '{name}' has times of MicroPython only: leave out the processor, or "
+            "use the board 'virtual'"
         )
     cpu = known[name]
     if cpu.like:

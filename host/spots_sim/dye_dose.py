@@ -155,7 +155,7 @@ def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> floa
     if not low <= found <= high:
         change = "more" if found > high else "less"
         raise SpotsError(
-            f"the dose would be {found:.3g} g of tint in 100 g of silicone, but it must be "
+            f"the dose would be {found:.3g} g of tint in 100 g of rubber, but it must be "
             f"{low:g} to {high:g} g: stir a tint with {change} pigment than now "
             f"({TINT_SHARE:.1%}), and cast another test piece"
         )

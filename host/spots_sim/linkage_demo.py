@@ -98,8 +98,13 @@ def run(options) -> None:
     Raises
     ------
     SpotsError
-        If a file is missing or invalid, or an option needs ``--port``.
+        If a file is missing or invalid, an option needs ``--port``, or several ports are named.
     """
+    if len(options.port) > 1:
+        raise SpotsError(
+            f"'virtual' simulates a whole linkage, but --port was given {len(options.port)} times: "
+            "give --port virtual once, or name the ports of real boards"
+        )
     if options.port:
         given = {"path": options.path, "exposure_us": options.exposure_us}
         given = {name: value for name, value in given.items() if value is not None}

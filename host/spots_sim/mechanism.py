@@ -73,7 +73,7 @@ class Mechanism:
     base_mm : float
         True distance of the base joints in mm.
     zero_rad : tuple of float
-        For each joint, its angle in rad (as in Eqs. 3 and 4) at the zero of its calibration.
+        For each joint, its angle in rad (Eqs. 3 and 4 of the paper) at the zero of its calibration.
     travel_deg : float
         Travel of each indenter in degrees.
     """

@@ -11,10 +11,14 @@ def add_board(parser: argparse.ArgumentParser) -> None:
     """Add the options of a virtual board; the caller sets their defaults in the parser."""
     group = parser.add_argument_group("virtual board")
     group.add_argument(
-        "--sensor", metavar="FILE", help="sensor: a .toml file, or a name such as default"
+        "--sensor",
+        metavar="FILE",
+        help="simulated strip and sensor: a .toml file, or a name such as default",
     )
     group.add_argument(
-        "--scenario", metavar="FILE", help="scenario: a .toml file, or a name such as demo"
+        "--scenario",
+        metavar="FILE",
+        help="fingers, light and faults over time: a .toml file, or a name such as demo",
     )
     group.add_argument("--seed", type=arguments.seed, help="random seed of the noise")
 
@@ -26,7 +30,9 @@ def add_linkage(parser: argparse.ArgumentParser) -> None:
         "--path", metavar="FILE", help="path of the end point: a .toml file, or a name such as sust"
     )
     group.add_argument(
-        "--sensor", metavar="FILE", help="sensor: a .toml file, or a name such as default"
+        "--sensor",
+        metavar="FILE",
+        help="simulated strip and sensor: a .toml file, or a name such as default",
     )
     group.add_argument("--seed", type=arguments.seed, help="random seed of the noise")
     group.add_argument(

@@ -37,7 +37,7 @@ class Rig:
     average : int
         Number of samples in a reading.
     compensated : bool
-        Whether the board compensates hysteresis and creep, if the sensor has any of them.
+        Whether the board compensates hysteresis and creep, if the sensor file has them.
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ class Pose:
 
 
 class Scenario:
-    """A scenario file that repeats without end.
+    """Fingers, strain and light of a scenario file, which is repeated without end.
 
     Parameters
     ----------

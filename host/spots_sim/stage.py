@@ -71,7 +71,7 @@ class Stage:
         return 1000 * self.sensor.length_mm * (1 + self.held.strain)
 
     def expose(self, exposure_us: int | None = None) -> None:
-        """Press firmly near the sensor, and let the board search gain and LED current.
+        """Press firmly near the sensor, and let the board search for gain and LED current.
 
         Parameters
         ----------
@@ -204,7 +204,7 @@ def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, 
     sensor : SensorFile
         Simulated sensor.
     exposure_us : int, optional
-        Exposure in microseconds; by default, the board searches the exposure.
+        Exposure in microseconds; by default, the board searches for one.
 
     Returns
     -------
@@ -287,8 +287,8 @@ def led_settings(sensor: SensorFile) -> str:
 def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str, ...], str]:
     """Calibrate a sensor at an exposure; return calibration lines and LED settings.
 
-    If `exposure_us` is None, the board searches the exposure. The LED settings are assignments for
-    ``set``.
+    If `exposure_us` is None, the board searches for the exposure. The LED settings are assignments
+    for ``set``.
     """
     with Stage(sensor) as stage:
         stage.expose(exposure_us)

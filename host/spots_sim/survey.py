@@ -315,9 +315,9 @@ def _read(sensor, linkage, places, *arguments, **condition):
 
     The other arguments are those of `visited`.
 
-    Returns the positions, then pairs of joint angles and standard errors, shape (2, n): of the
-    middle reading of each stop, and of the mean of its readings. A position without a reading is
-    left out: the LED was off, for a dark frame.
+    Returns the positions, then two pairs of joint angles and standard errors, shape (2, n): one for
+    the middle reading of each stop, one for the mean of the readings of each stop. A position is
+    left out if its stop has no reading, because the LED was off for a dark frame.
     """
     read = visited(sensor, linkage, *places, *arguments, **condition)
     there = np.array([[bool(angles) for angles in joint] for joint in read]).all(axis=0)

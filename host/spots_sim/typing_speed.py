@@ -107,7 +107,9 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=10, help="number of texts (10)")
     parser.add_argument("--first-seed", type=int, default=0, help="seed of the first text (0)")
-    parser.add_argument("--exposure-us", type=int, help="exposure, in place of the sensor's")
+    parser.add_argument(
+        "--exposure-us", type=int, help="exposure in us, in place of that of the sensor file"
+    )
     parser.add_argument("--layout", default="digits", help="a key layout: name or path (digits)")
     parser.add_argument("--sensor", default="default")
     parser.add_argument("--rezero", action="store_true", help="re-zero the strip after its change")

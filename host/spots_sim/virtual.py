@@ -47,7 +47,7 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     Parameters
     ----------
     rest : str
-        Text after ``virtual`` in the port; ignored.
+        Text after ``virtual:`` in the port; must be empty.
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int
@@ -61,8 +61,9 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     Raises
     ------
     SpotsError
-        If a file is missing or invalid.
+        If `rest` is not empty, or a file is missing or invalid.
     """
+    check(rest, sensor=sensor, scenario=scenario, seed=seed)
     return open_virtual(sensor, scenario, seed)[0]
 
 
@@ -72,7 +73,7 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     rest : str
-        Text after ``virtual`` in the port; ignored.
+        Text after ``virtual:`` in the port; must be empty.
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int
@@ -81,8 +82,10 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     Raises
     ------
     SpotsError
-        If a file is missing or invalid.
+        If `rest` is not empty, or a file is missing or invalid.
     """
+    if rest:
+        raise SpotsError(f"there is no port {VIRTUAL}:{rest}: write {VIRTUAL}")
     load(SensorFile, sensor)
     load(ScenarioFile, scenario)
 

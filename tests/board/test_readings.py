@@ -1,13 +1,17 @@
 """From a press on the strip to a position on the host, through the whole firmware."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 from sensors import replaced
 
+from spots.link.board import Board
+from spots.link.connect import prepare
 from spots_device import decode
-from spots_sim.files import Ambient, ScenarioFile, load
+from spots_sim.files import Ambient, Finger, ScenarioFile, load
+from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Pose, Scenario
 
 
@@ -135,6 +139,32 @@ def test_a_lamp_that_spoils_what_is_touched_is_learned_at_once(rig, calibration)
     assert spoiled[0]
     assert not any(spoiled[-60:])
     assert min(made.board.command("get")["dark"]) > 2 * decode.DARK_SAMPLES
+
+
+@pytest.mark.parametrize("board", ["virtual", "virtual_circuitpython"])
+@pytest.mark.parametrize("polled", [False, True])
+def test_steep_light_of_two_fingers_begins_a_touch_after_one_dark_window(
+    sensor, calibration, board, polled
+):
+    places = [(0.001, 0), (0.002, 2000), (0.2, 2000), (0.201, 0)]
+    fingers = [Finger(points=[(3.0 + s, x, f) for s, f in places]) for x in (20, 62)]
+    light = Ambient(steps=[(0.0, 20.0)])  # else the counts of a reversed FIFO are all 0
+    scenario = Scenario(ScenarioFile(seconds=4.0, ambient=light, touch=fingers))
+    link = LockstepLink(sensor, scenario, board=board)
+    link.chip._quirks = dataclasses.replace(link.chip._quirks, fifo_reversed=polled)
+    with Board(link) as there:
+        prepare(there, calibration)
+        there.command("stream touch")
+        frames = there.frames(3.5 - there.now_s())
+        seen = [frame for frame in frames if 2.97 < frame.time_s < 3.195]
+        assert there.command("get")["fifo"] != polled
+    dark = [bool(frame.flags & decode.LED_OFF) for frame in seen]
+    first = dark.index(True)
+    assert sum(dark) == sum(dark[first : first + 6]) == 6
+    # The reading before the window is the first one with light.
+    assert [frame.force_mN > 1000 for frame in seen[:first]] == [False] * (first - 1) + [True]
+    assert not any(frame.touching for frame in seen[: first + 6])
+    assert all(frame.touching for frame in seen[first + 6 :])
 
 
 def test_the_dark_frame_of_before_is_not_used_after_a_change(rig, calibration):

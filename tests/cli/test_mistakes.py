@@ -44,6 +44,10 @@ def test_no_such_port(capsys):
     assert "no port /dev/ttyNOPE" in refused(capsys, "monitor", "--port", "/dev/ttyNOPE")
 
 
+def test_the_port_of_a_virtual_board_has_no_more_parts(capsys):
+    assert "no port virtual:x: write virtual" in refused(capsys, "monitor", "--port", "virtual:x")
+
+
 def test_a_port_that_is_a_file(capsys, tmp_path):
     path = tmp_path / "file"
     path.write_text("")
@@ -103,7 +107,7 @@ def test_an_unknown_key_in_a_file(capsys, tmp_path, kind):
     path.write_text("colour = 3\n")
     for fast in ([], ["--fast"]):
         line = refused(capsys, "demo", *fast, f"--{kind}", str(path), "--seconds", "1")
-        assert "unknown field `colour`" in line
+        assert "unknown key 'colour'" in line
 
 
 def test_no_micropython_on_this_platform(capsys, monkeypatch):

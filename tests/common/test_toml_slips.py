@@ -65,6 +65,34 @@ def test_a_slip_is_answered_with_what_was_meant(tmp_path, kind, text, says):
     assert str(path) in str(refused.value)
 
 
-def test_what_is_no_slip_in_a_name_is_as_msgspec_says_it():
-    with pytest.raises(msgspec.ValidationError, match=r"^Expected `str`, got `int` - at `..name`$"):
-        toml.convert({"name": 3, "layer": []}, layout._File)
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("linkage", {}, "the key 'bar_mm' is missing: add it"),
+        ("controller", {"x": {"deadband": 0.1}}, "the key 'from' is missing in table x: add it"),
+        ("linkage", {"bar_mm": [9, 0, 9, 9]}, "entry 2 of bar_mm must be a number of at least 1.0"),
+        ("linkage", {"bar_mm": [9, 9]}, "bar_mm must be a list of 4 entries, not 2"),
+        ("sensor", {"length_mm": "x"}, "length_mm must be a number, not text"),
+        (
+            "controller",
+            {"button": [{"when": "presed", "number": 1}]},
+            "when in entry 1 of button cannot be 'presed': did you mean pressed?",
+        ),
+    ],
+)
+def test_the_error_names_the_key_in_the_words_of_the_file(name, content, says):
+    with pytest.raises(toml.WrongKeyError) as refused:
+        toml.convert(content, KINDS[name])
+    assert str(refused.value) == says
+
+
+def test_wrong_syntax_is_named_with_its_line():
+    with pytest.raises(msgspec.ValidationError, match=r"^wrong TOML syntax: .* line 2, column 5"):
+        toml.loads("a = 1\nb = \n")
+
+
+def test_a_wrong_layout_is_reported_with_the_line_of_its_key(tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_text(LAYER + '["A", { tap = "B", wdith = 2 }]')
+    with pytest.raises(SpotsError, match="line 4: unknown key 'wdith' in entry 2 of keys"):
+        layout.load(path)

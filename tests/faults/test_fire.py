@@ -1,6 +1,7 @@
 """The scenario `fire` with all faults, in simulated and in real time."""
 
 import json
+import struct
 from collections import deque
 
 import pytest
@@ -8,7 +9,7 @@ from soak.__main__ import main as soak_main
 from soak.audit import Audit, Keys, Recoveries, usages_of
 from soak.soak import broken_promises
 
-from fault_streams import frames
+from fault_streams import encoded, frames
 from spots.cli import main
 from spots.errors import SpotsError
 from spots_sim.files import DATA, ScenarioFile, load
@@ -137,9 +138,18 @@ def test_the_audit_finds_a_wrong_frame_and_one_out_of_its_order():
     assert streams.audit(b"".join([a, a, b, *rest])).wrong == 1
 
 
+def test_the_audit_finds_a_crash():
+    line = {"log": "error", "text": "crashed and restarts: no memory left", "sensor": 0}
+    text = encoded(struct.pack("<BHI", 3, 0, 0) + json.dumps(line).encode())
+    made = Audit(deque())
+    made.send(text, 0.0)
+    assert made.crashes == [line["text"]]
+
+
 FINE = {
     "wrong": 0,
     "lost": {"undamaged": 0},
+    "crashes": [],
     "keys": {"host": {"stuck": 0, "down_at_the_end": 0}},
     "recoveries": {"power.brown_outs": {"longest_s": 0.999, "longest_at_s": 3.0}},
 }
@@ -151,6 +161,7 @@ FINE = {
         ({}, None),
         ({"wrong": 2}, "2 wrong frames were delivered"),
         ({"lost": {"undamaged": 3}}, "3 frames were lost without damage"),
+        ({"crashes": ["crashed and restarts: no memory left"]}, "crashed 1 times, .* no memory"),
         ({"keys": {"usb": {"stuck": 1, "down_at_the_end": 1}}}, "2 keys of the keyboard 'usb'"),
         (
             {"recoveries": {"i2c.sda_low": {"longest_s": 1.0, "longest_at_s": 3.0}}},

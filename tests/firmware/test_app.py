@@ -7,6 +7,7 @@ from bench import canned
 
 from spots_device import app
 from spots_device import layout as layout_module
+from spots_device.as7341 import AS7341
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SAMPLES
 from spots_device.frame import TEXT_MAX
@@ -96,8 +97,56 @@ def store(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+class FailingBus(canned.Bus):
+    """A bus on which one transfer fails.
+
+    Parameters
+    ----------
+    clock : canned.Clock
+        Clock of the board.
+    transfers : int
+        Number of transfers before the failure; 0 or less afterwards.
+    """
+
+    def __init__(self, clock, transfers):
+        super().__init__(clock)
+        self.left = transfers
+
+    def read_into(self, address, register, buffer):
+        self._pass()
+        super().read_into(address, register, buffer)
+
+    def write(self, buffer):
+        self._pass()
+        super().write(buffer)
+
+    def _pass(self):
+        self.left -= 1
+        if self.left == -1:
+            raise OSError(110)
+
+
 def full(*_):
     raise MemoryError
+
+
+def test_a_board_starts_whichever_transfer_fails_first():
+    lost = []
+    for transfers in range(60):
+        clock, host = canned.Clock(), Host()
+        bus = FailingBus(clock, transfers)
+        board = app.BoardApp(
+            canned.BoardConfig, "canned", "00", AS7341(bus, clock), clock, host, None
+        )
+        board.strip.stream_touch = True
+        board.step()
+        lost.append(board.strip.conditions is None)
+        while host.frames < 3 and clock.now < 5_000_000:
+            board.step()
+        assert host.frames >= 3, transfers
+    # Some failures were during the first start, the last one after it.
+    assert any(lost)
+    assert not lost[-1]
 
 
 def test_a_sensor_that_returns_without_memory_for_keys_does_not_end_the_loop(monkeypatch):

@@ -11,12 +11,14 @@ from spots_device.dark import _WINDOW_SAMPLES, _WINDOWS, Baseline
 from spots_device.dark import Dark as DarkOf
 from spots_device.decode import (
     AVERAGE_MAX,
+    CHECK,
     DARK_SAMPLES,
     EVERY_US,
     FLOOR_SAMPLES,
     IDLE_US,
     ODD_US,
     STATE_SIZE,
+    WANTED,
 )
 
 EXPOSURE_US = 10_000
@@ -137,6 +139,19 @@ def test_single_samples_make_a_window():
         assert mean(dark) == [5] * 6
     assert window(dark, [6] * 6) == 1
     assert mean(dark) == [5.5] * 6
+
+
+@pytest.mark.parametrize("dark_every", [0, 50])
+def test_a_check_is_one_window_and_keeps_the_mean(dark_every):
+    dark = Dark()
+    window(dark, [5] * 6)
+    dark.schedule(EXPOSURE_US, dark_every)
+    if dark_every:
+        window(dark, [9] * 6)  # a single sample, which the check discards
+    dark.state[WANTED] = CHECK
+    assert window(dark, [6] * 6) == _WINDOW_SAMPLES
+    assert mean(dark) == [5.5] * 6
+    assert dark.state[WANTED] == 0
 
 
 def test_the_largest_counts_fit_small_integers():

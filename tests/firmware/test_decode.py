@@ -212,6 +212,27 @@ def test_light_that_fits_no_press_begins_a_touch_at_four_times_the_force(decoder
         decoder.update(NO_DARK, 1, NO_DARK, 0)
 
 
+def test_light_that_fits_no_press_is_checked_with_a_dark_window_before_it_begins_a_touch(decoder):
+    shifted(decoder, 1000)
+    state = decoder.state
+    state[decode.AGE_STEP_US] = 10_000  # the LED can be switched
+    state[decode.LEVEL] = 1  # a reading without a touch, after the dark window
+    decoder.update(WEAK, 1, NO_DARK, 0)
+    assert (decoder.flags, state[decode.WANTED]) == (decode.MISFIT, 0)
+    decoder.update(LIT, 1, NO_DARK, 0)
+    assert (decoder.flags, state[decode.WANTED]) == (decode.MISFIT, decode.CHECK)
+    state[decode.LEVEL] = state[decode.WANTED] = 0  # after the window
+    decoder.update(LIT, 1, NO_DARK, 0)
+    assert (decoder.flags, state[decode.WANTED]) == (FLAWED, 0)
+
+
+def test_light_that_fits_a_press_is_not_checked(decoder):
+    decoder.state[decode.AGE_STEP_US] = 10_000
+    decoder.state[decode.LEVEL] = 1
+    decoder.update(LIT, 1, NO_DARK, 0)
+    assert (decoder.flags, decoder.state[decode.WANTED]) == (decode.TOUCHING, 0)
+
+
 def test_light_that_fits_a_press_on_a_drifted_strip_begins_a_touch_at_its_force(decoder):
     begin = decoder.calibration.touch_on_mN
     shifted(decoder, decoder.calibration.drift_max)

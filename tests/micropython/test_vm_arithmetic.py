@@ -198,12 +198,17 @@ def a_reading(rng):
 
 def test_estimate(compare, rng):
     cases = []
-    for _ in range(5):
+    for i in range(6):
         tables = a_calibration(rng)
         held = a_reading(rng)  # for some time, so that a drift is learnt
         readings = [rng.choice((held, held, a_reading(rng))) for _ in range(40)]
-        cases.append((tables, some_limits(rng, tables), readings))
-    compare("estimate", cases, width=(TOLERANCE_Q12 + 1) * 40)
+        # Small limits, so that light which fits no press is checked before it begins a touch.
+        limits = some_limits(rng, tables) if i < 3 else (2, 1, 0)
+        checked = rng.choice((0, 1)), rng.choice((0, 10_000))
+        if i > 3:
+            checked = 1, 10_000
+        cases.append((tables, limits, checked, readings))
+    compare("estimate", cases, width=(TOLERANCE_Q12 + 2) * 40)
 
 
 def test_unpack(compare, rng):

@@ -179,11 +179,11 @@ def test_a_change_file_has_the_keys_bare_or_in_their_table(tmp_path, head):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("phosphor = 1.0", "unknown field `phosphor`"),
+        ("phosphor = 1.0", "unknown key 'phosphor'"),
         ("dye_percent = -100", "-99"),
         ("die_nm = nan", "not a finite number"),
-        ("[change]\nspeed = 1.0", "unknown field `speed`"),
-        ("die_nm = 'red'", "Expected `float`"),
+        ("[change]\nspeed = 1.0", "unknown key 'speed' in table change"),
+        ("die_nm = 'red'", "die_nm must be a number, not text"),
     ],
 )
 def test_a_mistake_in_a_change_is_one_sentence_with_its_place(tmp_path, text, says):

@@ -7,7 +7,7 @@ import sys
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 
-from spots.link.frames import Decoder, Frame, Touch
+from spots.link.frames import Decoder, Frame, Text, Touch
 from spots.outputs.usages import MODIFIERS, MODIFIERS_FROM
 from spots_device.decode import LED_OFF
 from spots_sim.files import ScenarioFile
@@ -49,6 +49,8 @@ class Audit:
         Number of frames that arrived but were not sent, or were sent in another order.
     wrong_frames : collections.deque of Frame
         The last wrong frames.
+    crashes : list of str
+        The log lines with which the board reported a crash, as they were sent.
     readings : int
         Number of readings for which `arrived` was called.
     """
@@ -63,6 +65,7 @@ class Audit:
         self.sent, self.delivered, self.lost = Counter(), Counter(), Counter()
         self.wrong = self.readings = 0
         self.wrong_frames: deque[Frame] = deque(maxlen=10)
+        self.crashes: list[str] = []
 
     @property
     def cut(self) -> int:
@@ -76,6 +79,8 @@ class Audit:
             end = self._at + len(piece)
             for frame in self._clean.feed(piece + b"\0"):
                 self.sent[type(frame).__name__] += 1
+                if isinstance(frame, Text) and "crashed" in (line := frame.content.get("text", "")):
+                    self.crashes.append(line)
                 self._pending.append((piece, frame, self._at, end))
             self._at = end + 1
 

@@ -270,6 +270,7 @@ def soak(
         },
         "wrong": audit.wrong,
         "wrong_frames": [str(frame) for frame in audit.wrong_frames],
+        "crashes": audit.crashes,
         "refused_pieces": stats.bad_crc,
         "restarts_noticed": stats.restarts,
         "readings_percent": round(100 * audit.readings / (lasted_s * rate_hz * strips), 2),
@@ -334,6 +335,8 @@ def broken_promises(ledger: dict) -> Iterator[str]:
         yield f"{ledger['wrong']} wrong frames were delivered"
     if ledger["lost"]["undamaged"]:
         yield f"{ledger['lost']['undamaged']} frames were lost without damage"
+    if crashes := ledger["crashes"]:
+        yield f"the board crashed {len(crashes)} times, first: {crashes[0]!r}"
     for name, keys in ledger["keys"].items():
         stuck = keys["stuck"] + keys["down_at_the_end"]
         if stuck:

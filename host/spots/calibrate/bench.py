@@ -73,8 +73,8 @@ class Bench:
     path : Path
         Calibration file of the strip.
     spent : int
-        Number of requested presses that do not become presses by hand in the session, such as
-        refused ones. A session by hand counts them as part of its limit.
+        Number of requested presses that the session does not store as presses by hand, such as
+        refused presses. They count towards the limit of a session by hand.
     trace : list of tuple of float
         All readings of the present press: time in s, then the six counts.
     holds : list of (float, float)
@@ -187,7 +187,7 @@ class Bench:
         )
 
     def _window(self) -> Reading:
-        """Return the next short reading of a press, and append it to the trace."""
+        """Return the next short reading of a press, and append it to `trace`."""
         reading = self.reader.read(self.window)
         if self.trace or not reading.unlit:
             row = round(self.reader.board.now_s(), 3), *reading.counts.round(2).tolist()

@@ -241,7 +241,7 @@ def load(path: Path) -> CalibrationFile:
     body, _, tail = text.partition(_END)
     found = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
     if found is None and len(tail) < len('crc32 = "00000000"'):
-        raise SpotsError(f"{path} is cut short: {_AGAIN}")
+        raise SpotsError(f"{path} is cut short, or is not a calibration file: {_AGAIN}")
     if found is None or found[1] != _crc32(body):
         raise SpotsError(f"{path} was changed after it was written (wrong checksum): {_AGAIN}")
     return _checked(path, body)
@@ -260,7 +260,7 @@ def send(board: Board, calibration: CalibrationFile) -> str:
     Returns
     -------
     str
-        Name of the calibration, as ``hello`` reports it.
+        Checksum of the calibration, as ``hello`` reports it.
 
     Raises
     ------

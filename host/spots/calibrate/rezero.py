@@ -137,7 +137,7 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
     Returns
     -------
     str
-        Name of the new calibration, as ``hello`` reports it.
+        Checksum of the new calibration, as ``hello`` reports it.
 
     Raises
     ------

@@ -47,9 +47,9 @@ class Compensated(NamedTuple):
     before_mN, after_mN : float
         Mean absolute error of the recorded forces without and with compensation.
     hysteresis_percent, creep_percent : tuple of (float, float)
-        Value and standard deviation, in per cent. Hysteresis: how much more force is read during
-        unloading from 10 N than during loading, at most, divided by 10 N. Creep: growth of a
-        reading in 60 s.
+        Value and standard deviation, in per cent. Hysteresis: largest difference between the
+        forces that are read during unloading from 10 N and during loading, divided by 10 N.
+        Creep: growth of a reading in 60 s.
     """
 
     line: str
@@ -188,8 +188,9 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
 def _prior(plays: float, creep: float, terms: int) -> np.ndarray:
     """Return the expected size of each unknown of the fit, in the order of the fit.
 
-    The unknowns are: gain - 1, the weights (`plays` is their size), the shares (`creep`), and
-    errors of forces, relative to their standard deviation. `terms` is the number of all unknowns.
+    The unknowns are: the gain minus 1; the weights of the play operators, of the size `plays`; the
+    shares of the creep, of the size `creep`; and the errors of the forces, divided by their
+    standard deviation. `terms` is the number of all unknowns.
     """
     sizes = [max(plays, creep), *[plays] * len(PLAYS_MN), *[creep] * len(TAUS_MS)]
     return np.array(sizes + [1.0] * (terms - len(sizes)))

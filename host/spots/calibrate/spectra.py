@@ -50,7 +50,7 @@ class Reading:
 
     @property
     def unlit(self) -> bool:
-        """Whether the means of all channels are less than one count."""
+        """Whether the mean of every channel is less than one count."""
         return bool((self.counts < 1).all())
 
 

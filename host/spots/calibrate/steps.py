@@ -289,10 +289,7 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Take presses at `count` angles of a joint upwards, then downwards.
-
-        Calibrate the joint.
-        """
+        """Calibrate a joint with presses at `count` angles, upwards and then downwards."""
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board

@@ -90,7 +90,7 @@ def twin(parser: Parser):
         "--place-sigma-mm",
         type=arguments.sigma_mm,
         default=0.1,
-        help="standard error of a measured coordinate; 0.1 if not given",
+        help="standard error of a measured coordinate in mm; 0.1 if not given",
     )
     group.add_argument(
         "--out", metavar="FILE.toml", help="the linkage file to write, for --calibrate"

@@ -144,7 +144,7 @@ def rezero(parser: Parser):
 
 
 def dark(parser: Parser):
-    """Take the dark frame of a board whose LED is always on: you unplug the LED meanwhile.
+    """Take the dark frame (counts without the LED) of a board whose LED is always on.
 
     example:
       spots dark

@@ -71,8 +71,9 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
     rest = percent["rest"]
     if not (low + _APART_PERCENT <= rest <= high - _APART_PERCENT):
         raise SpotsError(
-            f"the middle is at {rest:g} % of the strip, the ends are at {low:g} % and {high:g} %, "
-            f"but it must be between the ends, {_APART_PERCENT:g} % or more from each: try again"
+            f"the middle is at {rest:g} % of the strip, but must be between the ends, "
+            f"{_APART_PERCENT:g} % or more from each; these are at {low:g} % and {high:g} %: try "
+            "again"
         )
     if force_mN["hard"] < _RATIO_LEAST * force_mN["light"]:
         raise SpotsError(

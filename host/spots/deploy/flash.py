@@ -96,7 +96,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False, strips: in
 
 
 def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> None:
-    """Raise SpotsError if a board cannot run the files that shall be copied to it.
+    """Raise SpotsError if a board cannot run the files that will be copied to it.
 
     Parameters
     ----------

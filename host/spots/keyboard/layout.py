@@ -153,7 +153,8 @@ def compiled(path: Path, text: str) -> KeyLayout:
     try:
         file = toml.convert(toml.loads(text), _File)
     except msgspec.ValidationError as error:
-        raise SpotsError(f"layout {path}{_line_of_path(text, str(error))}: {error}") from None
+        line = _line_of_key(text, getattr(error, "keys", []))
+        raise SpotsError(f"layout {path}{line}: {error}") from None
     return _Compiler(path, text, file).layout()
 
 
@@ -296,9 +297,7 @@ def _line_of(text: str, pattern: str) -> str:
     return ""
 
 
-def _line_of_path(text: str, error: str) -> str:
-    """Return the place of the TOML key that a msgspec error names, as ``, line 7``; else empty."""
-    names = re.findall(r"unknown field `(\w+)`|\$[^`]*\.(\w+)", error)
-    keys = (part for pair in reversed(names) for part in pair if part)
-    found = (_line_of(text, rf"(?<!\w){key}\s*=") for key in keys)
+def _line_of_key(text: str, keys: list[str]) -> str:
+    """Return the line of the first of the TOML `keys` in a text as ``, line 7``; else empty."""
+    found = (_line_of(text, rf"(?<!\w){re.escape(key)}\s*=") for key in keys)
     return next(filter(None, found), "")

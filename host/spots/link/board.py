@@ -121,9 +121,9 @@ class Board:
         Lines of the calibration that this object uploaded, otherwise None: a board reports only
         their checksum.
     read_only : bool
-        Whether no command can change the board, because it is a recording or a remote board.
+        True for a recording or a remote board, which no command can change.
     ended : bool
-        Whether no more frames will come, because a recording has ended.
+        True after the end of a recording: no more frames will come.
 
     Raises
     ------

@@ -22,7 +22,7 @@ _OFF_S = 1.0  # a larger error of the board's time shows that the board restarte
 class ClockMap:
     """Unwraps a board's 32-bit time in microseconds, and maps this time to the host's clock.
 
-    A question is sent at host time a, answered at board time t, and the answer arrives at host time
+    A query is sent at host time a, answered at board time t, and the reply arrives at host time
     b. So the host time of t lies between a and b: each round trip bounds the offset between the
     clocks from both sides. All bounds together are tighter than those of the shortest round trip.
     Because clocks drift, the offset is a linear function of time. Its slope is that for which the
@@ -97,11 +97,11 @@ class ClockMap:
         Parameters
         ----------
         sent_s : float
-            Host time at which the question was sent, in seconds.
+            Host time at which the query was sent, in seconds.
         t_us : int
-            Board time at which the board answered, modulo 2**32, in us.
+            Board time at which the board replied, modulo 2**32, in us.
         received_s : float
-            Host time at which the answer arrived, in seconds.
+            Host time at which the reply arrived, in seconds.
         """
         board_us = self._unwrap(t_us, received_s)
         board_s = board_us * 1e-6
@@ -161,11 +161,11 @@ class ClockMap:
         Parameters
         ----------
         sent_s : float
-            Host time at which the question was sent, in seconds.
+            Host time at which the query was sent, in seconds.
         t_us : int
-            Board time at which the board answered, modulo 2**32, in us.
+            Board time at which the board replied, modulo 2**32, in us.
         received_s : float
-            Host time at which the answer arrived, in seconds.
+            Host time at which the reply arrived, in seconds.
 
         Returns
         -------

@@ -1,4 +1,4 @@
-"""Schedules questions for a board's time, and feeds the answers to the clock map."""
+"""Schedules queries for a board's time, and feeds the replies to the clock map."""
 
 import itertools
 from collections.abc import Iterator
@@ -11,46 +11,46 @@ TRIPS = 12
 _SPREAD_S = 0.01
 _GOLDEN = 0.618034
 _SOON_S = 0.03
-# Later questions measure only the drift. Each may cost a sample, as the board collects garbage.
+# Later queries measure only the drift. Each may cost a sample, as the board collects garbage.
 _FIRST_S = 5.0
 _EVERY_S = 60.0
 _NEVER = float("inf")
 
 
 class ClockSync:
-    """Keeps a clock map up to date with regular questions to the board.
+    """Keeps a clock map up to date with regular queries to the board.
 
     Attributes
     ----------
     clock : clockmap.ClockMap
         The map of the board's time to the host's time.
     due_s : float
-        Host time of the next question, in seconds.
+        Host time of the next query, in seconds.
     """
 
     def __init__(self):
         self.clock = ClockMap()
         self.due_s = _NEVER
         self._waits: Iterator[float] = iter(())
-        self._sent_s: float | None = None  # first unanswered question
+        self._sent_s: float | None = None  # first unanswered query
         self._answer: tuple[float, int, float] | None = None
 
     def keep(self, now_s: float) -> None:
-        """Schedule regular questions about the board's time, from host time `now_s` (in s) on."""
+        """Schedule regular queries about the board's time, from host time `now_s` (in s) on."""
         self._waits = _waits(0)
         self.due_s = now_s + next(self._waits)
 
     def restart(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Start a new map from a single round trip, and schedule more questions soon.
+        """Start a new map from a single round trip, and schedule more queries soon.
 
         Parameters
         ----------
         sent_s : float
-            Host time at which the question was sent, in seconds.
+            Host time at which the query was sent, in seconds.
         t_us : int
-            Board time at which the board answered, modulo 2**32, in us.
+            Board time at which the board replied, modulo 2**32, in us.
         received_s : float
-            Host time at which the answer arrived, in seconds.
+            Host time at which the reply arrived, in seconds.
         """
         self.clock = ClockMap()
         self.clock.round_trip(sent_s, t_us, received_s)
@@ -59,7 +59,7 @@ class ClockSync:
         self.due_s = received_s
 
     def ask(self, now_s: float) -> bytes:
-        """Return the command that asks for the board's time; empty if no question is due."""
+        """Return the command that asks for the board's time; empty if no query is due."""
         if now_s < self.due_s:
             return b""
         self.due_s = now_s + next(self._waits)
@@ -68,20 +68,20 @@ class ClockSync:
         return b"sync\n"
 
     def answered(self, t_us: int, now_s: float) -> None:
-        """Record the board's answer to a question; ignore an answer without a question.
+        """Record the board's reply to a query; ignore a reply without a query.
 
         Parameters
         ----------
         t_us : int
-            Board time of the answer, modulo 2**32, in us.
+            Board time of the reply, modulo 2**32, in us.
         now_s : float
-            Host time at which the answer arrived, in seconds.
+            Host time at which the reply arrived, in seconds.
         """
         if self._sent_s is not None:
             self._answer, self._sent_s = (self._sent_s, t_us, now_s), None
 
     def learn(self) -> None:
-        """Update the map with the last answer. Call this between two reads of the link."""
+        """Update the map with the last reply. Call this between two reads of the link."""
         if self._answer is not None:
             self.clock.round_trip(*self._answer)
             self._answer = None

@@ -305,8 +305,9 @@ class LinkStats:
 class Decoder:
     """Decodes a byte stream, which may be damaged, into frames.
 
-    Bytes between two delimiters that have a wrong CRC are counted and dropped; the decoder
-    resynchronises at the next delimiter. Memory is limited to the length of the longest frame.
+    If the CRC of the bytes between two delimiters is wrong, these bytes are counted and dropped.
+    The decoder resynchronises at the next delimiter. Memory is limited to the length of the longest
+    frame.
 
     Attributes
     ----------

@@ -58,7 +58,7 @@ def _light(
     """Take n samples; return the time of each in s, and the sum of its counts, shape (n,) each.
 
     The sum is over the channels. Time 0 is the first sample. The exposure and the `settings` are
-    set on the board before. If the settings contain ``led_mA``, only samples without the LED are
+    sent to the board first. If the settings contain ``led_mA``, only samples without the LED are
     returned; otherwise, only samples with the LED.
     """
     board.set(exposure_us=exposure_us, **settings)

@@ -1,6 +1,6 @@
 """Timeouts and back-off while a board is silent or unplugged, by the clock of the board's link.
 
-When readings stop, the link sends a question to the board after `ASK_S`. Applications release their
+When readings stop, the link sends a query to the board after `ASK_S`. Applications release their
 keys after `RELEASE_S`. The state becomes stalled after `STALLED_S`. The web UI closes the board and
 searches again after `SEARCH_S`. The search for an unplugged port has a growing back-off, and
 `Board.frames` raises an error after `PATIENCE_S`.
@@ -20,8 +20,8 @@ STALLED_S = 0.5
 SEARCH_S = 2.0
 PATIENCE_S = 10.0  # after a restart a board needs some seconds to appear on USB
 
-# Timeout for the answer of a board that may have restarted. Questions and answers may be damaged,
-# so the next question follows soon; then the pause grows by a step, up to a limit.
+# Timeout for the reply of a board that may have restarted. Queries and replies may be damaged,
+# so the next query follows soon; then the pause grows by a step, up to a limit.
 ANSWER_S = 0.1
 _ASK_LATER_S = 0.05
 _ASK_EVERY_S = 0.5
@@ -29,7 +29,7 @@ _ASK_EVERY_S = 0.5
 # Pause between two searches for a lost port: it doubles each time, up to a limit.
 _REOPEN_S = 0.1
 _REOPEN_MOST_S = 1.0
-# Timeout and number of questions on a port that has appeared again.
+# Timeout and number of queries on a port that has appeared again.
 WHO_S = 0.3
 WHO_TRIES = 5
 
@@ -68,13 +68,13 @@ class LinkLoss:
     every_s : float
         Time from one reading to the next, in seconds.
     ask_s : float
-        Time of the next question to a silent board, in seconds.
+        Time of the next query to a silent board, in seconds.
     first_asked_s : float
-        Time of the first question since the last frame, in seconds.
+        Time of the first query since the last frame, in seconds.
     is_open : bool
         Whether a lost port is open again but its board is not identified yet.
     tries : int
-        Number of questions sent to the unidentified board.
+        Number of queries sent to the unidentified board.
     """
 
     def __init__(self, now_s: float):
@@ -122,13 +122,13 @@ class LinkLoss:
         self._expected_s = _NEVER if now_s is None else now_s
 
     def asking(self, now_s: float) -> None:
-        """Record that a question is sent to the silent board now."""
+        """Record that a query is sent to the silent board now."""
         if self._asked == 0:
             self.first_asked_s = now_s
         self._asked += 1
 
     def unanswered(self, now_s: float) -> None:
-        """Record that the board did not answer a question; schedule the next question."""
+        """Record that the board did not reply to a query; schedule the next query."""
         self.ask_s = now_s + min(_ASK_EVERY_S, _ASK_LATER_S * (self._asked - 1))
 
     def unplug(self, now_s: float) -> None:
@@ -167,6 +167,6 @@ class LinkLoss:
         return newly
 
     def plug(self, now_s: float) -> None:
-        """Record that the board is connected again; the next question is due at once."""
+        """Record that the board is connected again; the next query is due at once."""
         self._unplugged_s = _NEVER
         self.ask_s = self._expected_s = now_s

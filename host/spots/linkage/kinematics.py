@@ -188,7 +188,8 @@ def calibrate(
     places = np.stack([x_mm, y_mm], axis=-1)
     if not (np.isfinite(angles).all() and np.isfinite(places).all()):
         raise SpotsError(
-            "angles and positions of a kinematic calibration must be finite: remove other points"
+            "angles and positions of a kinematic calibration must be finite numbers: remove the "
+            "points with other values"
         )
     angle_sigma_rad = np.broadcast_to(np.asarray(angle_sigma_rad, dtype=float), angles.shape)
     if not ((angle_sigma_rad > 0).all() and place_sigma_mm > 0):

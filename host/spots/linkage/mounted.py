@@ -28,7 +28,7 @@ class Mounting(toml.Strict, kw_only=True):
     calibration : str
         Path of the strip's calibration file, relative to the folder of the linkage file.
     offset_deg : float
-        Joint angle (as in Eqs. 3 and 4) where the calibrated angle is 0, in degrees.
+        Joint angle (Eqs. 3 and 4 of the paper) where the calibrated angle is 0, in degrees.
     gain : float
         About 1, or about -1 if the calibrated angle grows in the opposite direction.
     """

@@ -16,7 +16,7 @@ _PUMPED_FRAMES = 1000
 
 
 class _Player:
-    """Replaces the link of a board; its clock shows the time of the recording."""
+    """The link of a replayed board; the clock of the link shows the time of the recording."""
 
     def __init__(self, recording: Recording, speed: float):
         self.name = str(recording.path)

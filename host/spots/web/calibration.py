@@ -61,7 +61,7 @@ class Undo(msgspec.Struct, tag_field="do", tag="undo", forbid_unknown_fields=Tru
 
 
 class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields=True):
-    """Request of a browser: end the session; its presses are stored."""
+    """Request of a browser: end the session; the session file keeps the presses."""
 
 
 class PageCalibration(Orders):

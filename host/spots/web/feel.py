@@ -40,7 +40,8 @@ class Feel:
     controller : ControllerSettings, optional
         Settings of the gamepad; by default those of the package.
     draft : callable
-        Returns a key layout to try beside `layout`, or None; its keys are events ``tried``.
+        Returns a key layout to try beside `layout`, or None. A key that this layout would press is
+        shown as an event ``tried``.
     gestures : Mapping, optional
         Keys of the gestures; each gesture is shown with the name of the key that it presses.
     """
@@ -127,7 +128,7 @@ class Feel:
         self._show()
 
     def silence(self, sentence: str) -> None:
-        """Show until the next reading why no readings arrive from the strip: `sentence`."""
+        """Show `sentence`, why no readings arrive from the strip, until the next reading."""
         if not self._silent:
             self.release()
             self._silent = sentence

@@ -85,7 +85,7 @@ class Recordings(Orders):
         Returns
         -------
         bool
-            Whether another recording, or the board again, must be read.
+            True if the reader must change to another recording, or back to the board.
         """
         changed = super().attend(board)
         if self._recorder and self._pace.due(time.monotonic()):

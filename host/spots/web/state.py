@@ -80,8 +80,8 @@ class PageState:
         cursor : Cursor
             Cursor for the next call.
         news : dict
-            Changed parts by name; with new events, also ``events``, a list of them. If events
-            were dropped unread, ``missed`` is the number of these.
+            Changed parts by name; with new events, also ``events``, a list of them; ``missed`` is
+            the number of events that were dropped unread, if any.
         """
         with self._lock:
             news = {

@@ -6,6 +6,7 @@ from canned import Clock
 from spots_device import kernel
 from spots_device.calibration import pack
 from spots_device.decode import (
+    AGE_STEP_US,
     AVERAGE,
     CRC_SIZE,
     DARK,
@@ -15,6 +16,7 @@ from spots_device.decode import (
     HEAD_SIZE,
     HEADER_SIZE,
     IDLE_US,
+    LEVEL,
     PENDING,
     READ,
     REST,
@@ -28,6 +30,7 @@ from spots_device.decode import (
     TIME_LOW,
     TOUCH_OFF_MN,
     TOUCH_ON_MN,
+    WANTED,
     Decode,
 )
 from spots_device.frame import Time32
@@ -59,8 +62,9 @@ def log2(cases, results):
 
 def prepare_estimate(cases):
     prepared = []
-    for tables, limits, readings in cases:
+    for tables, limits, checked, readings in cases:
         decode = Decode()
+        decode.state[LEVEL], decode.state[AGE_STEP_US] = checked
         decode.state[TOUCH_ON_MN], decode.state[TOUCH_OFF_MN], decode.state[DRIFT_MAX] = limits
         decode.tables = pack(*tables)
         readings = [
@@ -90,6 +94,8 @@ def estimate(cases, results):
             for k in range(_COMPARED):
                 results[at] = decode.state[k]
                 at += 1
+            results[at] = decode.state[WANTED]
+            at += 1
 
 
 def prepare_unpack(cases):

@@ -37,7 +37,7 @@ export function controller(root) {
     const source = choice(title, "follows", sources, (from) => edit((it) => { if (from) it[name] = { from }; else delete it[name]; }));
     const pictures = make("div", "pictures"), body = make("div"), filter = oneEuro(), points = [];
     const figures = ["curve", "signal"].map((kind) => {
-      const box = make("figure", "", make("figcaption", "", kind === "curve" ? "axis over the strip's value" : "last 5 s: measured (grey), axis (red)"));
+      const box = make("figure", "", make("figcaption", "", kind === "curve" ? "axis value over measured value" : "last 5 s: measured (grey), axis (red)"));
       box.role = "img";
       return { box, paint: canvas(box, HEIGHT) };
     });

@@ -129,7 +129,7 @@ export function editor(root) {
   clearer.addEventListener("click", async () => {
     const { refused } = await engine.post({ do: "clear" });
     if (refused) engine.setOpen(true);
-    engine.say(refused ?? "the board has its default layout again; undo brings yours back to this editor");
+    engine.say(refused ?? "the board has its default layout again; Undo restores your layout in this editor");
   });
 
   // Zones and borders. Tab reaches the zone that is shown below and its borders; arrows do the rest.

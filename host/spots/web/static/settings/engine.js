@@ -18,7 +18,7 @@ export function settingsEditing(root, opener, path, chooser, options) {
     differs: (value, { content }) => {
       if (content && !value.whole && !same(content, value.content)) engine.draft.set({ ...value, whole: true }, true);
     },
-    state: (it, changed) => (it.stored === null ? "no board is connected: next, plug one in to save"
+    state: (it, changed) => (it.stored === null ? "no board is connected: plug one in to save"
       : changed || !it.stored ? `not in ${it.file} yet` : `saved in ${it.file}`),
     ...options,
   });
