@@ -1,8 +1,9 @@
-"""An int that raises an error beyond 31 bits, like a small int on a 32-bit board."""
+"""An int that raises an error beyond 31 bits, like a small int on a 32-bit board; its clock."""
 
 from __future__ import annotations
 
 LOW, HIGH = -(1 << 30), (1 << 30) - 1
+WRAP = 1 << 29  # period of the ticks in us, as on CircuitPython
 
 
 class LeftSmallIntError(ArithmeticError):
@@ -39,3 +40,15 @@ for _name in ("neg", "abs", "invert", "pos"):
 def small(values):
     """Return a list of SmallInt."""
     return [SmallInt(value) for value in values]
+
+
+class SmallClock:
+    """Ticks like those of MicroPython's module ``time``."""
+
+    @staticmethod
+    def ticks_add(ticks, delta):
+        return SmallInt((int(ticks) + int(delta)) % WRAP)
+
+    @staticmethod
+    def ticks_diff(end, start):
+        return SmallInt((int(end) - int(start) + WRAP // 2) % WRAP - WRAP // 2)

@@ -10,6 +10,8 @@ class I2C:
         if not _simulator.sda(number):
             raise RuntimeError("No pull up found on SDA or SCL; check your wiring")
         self._pins = scl, sda
+        if scl.taken or sda.taken:
+            raise ValueError("pin in use")
         for pin in self._pins:
             pin.taken = True
         khz = frequency // 1000

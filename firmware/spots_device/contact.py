@@ -111,6 +111,7 @@ from .contact_state import (
     STILL,
     STUCK_T,
     THIRD,
+    TICKS,
     X_BEFORE_UM,
     X_BOTH_UM,
     X_GUESS_UM,
@@ -140,10 +141,7 @@ DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # drifted, or there are two fingers.
 TWO_FIT = MISFIT | TOO_DARK
 _BLIND = NOT_CALIBRATED | SATURATED
-# Time is in ticks of 1.024 ms: the board's microseconds without their lower ten bits. Both wrap at
-# the same moment.
-TICK_US = 1024
-TICKS = 1 << 22
+TICK_US = 1024  # see `TICKS`
 
 _UP = const(0)
 _DOWN = const(1)

@@ -15,6 +15,9 @@ CALM = 40_000  # 1.03: the light of a finger at rest
 # Share of an estimate's uncertainty that must be inside a key, in eighths: about two standard
 # deviations.
 SOON = 5
+# Time is in ticks of 1.024 ms: the board's microseconds without their lower ten bits. Both wrap at
+# the same moment, after this number of ticks.
+TICKS = 1 << 22
 
 # State of a tracker: indices in one array, because MicroPython is slow at objects with many
 # attributes. The first three elements are the output of `locate` and `weigh`. Positions are in um,

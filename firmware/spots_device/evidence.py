@@ -49,6 +49,7 @@ from .contact_state import (
     SOON,
     STEP_UM,
     THIRD,
+    TICKS,
     X_BOTH_UM,
     X_GUESS_UM,
     X_PEAK_UM,
@@ -61,7 +62,6 @@ from .contact_state import (
 from .locate import power
 from .second import locate, may_rest, noise, weigh
 
-_TIME_MASK = const((1 << 22) - 1)  # ticks as in contact.py
 _AGREE_UM = const(600)
 _SURE_UM = const(4000)
 _TWICE_T = const(8)  # least time between two estimates that confirm each other
@@ -117,7 +117,7 @@ def guess(s, fits, x_um, brightness, t):
         slack_um + s[SLACK_GUESS_UM] >> 1
     )
     if agrees and (
-        (t - s[GUESSED_T]) & _TIME_MASK < _TWICE_T
+        (t - s[GUESSED_T]) & (TICKS - 1) < _TWICE_T
         or (abs(b - s[B_GUESS]) <= _OTHER and (fits or not s[IS_CALM]))
     ):
         return False  # no evidence: the same share of light always gives the same position
@@ -195,7 +195,7 @@ def slides(s, fits, x_um, brightness):
     arguments are a reading, as in `second.locate`.
     """
     if (
-        (s[T] - s[BEGAN]) & _TIME_MASK < _SLIDES_T
+        (s[T] - s[BEGAN]) & (TICKS - 1) < _SLIDES_T
         or (
             brightness < s[PEAK] - (RISEN >> 1)  # a finger that lifts loses light
             and solve(s, s[X_SECOND_UM], s[B_SECOND], x_um, brightness, fits)

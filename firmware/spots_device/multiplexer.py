@@ -2,7 +2,25 @@
 
 from micropython import const
 
-_ADDRESS = const(0x70)  # I2C address; each bit of the chip's register switches a channel on
+MULTIPLEXER = const(0x70)  # I2C address; each bit of the chip's register switches a channel on
+
+
+def connect(sensor, channel):
+    """Make a sensor, which is not started yet, use a channel of the multiplexer.
+
+    Parameters
+    ----------
+    sensor : as7341.AS7341
+        The sensor.
+    channel : int
+        Its channel, 0 to 7.
+    """
+    if sensor._bus is None:  # CircuitPython, where each start may open the bus
+        from .runtime.multiplexer_circuitpython import I2CChannel
+
+        sensor.open_i2c = I2CChannel(channel).open
+    else:
+        sensor._bus = ChannelBus(sensor._bus, channel)
 
 
 class ChannelBus:
@@ -22,9 +40,9 @@ class ChannelBus:
         self._channel = bytes((1 << channel,))
 
     def read_into(self, address, register, buffer):
-        self._bus.write_to(_ADDRESS, self._channel)
+        self._bus.write_to(MULTIPLEXER, self._channel)
         self._bus.read_into(address, register, buffer)
 
     def write(self, buffer):
-        self._bus.write_to(_ADDRESS, self._channel)
+        self._bus.write_to(MULTIPLEXER, self._channel)
         self._bus.write(buffer)

@@ -30,15 +30,15 @@ _LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
 _Q = const(20)  # fine enough: the rounding error is less than a step of any exposure
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
-# A measurement of the period is valid if its error is below 1/2048. It restarts after `_LONG_US`,
+# A measurement of the period is valid if its error is below 1/2048. It restarts after `LONG_US`,
 # to follow temperature.
 _SHARE = const(11)
-_LONG_US = const(60_000_000)
+LONG_US = const(60_000_000)
 # Samples after which the reference moves on, to follow temperature; at 1 s, ticks must not wrap.
 _RENEW = const(224)
 # The chip latches what a poll reads this long after its beginning: START and 3 bytes at 400 kHz.
-_LATCH_US = const(75)
-_BRIEF_US = const(1_000)  # in a longer poll, the loop has stalled before the chip was read
+LATCH_US = const(75)
+BRIEF_US = const(1_000)  # in a longer poll, the loop has stalled before the chip was read
 _SURE = const(16)  # samples after which the fit is more accurate than the times of the polls
 _FIT = const(300)  # samples of the fit, which follows temperature
 
@@ -171,8 +171,8 @@ class Pacing:
             self._end = self._add(self._end, self._part >> 8)
             self._part &= 255
             self._since += 1
-            shift_us = self._diff(before, self._end) + _LATCH_US
-            if shift_us < self._high_us and samples == 1 and self._diff(after, before) < _BRIEF_US:
+            shift_us = self._diff(before, self._end) + LATCH_US
+            if shift_us < self._high_us and samples == 1 and self._diff(after, before) < BRIEF_US:
                 self._high_us = shift_us
             if self._was_early:
                 self._follow()
@@ -221,7 +221,7 @@ class Pacing:
             self._lock(now)
         if self._samples > 0:
             self._measure(now)
-        if self._samples < 0 or self._diff(now, self._began) > _LONG_US:
+        if self._samples < 0 or self._diff(now, self._began) > LONG_US:
             self._begin(self._early, now)
         if self._samples < 0 or self._samples >= _RENEW:
             self._taken += max(0, self._samples)
@@ -231,13 +231,13 @@ class Pacing:
 
     def _lock(self, now):
         # The sample ended between the last early poll and the poll at `now`.
-        self._end = self._add(now, _LATCH_US - (self.slack_us >> 1))
+        self._end = self._add(now, LATCH_US - (self.slack_us >> 1))
         self._high_us = self.period_us
         self._fitted = self._since = 0
 
     def _follow(self):
         # Correct the estimates of phase and period with the limits of the end of this sample.
-        low_us = self._diff(self._early, self._end) + _LATCH_US
+        low_us = self._diff(self._early, self._end) + LATCH_US
         high_us = self._high_us
         self._high_us = self.period_us
         shift_us = low_us + high_us >> 1

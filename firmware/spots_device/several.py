@@ -12,6 +12,7 @@ import gc
 
 from micropython import const
 
+from .aligned import FINE, AlignedPacing
 from .app import BoardApp
 from .as7341 import SensorError
 from .frame import Framer
@@ -19,21 +20,16 @@ from .uses import INTERFACES
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
-# Priority of a strip whose last poll was too early, as if the strip were late by this time: its
-# next poll bounds the time of its sample.
+# Priority of a strip whose sample times are unknown, as if it were late by this time.
+_UNKNOWN_US = const(2_500)
+# Priority of a strip whose next poll must be on time, because it bisects: half the error of its
+# times in Q8 us, which is 128 times the error, up to the processing time of a sample of each other
+# strip.
+_AHEAD_US = const(2_500)
+# Further priority after a poll that was too early: first for the strip of the last poll. Without
+# it, two strips with unknown sample times would be polled in turn, each with polls too far apart.
 _PUNCTUAL_US = const(500)
-_UNKNOWN_US = const(2_500)  # priority of a strip whose sample times are unknown
-# Priority of a strip whose times have not been corrected for this number of samples: otherwise the
-# polls of two strips whose samples end together would be late for one of them, for many seconds.
-_AHEAD_US = const(1_500)
-_UNCORRECTED = const(16)
-# Further priority after a poll that was too early, for the strip of the last poll. Without it, two
-# strips with unknown sample times would be polled in turn, each with polls too far apart.
 _STAYS_US = const(4_000)
-# A poll later than this finds its sample even if it was scheduled too early. Such a poll does not
-# advance the next one, for `_RENEW` samples at most.
-_LATE_US = const(100)
-_RENEW = const(224)  # as in pacing.py
 _PREFIX = "sensor="
 _UPLOADS = ("cal", "layout")
 _FOR_ALL = ("save", "reboot")  # commands that concern all strips
@@ -91,9 +87,10 @@ class StripApp(BoardApp):
         self.framer = StripFramer(self.framer)
         sensor = open_sensor(config, self._clock)
         if hasattr(config, "MUX_CHANNEL"):
-            from .multiplexer import ChannelBus
+            from .multiplexer import connect
 
-            sensor._bus = ChannelBus(sensor._bus, config.MUX_CHANNEL)
+            connect(sensor, config.MUX_CHANNEL)
+        sensor.pacing = AlignedPacing(self._clock)
         BoardApp._attach(self, sensor, config, None)
         self.pacing = self._pacing
         self.pacing.app = self
@@ -125,29 +122,21 @@ class StripApp(BoardApp):
         self.pacing.lost = self.main._lost = True
         BoardApp._sensor_lost(self)
 
-    def poll(self, late_us):
-        """Read a sample, if there is one, and process it; `late_us` is the delay of this poll."""
+    def poll(self):
+        """Read a sample, if there is one, and process it."""
         if self._poll():
-            if late_us > _LATE_US:
-                self._keep_due(late_us)
             if self.reconnect.fault:
                 self.reconnect.sampled()
             self.strip.take()
-
-    def _keep_due(self, late_us):
-        pacing = self.pacing
-        late = late_us > pacing._creep + _LATE_US and 0 <= pacing._samples < _RENEW
-        if late and not self._sensor.waits:
-            pacing.due = self._clock.ticks_add(pacing.due, pacing._creep)
 
     def measure(self):
         self.meter.restart()
         self.poll = self._measured_poll
 
-    def _measured_poll(self, late_us):
+    def _measured_poll(self):
         sensor = self._sensor
         began, complete, waits = self._clock.ticks_us(), sensor.complete, sensor.waits
-        StripApp.poll(self, late_us)
+        StripApp.poll(self)
         if self._measured(began, complete, waits):
             del self.poll
 
@@ -203,6 +192,7 @@ class SeveralApp(StripApp):
         self.parts = (self,) + tuple(self._others)
         self._pacings = tuple([part.pacing for part in self.parts])
         self.lose = self._lose_current
+        self._ahead_us = _AHEAD_US * len(self._others)
         self._uploads_to = 0
         self._strips = [part._commands for part in self.parts]
         self._commands = self
@@ -268,7 +258,7 @@ class SeveralApp(StripApp):
                 if left_us > 0:
                     self._sleep_us(left_us)
                 self.current = pacing.app
-                self.current.poll(-left_us)
+                self.current.poll()
                 return
         self._sleep_us(longest_us)
 
@@ -283,12 +273,12 @@ class SeveralApp(StripApp):
             left_us = self._ticks_diff(pacing.due, now)
             if not pacing._locked:
                 left_us -= _UNKNOWN_US
-            elif pacing._since > _UNCORRECTED:
-                left_us -= _AHEAD_US
-            if pacing._was_early:
-                left_us -= _PUNCTUAL_US
-                if pacing is self.current.pacing:
-                    left_us -= _STAYS_US
+                if pacing._was_early:
+                    left_us -= _PUNCTUAL_US
+                    if pacing is self.current.pacing:
+                        left_us -= _STAYS_US
+            elif pacing._half > FINE:
+                left_us -= min(pacing._half >> 1, self._ahead_us)
             if chosen is None or left_us < least_us:
                 chosen = pacing
                 least_us = left_us

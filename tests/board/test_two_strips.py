@@ -188,14 +188,18 @@ def test_the_times_of_both_strips_agree(monkeypatch, exposure_us):
         errors = {0: [], 1: []}
         for touch in board.touches(5.0):
             if isinstance(touch, Touch):
-                end_us = touch.t_us + exposure_us // 2
-                truth = np.array(ends[touch.sensor][-8:])
-                errors[touch.sensor].append(end_us - truth[np.abs(truth - end_us).argmin()])
+                errors[touch.sensor].append(error_of(touch, exposure_us, ends))
     means = [float(np.mean(errors[sensor])) for sensor in (0, 1)]
     assert all(math.isfinite(mean) for mean in means)
-    assert abs(means[0] - means[1]) <= 10
-    assert np.ptp(errors[0]) < 40
-    assert np.ptp(errors[1]) < 40
+    assert abs(means[0] - means[1]) <= 5
+    assert np.abs(errors[0]).max() <= 20
+    assert np.abs(errors[1]).max() <= 20
+
+
+def error_of(touch, exposure_us, ends):
+    """Return the error of a reading's time in us; `ends` as from `true_ends`."""
+    end_us = touch.t_us + exposure_us // 2
+    return end_us - min(ends[touch.sensor][-40:], key=lambda end: abs(end - end_us))
 
 
 def true_ends(board, monkeypatch):
@@ -270,9 +274,9 @@ class TestSlowBoard:
     # With equal oscillators, the samples of both strips may end together for the whole test.
     @pytest.mark.parametrize("oscillators_percent", [(0.0, 0.0), (2.0, -2.0)])
     @pytest.mark.parametrize("stall_us", [0, 50_000])
-    @pytest.mark.parametrize("exposure_us", [10_000, 5_000])
-    def test_the_times_of_both_strips_are_exact(
-        self, make, monkeypatch, exposure_us, stall_us, oscillators_percent
+    @pytest.mark.parametrize("exposures_us", [(10_000, 10_000), (5_000, 5_000), (10_000, 5_000)])
+    def test_the_times_of_both_strips_are_within_20_us_from_a_second_on(
+        self, make, monkeypatch, exposures_us, stall_us, oscillators_percent
     ):
         board = make("pico")
         link = board._link
@@ -280,20 +284,19 @@ class TestSlowBoard:
             bus.chip._step_us = STEP_US * (1 + percent / 100)
         ends = true_ends(board, monkeypatch)
         board.stream("touch")
-        for sensor in board.sensors:
+        for sensor, exposure_us in enumerate(exposures_us):
             board.set(exposure_us=exposure_us, sensor=sensor)
-        self.wait(board, 2.0)
+        self.wait(board, 1.0)
         errors = {0: [], 1: []}
         for _ in range(3):
             link.clock.spend_us(stall_us)
-            for touch in board.touches(1.0):
-                end_us = touch.t_us + exposure_us // 2
-                truth = np.array(ends[touch.sensor][-40:])
-                errors[touch.sensor].append(end_us - truth[np.abs(truth - end_us).argmin()])
+            for touch in board.touches(0.7):
+                error_us = error_of(touch, exposures_us[touch.sensor], ends)
+                errors[touch.sensor].append(error_us)
         for found in errors.values():
-            assert abs(np.mean(found)) <= 15
-            assert np.std(found) <= 15
-            assert np.abs(found).max() <= 60
+            assert abs(np.mean(found)) <= 5
+            assert np.std(found) <= 5
+            assert np.abs(found).max() <= 20
 
     @pytest.mark.parametrize("exposure_us", [10_000, 5_000])
     def test_the_times_of_both_strips_are_known_again_after_a_stall(
@@ -305,12 +308,10 @@ class TestSlowBoard:
         for sensor in board.sensors:
             board.set(exposure_us=exposure_us, sensor=sensor)
         self.wait(board, 0.5)
-        board._link.clock.spend_us(400_000)
-        self.wait(board, 0.5)
+        board._link.clock.spend_us(400_000)  # the FIFOs overrun
+        self.wait(board, 0.8)
         for touch in board.touches(1.0):
-            end_us = touch.t_us + exposure_us // 2
-            error_us = end_us - min(ends[touch.sensor][-40:], key=lambda end: abs(end - end_us))
-            assert abs(error_us) < 2_000  # the width of a bracket, see pacing.py
+            assert abs(error_of(touch, exposure_us, ends)) <= 20
 
 
 def test_a_port_with_the_number_of_a_strip_is_that_strip():
@@ -336,32 +337,66 @@ def test_the_terminal_prints_the_readings_of_both_strips(capsys):
     assert min(shown.values()) >= 3
 
 
-def test_two_strips_behind_a_multiplexer_share_one_bus(monkeypatch, own_firmware):
+PINS = {
+    "virtual": {"I2C_ID": 0, "SCL_PIN": 1, "SDA_PIN": 0},
+    "virtual_circuitpython": {"SCL_PIN": "SCL", "SDA_PIN": "SDA"},
+}
+
+
+@pytest.fixture(params=BOARDS)
+def multiplexed(request, monkeypatch, own_firmware):
+    """A board with two strips behind a multiplexer, on one bus."""
     known = staging.device_of
 
-    def multiplexed(board, strips=1):
+    def device_of(board, strips=1):
         device = known(board, strips)
         for channel, sensor in enumerate(device.device["SENSORS"] if strips > 1 else ()):
-            sensor |= {"I2C_ID": 0, "SCL_PIN": 1, "SDA_PIN": 0, "MUX_CHANNEL": channel}
+            sensor |= PINS[request.param] | {"MUX_CHANNEL": channel}
         return device
 
-    monkeypatch.setattr(staging, "device_of", multiplexed)
+    monkeypatch.setattr(staging, "device_of", device_of)
     scenario = Scenario(load(ScenarioFile, "demo"))
-    link = LockstepLink(SENSOR, scenario, 1, second=(scenario, 2))
+    link = LockstepLink(SENSOR, scenario, 1, board=request.param, second=(scenario, 2))
     link.bus = MultiplexedBus((link.bus.chip, link.second.chip), link.clock)
     link.second = I2CBus(None, link.clock)
     with Board(link) as board:
-        board.set(gain=7, sensor=1)
-        board.stream("touch")
-        for _ in board.frames(_SETTLE_S):
-            pass
-        counts = Counter(touch.sensor for touch in board.touches(2.0))
-        assert counts == {0: pytest.approx(200, abs=2), 1: pytest.approx(200, abs=2)}
-        states = [board.command(f"get sensor={sensor}") for sensor in board.sensors]
-        assert [state["missed"] for state in states] == [0, 0]
-        assert [state["gain"] for state in states] == [9, 7]
-        chips = link.bus._chips
-        assert [chip._main[0xAA] for chip in chips] == [9, 7]
+        yield board
+
+
+def test_two_strips_behind_a_multiplexer_share_one_bus(multiplexed):
+    board = multiplexed
+    board.set(gain=7, sensor=1)
+    board.stream("touch")
+    for _ in board.frames(_SETTLE_S):
+        pass
+    counts = Counter(touch.sensor for touch in board.touches(2.0))
+    assert counts == {0: pytest.approx(200, abs=2), 1: pytest.approx(200, abs=2)}
+    states = [board.command(f"get sensor={sensor}") for sensor in board.sensors]
+    assert [state["missed"] for state in states] == [0, 0]
+    assert [state["gain"] for state in states] == [9, 7]
+    chips = board._link.bus._chips
+    assert [chip._main[0xAA] for chip in chips] == [9, 7]
+
+
+def test_both_strips_continue_after_the_multiplexer_lost_its_supply(multiplexed):
+    board = multiplexed
+    board.stream("touch")
+    for _ in board.frames(_SETTLE_S):
+        pass
+    bus = board._link.bus
+    chips = bus._chips
+    bus._chips = (None,) * len(chips)
+    refuse, bus._address = bus._address, lambda address: bus.refuse()
+    write, bus.write = bus.write, lambda address, data: bus.refuse()
+    for _ in board.frames(0.5):
+        pass
+    assert all(board.command(f"get sensor={sensor}")["fault"] for sensor in board.sensors)
+    bus._chips, bus._address, bus.write = chips, refuse, write
+    for _ in board.frames(1.0):
+        pass
+    assert not any(board.command(f"get sensor={sensor}")["fault"] for sensor in board.sensors)
+    counts = Counter(touch.sensor for touch in board.touches(1.0))
+    assert counts == {0: pytest.approx(100, abs=2), 1: pytest.approx(100, abs=2)}
 
 
 class TestKeyboard:

@@ -3,31 +3,20 @@
 import random
 
 import pytest
-from smallint import SmallInt
+from smallint import WRAP, SmallClock, SmallInt
 
 from spots_device.pacing import Pacing
 
-WRAP = 1 << 29  # as on CircuitPython
 BURST_US = 390
 CLEAR_US = 73
 LATCH_US = 75  # from the beginning of a poll to the moment at which the chip latches its data
-
-
-class Clock:
-    @staticmethod
-    def ticks_add(ticks, delta):
-        return SmallInt((int(ticks) + int(delta)) % WRAP)
-
-    @staticmethod
-    def ticks_diff(end, start):
-        return SmallInt((int(end) - int(start) + WRAP // 2) % WRAP - WRAP // 2)
 
 
 class Run:
     """A sensor that samples every `true_us`, polled when `Pacing` says so."""
 
     def __init__(self, nominal_us, true_us, started_us=WRAP - 50_000, first_us=15_000):
-        self.pacing = Pacing(Clock)
+        self.pacing = Pacing(SmallClock)
         self.now = started_us
         self.true_us = true_us
         self.origin = self.now + first_us
@@ -51,7 +40,7 @@ class Run:
         pacing.learn()
 
     def poll(self, late_us=0):
-        wait_us = Clock.ticks_diff(self.pacing.due, self.now % WRAP)
+        wait_us = SmallClock.ticks_diff(self.pacing.due, self.now % WRAP)
         self.now += max(0, int(wait_us)) + late_us
         before = self.now
         done = int((self.now + LATCH_US - self.origin) // self.true_us)
@@ -65,7 +54,7 @@ class Run:
         stamp = self.pacing.found(SmallInt(before % WRAP), SmallInt(self.now % WRAP))
         if stamp is not None:
             true = (self.origin + done * self.true_us) % WRAP
-            error_us = int(Clock.ticks_diff(stamp, round(true) % WRAP))
+            error_us = int(SmallClock.ticks_diff(stamp, round(true) % WRAP))
             self.samples.append((done, error_us))
             self.slacks_us.append(int(self.pacing.slack_us))
 

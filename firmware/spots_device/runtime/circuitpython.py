@@ -94,6 +94,7 @@ class AdafruitSensor(AS7341):
         self._pins = scl, sda
         self._frequency_hz = frequency_hz
         self._i2c = self._driver = None
+        self.open_i2c = busio.I2C  # a multiplexer replaces it, see `multiplexer.connect`
 
     def start(self, plan, gain, exposure_us, led_mA, mains_hz=0):
         if self._i2c is None:
@@ -118,7 +119,7 @@ class AdafruitSensor(AS7341):
     def _open(self):
         scl, sda = self._pins
         try:
-            self._i2c = busio.I2C(scl, sda, frequency=self._frequency_hz)
+            self._i2c = self.open_i2c(scl, sda, frequency=self._frequency_hz)
         except RuntimeError as error:
             raise SensorError("the I2C bus does not start (%s): check the wiring" % error)
         self._bus = BusioBus(self._i2c)

@@ -33,9 +33,9 @@ LIBRARIES = {
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The application of a board with several strips, and the bus behind a multiplexer: only boards that
-# use these modules get them.
-_SEVERAL, _MULTIPLEXER = "several.py", "multiplexer.py"
+# The modules of a board with several strips, and the bus behind a multiplexer: only boards that use
+# these modules get them.
+_SEVERAL, _MULTIPLEXER = ("several.py", "aligned.py"), "multiplexer*.py"
 STRIPS_MAX = 4
 
 # A module with this suffix is the machine code of the module without it. A board gets one of both,
@@ -85,8 +85,6 @@ class Device(toml.Strict, kw_only=True):
             raise ValueError("viper needs runtime = micropython, and the key march: add them")
         if not 1 <= len(self.strips) <= STRIPS_MAX:
             raise ValueError(f"there must be 1 to {STRIPS_MAX} [[strips]] tables, or none")
-        if self.runtime != "micropython" and any("MUX_CHANNEL" in one for one in self.strips):
-            raise ValueError("MUX_CHANNEL needs runtime = micropython: give pins instead")
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(
@@ -184,7 +182,7 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
             "views.py",
             f"*{others}.py",
             *([] if device.viper else [f"*{VIPER}.py"]),
-            *([] if strips > 1 else [_SEVERAL]),
+            *([] if strips > 1 else _SEVERAL),
             *([] if any("MUX_CHANNEL" in one for one in sensors) else [_MULTIPLEXER]),
         ),
         dirs_exist_ok=True,

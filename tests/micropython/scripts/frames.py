@@ -7,6 +7,8 @@ shows it. But it counts towards the threshold of the garbage collector, which th
 import gc
 
 import canned
+from spots_device.as7341 import AS7341
+from spots_device.several import SeveralApp
 
 _SAMPLES = 500
 _THRESHOLD_BYTES = 30_000  # more than `litter` makes
@@ -32,6 +34,23 @@ def play(app, port, frames):
     end = port.frames + frames
     while port.frames < end:
         app._pass()
+
+
+def two_strips(port):
+    """Return the application of a board with two strips, whose samples end 3 ms apart."""
+    clock = canned.Clock()
+
+    class TwoStrips(canned.BoardConfig):
+        SENSORS = [{"LED_MAX_MA": 100}] * 2
+
+    def open_sensor(config, clock):
+        clock.sleep_us(3_000)
+        return AS7341(canned.Bus(clock), clock)
+
+    app = SeveralApp(TwoStrips, "canned", "00", open_sensor, clock, port)
+    for part in app.parts:
+        part.strip.stream_touch = True
+    return app
 
 
 def collects(function, *arguments):
@@ -60,4 +79,10 @@ app, bus, _, _ = canned.app((), port)
 app.strip.stream_spectrum = False
 bus.counts((538, 548, 714, 916, 1247, 684))
 play(app, port, 100)
-print(collects(play, app, port, _SAMPLES), collects(call_deep))
+both = two_strips(port)
+play(both, port, 400)
+print(
+    collects(play, app, port, _SAMPLES),
+    collects(play, both, port, _SAMPLES),
+    collects(call_deep),
+)
