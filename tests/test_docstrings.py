@@ -84,51 +84,56 @@ def gives(function):
     return any(isinstance(one, GIVING) and one.value for one in own(function))
 
 
-MODULES = list(modules())
-FUNCTIONS = dict(item for name, body in MODULES for item in public(body, name))
-FOUND = {name: sections(ast.get_docstring(function)) for name, function in FUNCTIONS.items()}
-METHODS = {
-    f"{name}.{of.name}.{method.name}"
-    for name, body in MODULES
-    for of in body
-    if isinstance(of, ast.ClassDef)
-    for method in of.body
-    if isinstance(method, FUNCTION)
-}
-# Of a method that implements a contract, the contract has the sections.
-CONTRACTS = {
-    (name.rpartition(".")[2], *parameters(FUNCTIONS[name]))
-    for name in METHODS & set(FUNCTIONS)
-    if "Parameters" in FOUND[name]
-}
-
-
-def is_documented_elsewhere(name):
-    """Return whether another class documents the method of this name and these parameters."""
-    contract = (name.rpartition(".")[2], *parameters(FUNCTIONS[name]))
-    return name in METHODS and "Parameters" not in FOUND[name] and contract in CONTRACTS
-
-
-CHECKED = [
-    name
-    for name, function in FUNCTIONS.items()
-    if "Parameters" in FOUND[name]
-    or (len(parameters(function)) >= 2 and not is_documented_elsewhere(name))
-]
-
-
-@pytest.mark.parametrize("name", CHECKED)
-def test_a_function_documents_all_of_its_parameters_and_what_it_returns(name):
-    function, found = FUNCTIONS[name], FOUND[name]
+def missing(function, found):
+    """Yield what the sections `found` of a function's docstring lack, as assertions would."""
     wanted = parameters(function)
-    assert named(found.get("Parameters", "")) == wanted
-    if len(wanted) >= 2 and gives(function):
-        assert {"Returns", "Yields"} & set(found)
-    assert raised(function) <= set(named(found.get("Raises", "")))
+    if (documented := named(found.get("Parameters", ""))) != wanted:
+        yield f"Parameters {documented} instead of {wanted}"
+    if len(wanted) >= 2 and gives(function) and not {"Returns", "Yields"} & set(found):
+        yield "no Returns or Yields"
+    if more := raised(function) - set(named(found.get("Raises", ""))):
+        yield f"no Raises of {sorted(more)}"
 
 
-def test_both_packages_are_checked():
-    assert {name.partition(".")[0] for name in CHECKED} == {"spots", "spots_sim"}
+# In a fixture, because each process of a test run would parse all modules to collect its tests.
+@pytest.fixture(scope="module")
+def checked():
+    """Each function to check, by name: its node, and the sections of its docstring."""
+    parsed = list(modules())
+    functions = dict(item for name, body in parsed for item in public(body, name))
+    found = {name: sections(ast.get_docstring(function)) for name, function in functions.items()}
+    methods = {
+        f"{name}.{of.name}.{method.name}"
+        for name, body in parsed
+        for of in body
+        if isinstance(of, ast.ClassDef)
+        for method in of.body
+        if isinstance(method, FUNCTION)
+    }
+
+    def contract(name):
+        return name.rpartition(".")[2], *parameters(functions[name])
+
+    # Of a method that implements a contract, the contract has the sections.
+    contracts = {contract(name) for name in methods & set(functions) if "Parameters" in found[name]}
+    return {
+        name: (function, found[name])
+        for name, function in functions.items()
+        if "Parameters" in found[name]
+        or (
+            len(parameters(function)) >= 2 and not (name in methods and contract(name) in contracts)
+        )
+    }
+
+
+def test_each_function_documents_all_of_its_parameters_and_what_it_returns(checked):
+    lacks = {name: list(missing(*of)) for name, of in checked.items()}
+    assert not {name: what for name, what in lacks.items() if what}
+
+
+def test_both_packages_are_checked(checked):
+    assert {name.partition(".")[0] for name in checked} == {"spots", "spots_sim"}
+    assert len(checked) > 300
 
 
 EXPORTED = [getattr(spots, name) for name in spots.__all__]

@@ -49,11 +49,12 @@ from .contact_state import (
     B_BEFORE,
     B_BOTH,
     B_GUESS,
+    B_LAST,
+    B_NOW,
     B_OLDEST,
     B_PAIR,
     B_SECOND,
     B_SEEN,
-    B_SINCE,
     BEGAN,
     CALM,
     DECAY,
@@ -63,9 +64,9 @@ from .contact_state import (
     FALLS,
     FELL,
     FIRM_MN,
-    FIT_BOTH,
-    FIT_SEEN,
+    FITS,
     FORCE_MN,
+    FORCE_NOW_MN,
     FOUND_B,
     FOUND_SLACK_UM,
     FOUND_UM,
@@ -82,6 +83,7 @@ from .contact_state import (
     LEAVING,
     LEFT,
     LENGTH_UM,
+    LIFTS_T,
     LOOSE,
     LOST,
     LOW,
@@ -96,6 +98,7 @@ from .contact_state import (
     PRESS_MN,
     RELEASE_MN,
     RELEASE_T,
+    REST_UM,
     RESTED,
     RISEN,
     RISES,
@@ -110,11 +113,12 @@ from .contact_state import (
     STEP_UM,
     STILL,
     STUCK_T,
+    T_NOW,
     THIRD,
     TICKS,
     X_BEFORE_UM,
-    X_BOTH_UM,
     X_GUESS_UM,
+    X_NOW_UM,
     X_PAIR_UM,
     X_PEAK_UM,
     X_SECOND_UM,
@@ -125,16 +129,20 @@ from .contact_state import (
 )
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
 from .evidence import (
+    ENDS,
+    SINGLE,
+    beside,
+    compare,
     find_third,
     guess,
     guess_both,
     has_almost_left,
     has_left,
     recalls,
+    remains,
     slides,
-    solve,
 )
-from .second import noise
+from .locate import noise
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
@@ -151,8 +159,7 @@ _TWO = const(3)
 # Product of the light in counts and the standard deviation of the position in um by ADC noise, at
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
-_TYPICAL = const(289)  # decay for which `_NOISE` was measured, see `second.locate`
-_REST_UM = const(250)  # largest difference between two readings of a resting position
+_TYPICAL = const(289)  # decay for which `_NOISE` was measured, see `locate.locate`
 _BACK_UM = const(900)  # largest distance from the first finger after the second one has left
 _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
@@ -166,10 +173,6 @@ _FALLEN = const(772_000)  # 0.6
 _LATER = const(4)
 _NEVER = const(1 << 29)
 _FALL_T = const(34)  # longest time in which a finger lifts
-_LIFTS_T = const(9)  # least time of a lift before its end is predicted
-_REMAINS_UM = const(2000)  # largest distance to the second finger at this end
-_FAST_UM = const(20_000)
-_CHANGED = const(150_000)  # 1.1
 # Limits for the detection of a third finger.
 _GROWN = const(116_000)  # 1.08
 _BOTH = const(397_000)  # 1.3
@@ -241,7 +244,7 @@ class ContactTracker:
             Length of the strip in um. With 0, one finger is expected: each movement is a slide,
             and readings that do not fit one press are ignored.
         decay : int
-            Decay of the light by the dye, see `second.locate`.
+            Decay of the light by the dye, see `locate.locate`.
         """
         s = self._s
         self._layout = layout
@@ -281,16 +284,22 @@ class ContactTracker:
         t : int
             Time in ticks of `TICK_US`.
         """
+        # The call frames of this function and of most that it calls have at most 11 words, see
+        # strip.py: the reading is in the state.
         s = self._s
         if flags & LED_OFF:
             return  # with the LED off, a touch cannot be detected
+        s[X_NOW_UM] = position_um
+        s[FORCE_NOW_MN] = force_mN
+        s[B_NOW] = brightness
+        s[T_NOW] = t
         if not flags & TOUCHING or (force_mN < s[RELEASE_MN] and not flags & DOUBTFUL):
             if s[STATE] != _UP:
                 self._lift(t)
             else:
                 s[SEEN] = 0
             if force_mN and not flags & MISFIT and s[STATE] == _UP:
-                self._approach(position_um, brightness, t)
+                self._approach()
             return
         if s[LEAVING]:
             s[LEAVING] = False
@@ -298,22 +307,21 @@ class ContactTracker:
         if flags & _BLIND:
             s[SEEN] = 0
             return
-        fits = not flags & MISFIT or flags & TWO_FIT == TWO_FIT
-        if not fits and not s[LENGTH_UM]:
-            return
-        state = s[STATE]
-        if fits:
+        s[FITS] = not flags & MISFIT or flags & TWO_FIT == TWO_FIT
+        if s[FITS]:
             s[FORCE_MN] = force_mN
-            if s[STUCK_T] and state and self._rests(position_um, force_mN, t):
+            if s[STUCK_T] and s[STATE] and self._rests():
                 s[STATE] = _SPENT
                 self.sink.stuck()
                 return
-        if state == _DOWN:
-            self._follow(fits, position_um, force_mN, brightness, t)
-        elif state == _UP:
-            self._press(fits, position_um, force_mN, brightness, t)
-        elif state == _TWO:
-            self._part(fits, position_um, force_mN, brightness, t)
+        elif not s[LENGTH_UM]:
+            return
+        if s[STATE] == _DOWN:
+            self._follow()
+        elif s[STATE] == _UP:
+            self._press()
+        elif s[STATE] == _TWO:
+            self._part()
         if s[STATE] == _DOWN:
             s[DRIFTS] = flags & MISFIT
         s[T] = t
@@ -335,59 +343,59 @@ class ContactTracker:
 
     # State UP.
 
-    def _approach(self, x_um, brightness, t):
-        """Record a reading that may be the first reading of a touch; arguments as in `_is_next`."""
+    def _approach(self):
+        """Record a reading that may be the first reading of a touch."""
         s = self._s
-        s[BEGAN] = s[SINCE] = t
-        s[X_UM] = s[X_SEEN_UM] = x_um
-        s[B_SEEN] = brightness
+        s[BEGAN] = s[SINCE] = s[T_NOW]
+        s[X_UM] = s[X_SEEN_UM] = s[X_NOW_UM]
+        s[B_SEEN] = s[B_NOW]
         s[STEP_UM] = 0
         s[SEEN] = 1
 
-    def _press(self, fits, x_um, force_mN, brightness, t):
+    def _press(self):
         s = self._s
-        if force_mN < s[PRESS_MN]:
+        if s[FORCE_NOW_MN] < s[PRESS_MN]:
             s[SEEN] = 0
-            if fits:
-                self._approach(x_um, brightness, t)
+            if s[FITS]:
+                self._approach()
             return
+        x_um = s[X_NOW_UM]
         moved_um = x_um - s[X_SEEN_UM]
         if not s[SEEN]:
-            self._approach(x_um, brightness, t)
+            self._approach()
         elif (
-            fits
+            s[FITS]
             and s[SEEN] > 0
-            and abs(moved_um)
-            < (self._slack_um(brightness) * 5 >> 2 if s[LENGTH_UM] else s[JUMP_UM])
+            and abs(moved_um) < (self._slack_um() * 5 >> 2 if s[LENGTH_UM] else s[JUMP_UM])
         ):
             s[SEEN] += 1
         else:
-            steady = s[STEP_UM] and abs(moved_um - s[STEP_UM]) < self._slack_um(brightness)
-            if fits and steady and abs(moved_um) <= s[JUMP_UM]:
+            steady = s[STEP_UM] and abs(moved_um - s[STEP_UM]) < self._slack_um()
+            if s[FITS] and steady and abs(moved_um) <= s[JUMP_UM]:
                 s[SEEN] = s[DETECT]  # the finger slides already
             else:
                 s[SEEN] = 1
                 s[X_UM] = x_um
-                if elapsed(s[BEGAN], t) >= _TOGETHER_T:
+                if elapsed(s[BEGAN], s[T_NOW]) >= _TOGETHER_T:
                     s[KNOWN] = s[IS_EVEN] = False
-                    self._mix(x_um, brightness, t)
+                    self._mix()
                     return
         # Three readings show whether a motion is steady.
-        s[STEP_UM] = moved_um if s[SEEN] == 1 and elapsed(s[BEGAN], t) else 0
-        if not fits:
+        s[STEP_UM] = moved_um if s[SEEN] == 1 and elapsed(s[BEGAN], s[T_NOW]) else 0
+        if not s[FITS]:
             s[STEP_UM] = 0
             s[SEEN] = -1
         s[X_SEEN_UM] = x_um
-        s[B_SEEN] = brightness
+        s[B_SEEN] = s[B_NOW]
         if s[SEEN] >= s[DETECT]:
-            self._begin(x_um, force_mN, brightness, t)
+            self._begin(x_um, s[B_NOW])
             s[B_BEFORE] = 0
-            self.sink.down(x_um, t)
-            self._harden(force_mN, t)
+            self.sink.down(x_um, s[T_NOW])
+            self._harden()
 
     # State DOWN.
 
-    def _begin(self, x_um, force_mN, brightness, t):
+    def _begin(self, x_um, brightness):
         s = self._s
         s[STATE] = _DOWN
         s[SEEN] = 0
@@ -398,49 +406,45 @@ class ContactTracker:
         s[B_OLDEST] = 0
         s[X_SEEN_UM] = x_um
         s[FIRM_MN] = self._layout.firm_mN
-        self._rest(x_um, force_mN, t)
+        self._rest(x_um)
 
-    def _follow(self, fits, x_um, force_mN, brightness, t):
+    def _follow(self):
         s = self._s
+        x_um = s[X_NOW_UM]
         off_um = x_um - s[X_UM]
-        if fits and -SAME_UM < off_um < SAME_UM:
+        if s[FITS] and -SAME_UM < off_um < SAME_UM:
             off_um >>= 1
             s[LOOSE] = False
-        elif fits and s[LOOSE] and -NEAR_UM < off_um < NEAR_UM:
+        elif s[FITS] and s[LOOSE] and -NEAR_UM < off_um < NEAR_UM:
             pass
-        elif self._is_next(fits, off_um, x_um, brightness, t):
-            self._part(fits, x_um, force_mN, brightness, t)
+        elif self._is_next(off_um):
+            self._part()
             return
         s[X_BEFORE_UM] = s[X_UM]
         s[X_UM] += off_um
         s[X_SEEN_UM] = x_um
         s[B_OLDEST] = s[B_BEFORE]
         s[B_BEFORE] = s[B]
-        s[B] = brightness
+        s[B] = s[B_NOW]
         s[HAS_DIPPED] = False
-        self.sink.at(x_um, t)
-        if force_mN >= s[FIRM_MN]:
-            self._harden(force_mN, t)
+        self.sink.at(x_um, s[T_NOW])
+        if s[FORCE_NOW_MN] >= s[FIRM_MN]:
+            self._harden()
 
-    def _is_next(self, fits, off_um, x_um, brightness, t):
+    def _is_next(self, off_um):
         """Return whether a reading at a new position may be of two fingers; if so, enter state TWO.
 
-        Parameters
-        ----------
-        fits : bool
-            Whether the spectrum of the reading fits one press.
-        off_um : int
-            Distance of the reading from the finger, in um.
-        x_um, brightness, t : int
-            Position in um, brightness in Q20 of log2, and time in ticks.
+        `off_um` is the distance of the reading from the finger, in um.
         """
         s = self._s
-        if fits and not s[HAS_DIPPED]:
+        brightness = s[B_NOW]
+        if s[FITS] and not s[HAS_DIPPED]:
             if abs(off_um) < 4 * self.noise_um(brightness):
                 return False
-            ticks = min(elapsed(s[T], t), _TOGETHER_T)
-            if abs(x_um - s[X_SEEN_UM]) <= s[JUMP_UM] and (
-                not s[LENGTH_UM] or abs(brightness - s[B]) <= _SLIDE_LIGHT * ticks
+            if abs(s[X_NOW_UM] - s[X_SEEN_UM]) <= s[JUMP_UM] and (
+                not s[LENGTH_UM]
+                or abs(brightness - s[B])
+                <= _SLIDE_LIGHT * min(elapsed(s[T], s[T_NOW]), _TOGETHER_T)
             ):
                 return False
         before = s[B_BEFORE]
@@ -451,245 +455,196 @@ class ContactTracker:
         s[IS_EVEN] = risen > -EVEN and (risen < EVEN or steady)
         s[RISES] = risen >= EVEN and not steady
         s[FALLS] = risen <= -EVEN
-        s[FELL] = t
+        s[FELL] = s[T_NOW]
         if last < max(s[B], before, s[B_OLDEST]) - _FALLEN:
             s[HAS_DIPPED] = True
         s[KNOWN] = True
         s[X_UM] = s[X_BEFORE_UM]
         if not s[RISES]:
             s[B] = before
-        self._mix(x_um, brightness, t)
+        self._mix()
         s[LEAST] = last
         s[SEEN] = -1
         return True
 
     # State TWO.
 
-    def _mix(self, x_um, brightness, t):
+    def _mix(self):
         s = self._s
         s[STATE] = _TWO
-        s[BEGAN] = t
+        s[BEGAN] = s[T_NOW]
         s[ODD] = s[SECOND] = s[THIRD] = False
         s[RESTED] = s[GUESSED] = s[PAIR] = False
         s[B_BOTH] = 0
         s[HINT_UM] = -_NEVER
-        s[PEAK] = s[LEAST] = s[LOW] = brightness
-        s[X_PEAK_UM] = x_um
+        s[PEAK] = s[LEAST] = s[LOW] = s[B_NOW]
+        s[X_PEAK_UM] = s[X_NOW_UM]
 
-    def _part(self, fits, x_um, force_mN, brightness, t):
+    def _part(self):
         s = self._s
         # While the first finger lifts, the light is lost. More light: another finger arrives.
         if (
-            brightness > s[B_SEEN] + RISEN
-            and elapsed(s[FELL], s[T]) >= _LIFTS_T
+            s[B_NOW] > s[B_SEEN] + RISEN
+            and elapsed(s[FELL], s[T]) >= LIFTS_T
             and has_almost_left(s)
         ):
-            self._begin(s[X_SEEN_UM], force_mN, s[B_SEEN], t)
+            self._begin(s[X_SEEN_UM], s[B_SEEN])
             s[LOOSE] = True
-            self.sink.next(s[X_UM], t)
-            self._follow(fits, x_um, force_mN, brightness, t)
+            self.sink.next(s[X_UM], s[T_NOW])
+            self._follow()
             return
         # The light of two fingers was lost and grows again: a third finger.
-        if s[LOW] < s[PEAK] - LOST and brightness > s[LOW] + _GROWN and s[PEAK] > s[B] + _BOTH:
+        if s[LOW] < s[PEAK] - LOST and s[B_NOW] > s[LOW] + _GROWN and s[PEAK] > s[B] + _BOTH:
             s[THIRD] = True
-        if brightness >= s[PEAK]:
-            s[PEAK] = s[LOW] = brightness
-            s[X_PEAK_UM] = x_um
-        if brightness < s[LOW]:
-            s[LOW] = brightness
-        if brightness < s[LEAST]:
-            s[LEAST] = brightness
-        seen = s[SEEN]
-        x_last_um = s[X_SEEN_UM]
-        b_last = s[B_SEEN]
-        steady = abs(x_um - x_last_um) < self._slack_um(brightness)
-        if brightness > s[B_SEEN] + RISEN:
-            s[B_BOTH] = 0
-        elif not steady and s[RESTED]:
-            s[X_BOTH_UM] = s[X_SEEN_UM]
-            s[B_BOTH] = s[B_SEEN]
-            s[FIT_BOTH] = s[FIT_SEEN]
-        s[RESTED] = steady
-        s[FIT_SEEN] = fits
-        if seen >= 0 and fits and steady:
-            s[SEEN] = min(seen + 1, 99)
-        else:
-            s[SEEN] = 0
-            s[SINCE] = t
-            s[B_SINCE] = brightness
-            if not fits:
-                s[SEEN] = -1
-                s[ODD] = True
-        s[X_SEEN_UM] = x_um
-        s[B_SEEN] = brightness
-        off_um = abs(x_um - s[X_UM])
-        away_um = off_um - abs(x_last_um - s[X_UM])
-        known = fits and s[KNOWN] and s[PAIR] and not s[SECOND]
-        # With two fingers, this change of light would move the position.
-        change = abs(brightness - b_last)
-        single = (
-            known
-            and change > _CHANGED
-            and abs(x_um - x_last_um) < max(_REST_UM, (change >> 12) * min(off_um, 100_000) >> 12)
-        )
-        # While the first finger lifts, the position approaches the second finger, in ever smaller
-        # steps. The remaining distance is about the square of a step divided by the step before.
-        # Or the second finger was estimated here before.
-        ends = known and (
-            (
-                s[FALLS]
-                and not s[THIRD]
-                and elapsed(s[FELL], t) >= _LIFTS_T
-                and brightness > b_last - LOST
-                and 0 < away_um < _FAST_UM
-                and away_um * away_um < s[STEP_UM] * _REMAINS_UM
-            )
-            or (abs(x_um - s[HINT_UM]) < NEAR_UM and brightness < s[PEAK] - EVEN)
-        )
-        s[STEP_UM] = away_um
-        if brightness < s[PEAK] - EVEN and not (
-            s[SECOND]
-            and not s[FALLS]
-            and brightness > b_last - EVEN
-            and slides(s, fits, x_um, brightness)
+        compare(s, self._slack_um())
+        if not s[FITS]:
+            s[ODD] = True
+        how = 0
+        if s[FITS] and s[KNOWN] and s[PAIR] and not s[SECOND]:
+            how = remains(s)
+        if s[B_NOW] < s[PEAK] - EVEN and not (
+            s[SECOND] and not s[FALLS] and s[B_NOW] > s[B_LAST] - EVEN and slides(s)
         ):
             s[IS_EVEN] = s[RISES] = False  # the first finger may be leaving
-            if s[KNOWN] and not s[FALLS] and brightness < b_last - CALM and away_um > _REST_UM:
+            if s[KNOWN] and not s[FALLS] and s[B_NOW] < s[B_LAST] - CALM and s[STEP_UM] > REST_UM:
                 s[FALLS] = True
-                s[FELL] = t
+                s[FELL] = s[T_NOW]
         if not s[SECOND]:
-            s[X_PAIR_UM] = x_um
-            s[B_PAIR] = brightness
-        elif self._resolve(fits, x_um, force_mN, brightness, t):
+            s[X_PAIR_UM] = s[X_NOW_UM]
+            s[B_PAIR] = s[B_NOW]
+        elif self._resolve():
             return
         if not (s[SECOND] or s[THIRD] or s[HAS_DIPPED]):
-            if s[IS_EVEN]:
-                found = guess(s, fits, x_um, brightness, t)
-            else:
-                found = (
-                    s[RISES]
-                    and s[PAIR]
-                    and guess_both(s, fits, x_last_um, b_last, x_um, brightness)
-                )
-            if found:
-                s[SECOND] = self.sink.second(s[X_GUESS_UM], s[SLACK_GUESS_UM] * SOON >> 3, t)
-                s[X_SECOND_UM] = s[X_GUESS_UM]
-                s[B_SECOND] = s[B_GUESS]
-            # When the first finger begins to lift, estimates move away from it.
-            if s[GUESSED] and abs(s[X_GUESS_UM] - s[X_UM]) < abs(s[HINT_UM] - s[X_UM]):
-                s[HINT_UM] = s[X_GUESS_UM]
+            self._guess()
         s[PAIR] = True
-        seen = s[SEEN]
-        if not (single or ends) and (
-            seen < 1 or elapsed(s[SINCE], t) * (seen + 1) < _REST_T * seen
+        if how or (
+            s[SEEN] >= 1 and elapsed(s[SINCE], s[T_NOW]) * (s[SEEN] + 1) >= _REST_T * s[SEEN]
         ):
-            return
+            self._remain(how)
+
+    def _guess(self):
+        s = self._s
+        if guess(s) if s[IS_EVEN] else s[RISES] and s[PAIR] and guess_both(s):
+            s[SECOND] = self.sink.second(s[X_GUESS_UM], s[SLACK_GUESS_UM] * SOON >> 3, s[T_NOW])
+            s[X_SECOND_UM] = s[X_GUESS_UM]
+            s[B_SECOND] = s[B_GUESS]
+        # When the first finger begins to lift, estimates move away from it.
+        if s[GUESSED] and abs(s[X_GUESS_UM] - s[X_UM]) < abs(s[HINT_UM] - s[X_UM]):
+            s[HINT_UM] = s[X_GUESS_UM]
+
+    def _remain(self, how):
+        # Only one finger seems to touch. `how`: the result of `evidence.remains`, or 0.
+        s = self._s
+        x_um = s[X_NOW_UM]
+        t = s[T_NOW]
         if not s[KNOWN]:
             # If light was lost and the position moved, one of two fingers has left. Or there was
             # only one finger, and ambient light that is now off.
-            if (brightness < s[PEAK] - LOST and abs(x_um - s[X_PEAK_UM]) > _MOVED_UM) or (
+            if (s[B_NOW] < s[PEAK] - LOST and abs(x_um - s[X_PEAK_UM]) > _MOVED_UM) or (
                 s[ODD] and elapsed(s[SINCE], t) >= _TOGETHER_T
             ):
-                self._begin(x_um, force_mN, brightness, t)
+                self._begin(x_um, s[B_NOW])
                 s[B_BEFORE] = 0
                 self.sink.down(x_um, t)
-                self._recall(x_um, brightness, t)
-                self._harden(force_mN, t)
+                self._recall()
+                self._harden()
             return
         off_um = x_um - s[X_UM]
         back_um = APART_UM if s[LOOSE] else _BACK_UM
         # The first reading of a soft touch is noisier than the present one.
-        if abs(off_um) < max(back_um, 4 * self.noise_um(min(brightness, s[B]))):
+        if abs(off_um) < max(back_um, 4 * self.noise_um(min(s[B_NOW], s[B]))):
             firm_mN = s[FIRM_MN]
             if not s[SECOND]:
-                self._recall(x_um, brightness, t)
-            self._begin(x_um, force_mN, brightness, t)
+                self._recall()
+            self._begin(x_um, s[B_NOW])
             s[FIRM_MN] = firm_mN
             if s[SECOND]:
                 s[SECOND] = False
                 self.sink.left(True, t)
             self.sink.at(x_um, t)
-        elif single or has_left(s, off_um, brightness):
+        elif how & SINGLE or has_left(s, off_um):
             stays = s[SECOND] and not s[HAS_DIPPED] and abs(x_um - s[X_SECOND_UM]) < APART_UM
             if not stays:
                 if s[SECOND]:
                     self.sink.left(True, t)
-                if not ends:
-                    self._recall(x_um, brightness, t)
+                if not how & ENDS:
+                    self._recall()
             s[SECOND] = False
-            self._begin(x_um, force_mN, brightness, t)
+            self._begin(x_um, s[B_NOW])
             if stays:
                 self.sink.left(False, t)
             else:
                 s[B_BEFORE] = 0
-                s[LOOSE] = ends
+                s[LOOSE] = 1 if how & ENDS else 0
                 self.sink.next(x_um, t)
-            self._harden(force_mN, t)
+            self._harden()
 
-    def _resolve(self, fits, x_um, force_mN, brightness, t):
-        """Update the light of two known fingers; return whether one of them has left.
-
-        The arguments are a reading, as in `_is_next` and `take`.
-        """
+    def _resolve(self):
+        """Update the light of two known fingers; return whether one of them has left."""
         s = self._s
         if s[IS_EVEN]:
-            if solve(s, s[X_UM], s[B], x_um, brightness, fits):
-                at_um = s[FOUND_UM]
-                slack_um = s[FOUND_SLACK_UM]
-                near = abs(at_um - s[X_SECOND_UM]) < NEAR_UM
-                if near and brightness == s[PEAK]:
-                    s[X_SECOND_UM] = at_um
-                    s[B_SECOND] = s[FOUND_B]
-                if near or slides(s, fits, x_um, brightness):
-                    s[X_PAIR_UM] = x_um
-                    s[B_PAIR] = brightness
-                    s[GUESSED] = False
-                    self.sink.moved(at_um, slack_um)
-                    return True
-            # Two fingers that rest act like one finger at the position of their common reading.
-            slack_um = find_third(s, s[X_PAIR_UM], s[B_PAIR], -1, x_um, brightness)
-            if slack_um:
-                self.sink.second(s[X_GUESS_UM], slack_um, t)
-                self.sink.moved(s[X_SECOND_UM], slack_um)
+            self._resolve_even()
             return True
-        if fits and abs(x_um - s[X_SECOND_UM]) < NEAR_UM and (brightness < s[B_SECOND] + MORE):
+        if (
+            s[FITS]
+            and abs(s[X_NOW_UM] - s[X_SECOND_UM]) < NEAR_UM
+            and s[B_NOW] < s[B_SECOND] + MORE
+        ):
             b = s[B_SECOND]
             s[SECOND] = False
-            self._begin(x_um, force_mN, brightness, t)
+            self._begin(s[X_NOW_UM], s[B_NOW])
             s[B_BEFORE] = b
             s[LOOSE] = True
-            self.sink.left(False, t)
-            self.sink.at(x_um, t)
+            self.sink.left(False, s[T_NOW])
+            self.sink.at(s[X_NOW_UM], s[T_NOW])
             return True
         if not s[FALLS]:
             s[GUESSED] = False
             return False
         second_um = s[X_SECOND_UM]
-        slack_um = find_third(s, second_um, s[B_SECOND], fits, x_um, brightness)
-        if not slack_um and elapsed(s[FELL], t) < _FALL_T:
+        slack_um = find_third(s, second_um, s[B_SECOND], s[FITS])
+        if not slack_um and elapsed(s[FELL], s[T_NOW]) < _FALL_T:
             return False
         s[X_UM] = s[X_BEFORE_UM] = second_um
         s[B] = s[B_SECOND]
         s[SECOND] = False
-        self._mix(x_um, brightness, t)
+        self._mix()
         s[IS_EVEN] = s[PAIR] = True
         s[HAS_DIPPED] = s[IS_CALM] = False
         s[FALLS] = False
         s[LOOSE] = True
-        self.sink.left(False, t)
+        self.sink.left(False, s[T_NOW])
         if slack_um and s[B_GUESS] > s[B] - _HALF:
-            s[SECOND] = self.sink.second(s[X_GUESS_UM], slack_um, t)
+            s[SECOND] = self.sink.second(s[X_GUESS_UM], slack_um, s[T_NOW])
             s[X_SECOND_UM] = s[X_GUESS_UM]
             s[B_SECOND] = s[B_GUESS]
         return True
 
-    def _recall(self, x_um, brightness, t):
+    def _resolve_even(self):
+        s = self._s
+        if beside(s):
+            near = abs(s[FOUND_UM] - s[X_SECOND_UM]) < NEAR_UM
+            if near and s[B_NOW] == s[PEAK]:
+                s[X_SECOND_UM] = s[FOUND_UM]
+                s[B_SECOND] = s[FOUND_B]
+            # The last estimate of `slides` is the same.
+            if near or slides(s):
+                s[X_PAIR_UM] = s[X_NOW_UM]
+                s[B_PAIR] = s[B_NOW]
+                s[GUESSED] = False
+                self.sink.moved(s[FOUND_UM], s[FOUND_SLACK_UM])
+                return
+        # Two fingers that rest act like one finger at the position of their common reading.
+        slack_um = find_third(s, s[X_PAIR_UM], s[B_PAIR], -1)
+        if slack_um:
+            self.sink.second(s[X_GUESS_UM], slack_um, s[T_NOW])
+            self.sink.moved(s[X_SECOND_UM], slack_um)
+
+    def _recall(self):
         """Report a second finger that was not found while two fingers touched."""
         s = self._s
-        if recalls(s, x_um, brightness) and self.sink.second(
-            s[FOUND_UM], s[FOUND_SLACK_UM] * _LATER >> 3, t
-        ):
-            self.sink.left(True, t)
+        if recalls(s) and self.sink.second(s[FOUND_UM], s[FOUND_SLACK_UM] * _LATER >> 3, s[T_NOW]):
+            self.sink.left(True, s[T_NOW])
 
     def noise_um(self, brightness):
         """Return an upper limit of a position's standard deviation due to ADC noise, in um.
@@ -698,32 +653,35 @@ class ContactTracker:
         """
         return noise(self._s[NOISE_PRODUCT], brightness)
 
-    def _slack_um(self, brightness):
+    def _slack_um(self):
         s = self._s
         # Largest difference of two readings of a resting finger, by the noise of the darker one.
-        return max(_REST_UM, self.noise_um(min(brightness, s[B_SEEN])) * 7 >> 1)
+        return max(REST_UM, noise(s[NOISE_PRODUCT], min(s[B_NOW], s[B_SEEN])) * 7 >> 1)
 
-    def _harden(self, force_mN, t):
+    def _harden(self):
         s = self._s
-        if force_mN >= s[FIRM_MN] and s[STATE] == _DOWN:
+        if s[FORCE_NOW_MN] >= s[FIRM_MN] and s[STATE] == _DOWN:
             s[FIRM_MN] = _NEVER
-            self.sink.firm(t)
+            self.sink.firm(s[T_NOW])
 
-    def _rests(self, x_um, force_mN, t):
+    def _rests(self):
         s = self._s
-        if not (s[LOW_UM] <= x_um <= s[HIGH_UM] and s[LOW_MN] <= force_mN <= s[HIGH_MN]):
-            self._rest(x_um, force_mN, t)
+        if not (
+            s[LOW_UM] <= s[X_NOW_UM] <= s[HIGH_UM] and s[LOW_MN] <= s[FORCE_NOW_MN] <= s[HIGH_MN]
+        ):
+            self._rest(s[X_NOW_UM])
             return False
-        if elapsed(s[STILL], t) < s[STUCK_T]:
+        if elapsed(s[STILL], s[T_NOW]) < s[STUCK_T]:
             return False
-        s[STILL] = t
+        s[STILL] = s[T_NOW]
         return True
 
-    def _rest(self, x_um, force_mN, t):
+    def _rest(self, x_um):
         s = self._s
         off_um = self._layout.slide_um >> 1
+        force_mN = s[FORCE_NOW_MN]
         s[LOW_UM] = x_um - off_um
         s[HIGH_UM] = x_um + off_um
         s[LOW_MN] = force_mN - (force_mN >> 2)
         s[HIGH_MN] = force_mN + (force_mN >> 2)
-        s[STILL] = t
+        s[STILL] = s[T_NOW]

@@ -11,6 +11,8 @@ EVEN = 74_000  # 1.05
 NEAR_UM = 2000
 APART_UM = 4500  # least distance between two fingers
 RISEN = 30_000  # 1.02: a finger arrives
+REST_UM = 250  # largest difference between two readings of a resting position
+LIFTS_T = 9  # least time of a lift before its end is predicted
 CALM = 40_000  # 1.03: the light of a finger at rest
 # Share of an estimate's uncertainty that must be inside a key, in eighths: about two standard
 # deviations.
@@ -73,13 +75,22 @@ HAS_DIPPED = 47  # the light was lost for a moment
 X_PAIR_UM = 48  # last reading of two known fingers that rest: position, brightness
 B_PAIR = 49
 HINT_UM = 50  # in TWO: unconfirmed estimate of the second finger nearest to the first one
+X_LAST_UM = 51  # in TWO: position and brightness of the reading before the present one
+B_LAST = 52
+STEP_LAST_UM = 53  # in TWO: element `STEP_UM` before this reading
+STILL = 54  # since when a touch rests; limits of position and force in which it rests
+LOW_UM = 55
+HIGH_UM = 56
+LOW_MN = 57
+HIGH_MN = 58
 # MicroPython encodes an index from -16 to 47 in one byte.
 ODD = -16  # a reading did not fit one press
-STILL = -15  # since when a touch rests; limits of position and force in which it rests
-LOW_UM = -14
-HIGH_UM = -13
-LOW_MN = -12
-HIGH_MN = -11
+# The present reading: arguments of functions would need larger call frames, see strip.py.
+X_NOW_UM = -15
+B_NOW = -14
+T_NOW = -13
+FORCE_NOW_MN = -12
+FITS = -11  # its spectrum fits one press
 FIRM_MN = -10  # force of a firm press, until the firm press is reported
 LENGTH_UM = -9  # length of the strip, see `set_layout` and `_NOISE`
 DECAY = -8
@@ -90,4 +101,4 @@ STUCK_T = -4
 DETECT = -3
 JUMP_UM = -2
 RELEASE_T = -1
-SIZE = 67
+SIZE = 75

@@ -1,6 +1,6 @@
 """Evidence about a second and a third finger, from readings of `contact.ContactTracker`.
 
-The argument `s` of each function is the state of a tracker, whose elements contact.py describes.
+The argument `s` of each function is the state of a tracker, see contact_state.py.
 The functions store their estimates in it; contact.py decides which fingers touch, and reports them.
 Integers only; allocates nothing.
 """
@@ -14,44 +14,57 @@ from .contact_state import (
     APART_UM,
     B_BOTH,
     B_GUESS,
+    B_LAST,
+    B_NOW,
     B_SECOND,
+    B_SEEN,
     B_SINCE,
     BEGAN,
     CALM,
     DECAY,
-    DRIFTS,
     EVEN,
     FALLS,
     FELL,
     FIT_BOTH,
+    FIT_SEEN,
+    FITS,
     FOUND_B,
     FOUND_SLACK_UM,
     FOUND_UM,
     GUESSED,
     GUESSED_T,
     HAS_DIPPED,
+    HINT_UM,
     IS_CALM,
     IS_EVEN,
     KNOWN,
     LEAST,
     LENGTH_UM,
+    LIFTS_T,
     LOST,
+    LOW,
     MORE,
     NEAR_UM,
-    NOISE_PRODUCT,
     PEAK,
+    REST_UM,
+    RESTED,
     RISEN,
     RISES,
     SAME_UM,
     SECOND,
     SEEN,
+    SINCE,
     SLACK_GUESS_UM,
     SOON,
+    STEP_LAST_UM,
     STEP_UM,
+    T_NOW,
     THIRD,
     TICKS,
     X_BOTH_UM,
     X_GUESS_UM,
+    X_LAST_UM,
+    X_NOW_UM,
     X_PEAK_UM,
     X_SECOND_UM,
     X_SEEN_UM,
@@ -59,9 +72,14 @@ from .contact_state import (
     B,
     T,
 )
-from .locate import power
-from .second import locate, may_rest, noise, weigh
+from .locate import estimate, power
+from .second import may_rest, weigh
 
+SINGLE = 1  # results of `remains`
+ENDS = 2
+_REMAINS_UM = const(2000)  # largest distance to the second finger at the end of a lift
+_FAST_UM = const(20_000)
+_CHANGED = const(150_000)  # 1.1
 _AGREE_UM = const(600)
 _SURE_UM = const(4000)
 _TWICE_T = const(8)  # least time between two estimates that confirm each other
@@ -72,115 +90,138 @@ _OTHER = const(150_000)  # 1.1
 _SINGLE = const(419_000)  # 1.32
 
 
-def solve(s, x1_um, b1, x_um, brightness, fits):
-    """Estimate a finger beside another one, which has position `x1_um` and brightness `b1`.
+def compare(s, slack_um):
+    """Compare the present reading with the readings before, while there may be two fingers.
 
-    The other arguments are a reading, see `second.locate`. Stores the result in three elements of
-    the state, from `FOUND_UM` on. Returns whether there is a solution on the strip.
+    Updates elements of the state `s` of a `contact.ContactTracker`: the extremes of the brightness,
+    the rest of the position, the last reading and the present one. `slack_um` is the largest
+    distance between two readings of a resting position, in um.
     """
-    return (
-        s[LENGTH_UM]
-        and locate(
-            s,
-            s[DECAY],
-            x1_um,
-            b1,
-            x_um,
-            brightness,
-            -1 if s[DRIFTS] else fits,
-            noise(s[NOISE_PRODUCT], brightness),
-        )
-        and -NEAR_UM - s[FOUND_SLACK_UM] < s[FOUND_UM] < s[LENGTH_UM] + NEAR_UM + s[FOUND_SLACK_UM]
-    )
+    x_um = s[X_NOW_UM]
+    brightness = s[B_NOW]
+    if brightness >= s[PEAK]:
+        s[PEAK] = s[LOW] = brightness
+        s[X_PEAK_UM] = x_um
+    if brightness < s[LOW]:
+        s[LOW] = brightness
+    if brightness < s[LEAST]:
+        s[LEAST] = brightness
+    s[X_LAST_UM] = x_last_um = s[X_SEEN_UM]
+    s[B_LAST] = s[B_SEEN]
+    s[X_SEEN_UM] = x_um
+    s[B_SEEN] = brightness
+    steady = abs(x_um - x_last_um) < slack_um
+    if brightness > s[B_LAST] + RISEN:
+        s[B_BOTH] = 0
+    elif s[RESTED] and not steady:
+        s[X_BOTH_UM] = x_last_um
+        s[B_BOTH] = s[B_LAST]
+        s[FIT_BOTH] = s[FIT_SEEN]
+    s[RESTED] = steady
+    s[FIT_SEEN] = s[FITS]
+    if s[FITS] and steady and s[SEEN] >= 0:
+        s[SEEN] = min(s[SEEN] + 1, 99)
+    else:
+        s[SEEN] = 0 if s[FITS] else -1
+        s[SINCE] = s[T_NOW]
+        s[B_SINCE] = brightness
+    s[STEP_LAST_UM] = s[STEP_UM]
+    s[STEP_UM] = abs(x_um - s[X_UM]) - abs(x_last_um - s[X_UM])
 
 
-def guess(s, fits, x_um, brightness, t):
-    """Estimate a second finger while the first one rests; return whether two estimates agree.
+def beside(s):
+    """Estimate a second finger in the present reading, if the first finger rests."""
+    return estimate(s, s[X_UM], s[B], s[X_NOW_UM], s[B_NOW], s[FITS])
 
-    The arguments are a reading, as in `second.locate`, and its time.
-    """
-    if not solve(s, s[X_UM], s[B], x_um, brightness, fits):
-        s[GUESSED] = False
-        end_um = s[LENGTH_UM] + NEAR_UM if x_um > s[X_UM] else -NEAR_UM
-        if not may_rest(s[DECAY], s[X_UM], s[B] - EVEN, end_um, x_um, brightness):
-            # The first finger became dimmer, even if the second finger is at the strip's end.
-            s[IS_EVEN] = False
-            s[FALLS] = True
-            s[FELL] = t
+
+def guess(s):
+    """Estimate a second finger while the first one rests; return whether two estimates agree."""
+    if not beside(s):
+        _fall(s)
         return False
-    at_um = s[FOUND_UM]
     slack_um = s[FOUND_SLACK_UM]
-    b = s[FOUND_B]
     if s[IS_CALM]:
         slack_um >>= 1
-    agrees = s[GUESSED] and abs(at_um - s[X_GUESS_UM]) <= _AGREE_UM + (
+    agrees = s[GUESSED] and abs(s[FOUND_UM] - s[X_GUESS_UM]) <= _AGREE_UM + (
         slack_um + s[SLACK_GUESS_UM] >> 1
     )
     if agrees and (
-        (t - s[GUESSED_T]) & (TICKS - 1) < _TWICE_T
-        or (abs(b - s[B_GUESS]) <= _OTHER and (fits or not s[IS_CALM]))
+        (s[T_NOW] - s[GUESSED_T]) & (TICKS - 1) < _TWICE_T
+        or (abs(s[FOUND_B] - s[B_GUESS]) <= _OTHER and (s[FITS] or not s[IS_CALM]))
     ):
         return False  # no evidence: the same share of light always gives the same position
-    s[GUESSED_T] = t
+    s[GUESSED_T] = s[T_NOW]
     s[GUESSED] = True
-    s[X_GUESS_UM] = at_um
+    s[X_GUESS_UM] = s[FOUND_UM]
     s[SLACK_GUESS_UM] = slack_um
-    s[B_GUESS] = b
+    s[B_GUESS] = s[FOUND_B]
     return agrees and slack_um <= _SURE_UM
 
 
-def guess_both(s, fits, x_last_um, b_last, x_um, brightness):
+def _fall(s):
+    # The first finger became dimmer, even if the second finger is at the strip's end.
+    s[GUESSED] = False
+    x_um = s[X_NOW_UM]
+    end_um = s[LENGTH_UM] + NEAR_UM if x_um > s[X_UM] else -NEAR_UM
+    if not may_rest(s[DECAY], s[X_UM], s[B] - EVEN, end_um, x_um, s[B_NOW]):
+        s[IS_EVEN] = False
+        s[FALLS] = True
+        s[FELL] = s[T_NOW]
+
+
+def guess_both(s):
     """Estimate both fingers from two readings, if the light of the first finger is unknown.
 
-    The arguments are position and brightness of the last reading, and the present reading, as in
-    `second.locate`. Returns whether an earlier estimate agrees.
+    The readings are the present one and the one before. Returns whether an earlier estimate agrees.
     """
+    x_um = s[X_NOW_UM]
+    b_last = s[B_LAST]
     limit_um = s[LENGTH_UM] + NEAR_UM if x_um > s[X_UM] else -NEAR_UM
     if (
-        brightness < b_last + EVEN
-        or not weigh(s, s[DECAY], s[X_UM], limit_um, x_last_um, b_last, x_um, brightness)
+        s[B_NOW] < b_last + EVEN
+        or not weigh(s, s[DECAY], s[X_UM], limit_um, s[X_LAST_UM], b_last, x_um, s[B_NOW])
         or s[FOUND_B] < s[B] - CALM
     ):
         # A third reading confirms an earlier estimate, because its light differs.
         s[GUESSED] = (
             s[GUESSED]
-            and solve(s, s[X_UM], s[B_GUESS], x_um, brightness, fits)
+            and estimate(s, s[X_UM], s[B_GUESS], x_um, s[B_NOW], s[FITS])
             and abs(s[FOUND_UM] - s[X_GUESS_UM]) <= _AGREE_UM + s[SLACK_GUESS_UM]
         )
-        return s[GUESSED] and _confirm(s, fits, x_um, brightness)
+        return s[GUESSED] and _confirm(s)
     at_um = s[FOUND_UM]
     slack_um = s[FOUND_SLACK_UM]
-    b = s[FOUND_B]
     agrees = s[GUESSED] and abs(at_um - s[X_GUESS_UM]) <= _AGREE_UM + slack_um + s[SLACK_GUESS_UM]
     if not agrees or slack_um < s[SLACK_GUESS_UM]:
         s[GUESSED] = True
         s[X_GUESS_UM] = at_um
         s[SLACK_GUESS_UM] = slack_um
-        s[B_GUESS] = b
-    return agrees and _confirm(s, fits, x_um, brightness)
+        s[B_GUESS] = s[FOUND_B]
+    return agrees and _confirm(s)
 
 
-def _confirm(s, fits, x_um, brightness):
+def _confirm(s):
     s[B] = s[B_GUESS]
     s[IS_EVEN] = True
     s[RISES] = False
-    if s[SLACK_GUESS_UM] > _SURE_UM or not solve(s, s[X_UM], s[B], x_um, brightness, fits):
+    if s[SLACK_GUESS_UM] > _SURE_UM or not beside(s):
         s[GUESSED] = False
         return False
     s[B_GUESS] = s[FOUND_B]
     return True
 
 
-def recalls(s, x_um, brightness):
+def recalls(s):
     """Estimate a second finger that rested, but was not found; return whether it is certain.
 
-    One of the two fingers has left; the present reading is of the other one, at `x_um`.
+    One of the two fingers has left; the present reading is of the other one.
     """
+    x_um = s[X_NOW_UM]
     if (
         s[SECOND]
         or not s[B_BOTH]
-        or abs(s[B_SINCE] - brightness) > EVEN  # the finger at `x_um` lifts
-        or not solve(s, x_um, s[B_SINCE], s[X_BOTH_UM], s[B_BOTH], s[FIT_BOTH])
+        or abs(s[B_SINCE] - s[B_NOW]) > EVEN  # the finger at `x_um` lifts
+        or not estimate(s, x_um, s[B_SINCE], s[X_BOTH_UM], s[B_BOTH], s[FIT_BOTH])
     ):
         return False
     at_um = s[FOUND_UM]
@@ -188,20 +229,20 @@ def recalls(s, x_um, brightness):
     return slack_um <= _SURE_UM and abs(at_um - s[X_UM]) >= APART_UM + slack_um
 
 
-def slides(s, fits, x_um, brightness):
+def slides(s):
     """Follow a sliding second finger; return whether its position was updated.
 
-    It is not updated if the first finger may be lifting, because that has a similar effect. The
-    arguments are a reading, as in `second.locate`.
+    It is not updated if the first finger may be lifting, because that has a similar effect.
     """
+    brightness = s[B_NOW]
     if (
         (s[T] - s[BEGAN]) & (TICKS - 1) < _SLIDES_T
         or (
             brightness < s[PEAK] - (RISEN >> 1)  # a finger that lifts loses light
-            and solve(s, s[X_SECOND_UM], s[B_SECOND], x_um, brightness, fits)
+            and estimate(s, s[X_SECOND_UM], s[B_SECOND], s[X_NOW_UM], brightness, s[FITS])
             and abs(s[FOUND_UM] - s[X_UM]) < (s[FOUND_SLACK_UM] >> 1) + SAME_UM
         )
-        or not solve(s, s[X_UM], s[B], x_um, brightness, fits)
+        or not beside(s)
     ):
         return False
     if abs(s[FOUND_UM] - s[X_SECOND_UM]) > 2 * APART_UM:
@@ -213,33 +254,39 @@ def slides(s, fits, x_um, brightness):
     return True
 
 
-def find_third(s, x0_um, b0, fits, x_um, brightness):
+def find_third(s, x0_um, b0, fits):
     """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
 
     `x0_um` is the position of the second finger if the first one has left; else the common
-    position of both fingers. The other arguments are a reading, as in `second.locate`. Returns the
-    uncertainty of the third finger's position in um, or 0 until two readings agree on this
-    position. While the first finger lifts, readings do not agree.
+    position of both fingers. `fits` is as in `locate.locate`. Returns the uncertainty of the third
+    finger's position in um, or 0 until two readings agree on this position. While the first finger
+    lifts, readings do not agree.
     """
+    if estimate(s, x0_um, b0, s[X_NOW_UM], s[B_NOW], fits):
+        return _agree(s)
+    s[GUESSED] = False
+    s[X_GUESS_UM] = s[FOUND_UM]
+    s[B_GUESS] = s[FOUND_B]
+    return 0
+
+
+def _agree(s):
     agrees = s[GUESSED]
     last_um = s[X_GUESS_UM]
-    s[GUESSED] = (
-        solve(s, x0_um, b0, x_um, brightness, fits)
-        and abs(s[FOUND_UM] - s[X_UM]) > APART_UM
-        and abs(s[FOUND_UM] - s[X_SECOND_UM]) > APART_UM
-    )
     s[X_GUESS_UM] = at_um = s[FOUND_UM]
     s[B_GUESS] = s[FOUND_B]
+    s[GUESSED] = abs(at_um - s[X_UM]) > APART_UM and abs(at_um - s[X_SECOND_UM]) > APART_UM
     if not (agrees and s[GUESSED]) or abs(at_um - last_um) > APART_UM:
         return 0
     return (s[FOUND_SLACK_UM] * SOON >> 3) + abs(last_um - at_um)
 
 
-def has_left(s, off_um, brightness):
+def has_left(s, off_um):
     """Return whether the first finger has left.
 
     The measured position now rests, `off_um` um from the last position of the first finger.
     """
+    brightness = s[B_NOW]
     if not s[SECOND] and brightness > s[B_SINCE] + _DIPPED:
         return True  # with two fingers, this change of force would move the position
     first = s[B]
@@ -250,7 +297,7 @@ def has_left(s, off_um, brightness):
         if abs(off_um) < apart_um - NEAR_UM and brightness < s[B_SINCE] - EVEN:
             return False  # both lift
         # There may be a third finger, and the second finger may not have left.
-        return not solve(
+        return not estimate(
             s,
             s[X_SECOND_UM],
             s[B_SECOND] - _DIPPED,
@@ -262,7 +309,7 @@ def has_left(s, off_um, brightness):
         return True  # while a finger lifts, the position would change
     x_um = s[X_UM] + off_um
     # No second finger on the strip could cause this position while the first one rests.
-    alone = (s[SEEN] > 1 or brightness < first + _SINGLE) and not solve(
+    alone = (s[SEEN] > 1 or brightness < first + _SINGLE) and not estimate(
         s, s[X_UM], first - MORE, x_um, brightness, True
     )
     if s[THIRD]:
@@ -281,6 +328,35 @@ def has_left(s, off_um, brightness):
     if off_um < 0:
         away_um = -away_um
     return away_um > (abs(off_um) >> 5) * ((light_first << 4) // (peak + 1)) // 10
+
+
+def remains(s):
+    """Return whether only one finger remains: 0, `SINGLE`, `ENDS`, or the sum of both.
+
+    `SINGLE`: the light changed, but not the position. `ENDS`: the first finger has almost left.
+    """
+    moved_um = abs(s[X_NOW_UM] - s[X_LAST_UM])
+    # With two fingers, this change of light would move the position.
+    change = abs(s[B_NOW] - s[B_LAST])
+    how = 0
+    if change > _CHANGED and moved_um < max(
+        REST_UM, (change >> 12) * min(abs(s[X_NOW_UM] - s[X_UM]), 100_000) >> 12
+    ):
+        how = SINGLE
+    # While the first finger lifts, the position approaches the second finger, in ever smaller
+    # steps. The remaining distance is about the square of a step divided by the step before.
+    # Or the second finger was estimated here before.
+    step_um = s[STEP_UM]
+    if (abs(s[X_NOW_UM] - s[HINT_UM]) < NEAR_UM and s[B_NOW] < s[PEAK] - EVEN) or (
+        s[FALLS]
+        and not s[THIRD]
+        and (s[T_NOW] - s[FELL]) & (TICKS - 1) >= LIFTS_T
+        and s[B_NOW] > s[B_LAST] - LOST
+        and 0 < step_um < _FAST_UM
+        and step_um * step_um < s[STEP_LAST_UM] * _REMAINS_UM
+    ):
+        how |= ENDS
+    return how
 
 
 def has_almost_left(s):

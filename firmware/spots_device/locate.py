@@ -1,10 +1,35 @@
-"""Solves for the position of the second of two fingers, see second.py.
+"""Estimates the second of two fingers in one reading, see second.py.
 
 Boards with ``viper = true`` in board.toml get locate_viper.py instead of this file: the same
 functions with identical results, in machine code. All integers fit 31 bits; allocates nothing.
 """
 
+from array import array
+
+try:
+    from micropython import const
+except ImportError:
+    const = int  # on the host
+
+from .contact_state import (
+    APART_UM,
+    DECAY,
+    DRIFTS,
+    FOUND_SLACK_UM,
+    FOUND_UM,
+    LENGTH_UM,
+    NEAR_UM,
+    NOISE_PRODUCT,
+)
+from .log2 import log2_q20
+
 FAR_LOG2 = 18  # distances are below 2**18 um
+# The misfit grows with the loss of brightness (Q20 of log2) that two fingers cause. The loss is
+# below `_FIT` if the reading fits one press, and above `_MISFIT` if it does not.
+_FIT = const(45_000)
+_MISFIT = const(12_000)
+
+_solved = array("i", bytes(16))
 
 
 def power(exponent):
@@ -62,3 +87,76 @@ def solve(found, decay, off_um, alone, brightness):
     found[2] = ratio
     found[3] = other
     return True
+
+
+def noise(product, brightness):
+    """Return a position's standard deviation in um: `product` divided by the counts; at most 20000.
+
+    Parameters
+    ----------
+    product : int
+        Product of counts and standard deviation of the position in um; a constant of the strip.
+    brightness : int
+        Brightness in Q20 of log2, from which the counts are computed.
+    """
+    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
+
+
+def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
+    """Estimate the second finger in a reading; return whether there is a second finger.
+
+    Parameters
+    ----------
+    found : array.array
+        Output, ``array("i")``: position of the second finger in um, uncertainty of this position in
+        um, and brightness of the second finger in Q20 of log2.
+    decay : int
+        Decay of the light by the dye (k, see second.py) in log2 units per um, Q24; at most 1000.
+    x1_um, first : int
+        Position of the first finger in um, and its brightness in Q20 of log2.
+    x_um, brightness : int
+        Position of the reading in um, and its brightness in Q20 of log2.
+    fits : int
+        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. The
+        spectrum of two fingers fits one press only if the fingers are near each other.
+    noise_um : int
+        Standard deviation of the reading's position, in um.
+    """
+    alone = power(first) >> 6
+    if not solve(_solved, decay, x_um - x1_um, alone, brightness):
+        return False
+    away_um, lost, ratio, other = _solved
+    lever = (256 - 262144 // (1024 + ratio)) * (alone + other) // other  # (1 - f) l / l2, Q8
+    apart_um = abs(away_um)
+    room = 0
+    if fits >= 0:
+        room = _FIT - lost if fits else lost - _MISFIT
+    if apart_um < APART_UM or apart_um >> FAR_LOG2 or room < 0:
+        return False
+    found[0] = x1_um + away_um
+    found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
+    found[2] = log2_q20(other) - (4 << 20)
+    return True
+
+
+def estimate(s, x1_um, b1, x_um, brightness, fits):
+    """Estimate a finger beside another one, which has position `x1_um` and brightness `b1`.
+
+    `s` is the state of a `contact.ContactTracker`. The other arguments are a reading, see `locate`.
+    Stores the result in three elements of the state, from `FOUND_UM` on. Returns whether there is a
+    solution on the strip.
+    """
+    return (
+        s[LENGTH_UM]
+        and locate(
+            s,
+            s[DECAY],
+            x1_um,
+            b1,
+            x_um,
+            brightness,
+            -1 if s[DRIFTS] else fits,
+            noise(s[NOISE_PRODUCT], brightness),
+        )
+        and -NEAR_UM - s[FOUND_SLACK_UM] < s[FOUND_UM] < s[LENGTH_UM] + NEAR_UM + s[FOUND_SLACK_UM]
+    )

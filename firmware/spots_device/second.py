@@ -1,4 +1,4 @@
-"""Estimates the position of the second of two fingers, while the first finger rests.
+"""Estimates the second of two fingers from two readings, or whether the first one can rest.
 
 The light of both fingers, l = l1 + l2, appears to come from one position between the fingers. Let d
 be the distance between the fingers. This position has the distance f d from the first finger, with
@@ -12,75 +12,17 @@ value remains to check that the first finger rests, so several readings must agr
 31 bits; allocates nothing.
 """
 
-from array import array
-
 try:
     from micropython import const
 except ImportError:
     const = int  # on the host
 
-from .locate import FAR_LOG2, power, solve
+from .contact_state import APART_UM
+from .locate import FAR_LOG2, power
 from .log2 import log2_q20
 
-_NEAR_UM = const(4500)  # least distance between two fingers
 _ROOM_UM = const(300)
 _STEP_UM = const(2000)
-# The misfit grows with the loss of brightness (Q20 of log2) that two fingers cause. The loss is
-# below `_FIT` if the reading fits one press, and above `_MISFIT` if it does not.
-_FIT = const(45_000)
-_MISFIT = const(12_000)
-
-_solved = array("i", bytes(16))
-
-
-def noise(product, brightness):
-    """Return a position's standard deviation in um: `product` divided by the counts; at most 20000.
-
-    Parameters
-    ----------
-    product : int
-        Product of counts and standard deviation of the position in um; a constant of the strip.
-    brightness : int
-        Brightness in Q20 of log2, from which the counts are computed.
-    """
-    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
-
-
-def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
-    """Estimate the second finger in a reading; return whether there is a second finger.
-
-    Parameters
-    ----------
-    found : array.array
-        Output, ``array("i")``: position of the second finger in um, uncertainty of this position in
-        um, and brightness of the second finger in Q20 of log2.
-    decay : int
-        Decay of the light by the dye (k, see the module) in log2 units per um, Q24; at most 1000.
-    x1_um, first : int
-        Position of the first finger in um, and its brightness in Q20 of log2.
-    x_um, brightness : int
-        Position of the reading in um, and its brightness in Q20 of log2.
-    fits : int
-        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. The
-        spectrum of two fingers fits one press only if the fingers are near each other.
-    noise_um : int
-        Standard deviation of the reading's position, in um.
-    """
-    alone = power(first) >> 6
-    if not solve(_solved, decay, x_um - x1_um, alone, brightness):
-        return False
-    away_um, lost, ratio, other = _solved
-    lever = (256 - 262144 // (1024 + ratio)) * (alone + other) // other  # (1 - f) l / l2, Q8
-    apart_um = abs(away_um)
-    room = 0
-    if fits >= 0:
-        room = _FIT - lost if fits else lost - _MISFIT
-    if apart_um < _NEAR_UM or apart_um >> FAR_LOG2 or room < 0:
-        return False
-    found[0] = x1_um + away_um
-    found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
-    found[2] = log2_q20(other) - (4 << 20)
-    return True
 
 
 def _part(decay, off_um, brightness, away_um):
@@ -91,12 +33,14 @@ def _part(decay, off_um, brightness, away_um):
     `off_um` is the distance from the first finger to the position of the reading, `away_um` the
     distance from the first finger to the second finger.
     """
+    # At most 11 words in the call frame, see strip.py.
     share = (off_um << 10) // away_um
-    bend = decay * away_um >> 14
-    lost = min(((bend * bend >> 8) * (share * (1024 - share) >> 12) >> 8) * 69, 1 << 20)
-    exponent = min(max(decay * away_um >> 4, -(9 << 20)), 3 << 20)
-    ratio = power(exponent) * share // (1024 - share)
-    return (power(brightness + lost) & ~63) // (1024 + ratio >> 4)
+    decay *= away_um
+    brightness += min(
+        ((share * (1024 - share) >> 12) * ((decay >> 14) ** 2 >> 8) >> 8) * 69, 1 << 20
+    )
+    ratio = power(min(max(decay >> 4, -(9 << 20)), 3 << 20)) * share // (1024 - share)
+    return (power(brightness) & ~63) // (1024 + ratio >> 4)
 
 
 def may_rest(decay, x1_um, first, end_um, x_um, brightness):
@@ -157,7 +101,7 @@ def weigh(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b):
         else:
             high = middle
     light = _part(decay, b_um, next_b, low)
-    if light < 16 or abs(low) < _NEAR_UM:
+    if light < 16 or abs(low) < APART_UM:
         return False
     farther = low + sign * _STEP_UM
     gap = _part(decay, a_um, brightness, farther) - _part(decay, b_um, next_b, farther)

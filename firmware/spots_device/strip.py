@@ -289,14 +289,18 @@ class Strip:
             if self._reading[WANTED] and self._state <= _UNKNOWN:
                 self._start_blink(sensor)
             return
-        self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
-        self._time.last = sensor.complete
+        self._stamp(sensor)
         flags = self._process(flags | READ)
         if flags & COMPLETE:
             flags |= self._process(self._use())
         self._finish(sensor, flags)
         if state == _BLINKING and steady and self._dark.add(sensor.counts):
             self._end_blink(sensor)
+
+    def _stamp(self, sensor):
+        # In `_take_any`, these lines would make its frame larger than 11 words.
+        self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
+        self._time.last = sensor.complete
 
     def _process(self, flags):
         return process(

@@ -218,7 +218,9 @@ def _load(folder: Path) -> str:
         stat=lambda path: os.stat(folder / path),
     )
     # A collection here would cover the whole program and cost samples.
-    sys.modules[f"{name}.app"].gc = SimpleNamespace(collect=lambda: None)
+    for module in [sys.modules[key] for key in sys.modules if key.startswith(f"{name}.")]:
+        if hasattr(module, "gc"):
+            module.gc = SimpleNamespace(collect=lambda: None)
     return name
 
 

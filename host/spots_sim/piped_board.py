@@ -79,6 +79,9 @@ class PipedBoard:
         board_in, self._to_board = os.pipe()
         self._from_board, board_out = os.pipe()
         os.set_blocking(self._from_board, False)
+        # Unlike os.read, this reads an empty pipe without an exception.
+        self._output = open(self._from_board, "rb", buffering=0, closefd=False)
+        self._buffer = memoryview(bytearray(1 << 16))
         os.set_blocking(self._to_board, False)
         self._sent = b""  # read from the full pipe, so that the board can continue
         self._board_in = board_in
@@ -112,11 +115,11 @@ class PipedBoard:
 
     def received(self) -> bytes:
         """Return all bytes that the board has sent since the last call."""
+        size = self._output.readinto(self._buffer)
+        if not size and not self._sent:
+            return b""
         sent, self._sent = self._sent, b""
-        try:
-            return sent + os.read(self._from_board, 1 << 16)
-        except BlockingIOError:
-            return sent
+        return sent + self._buffer[: size or 0]
 
     def step(self) -> None:
         """Answer the firmware's pending request, and run the firmware until its next request."""

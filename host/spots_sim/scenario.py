@@ -200,7 +200,7 @@ class Held:
         return [replace(self.press, force_mN=self.press.force_mN * swing)]
 
     def is_dark(self, start_s: float, end_s: float) -> bool:
-        return False  # unknown
+        return False  # unknown: `person.follow` replaces `presses`
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         return 0.0

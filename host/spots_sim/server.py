@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 
 from spots.errors import SpotsError
 
@@ -11,9 +12,14 @@ from .protocol import protocol
 from .usb import UsbHost
 
 _LEVEL, _FDATA = 0xFD, 0xFE  # registers of the chip's FIFO
+_PERIOD_US = protocol.PERIOD_US
+_SENDS = frozenset(protocol.SENDS)
+_ANSWER = struct.Struct("<BI")  # errno, clock
 _SAMPLE_BYTES = 12
-REPORTS = protocol.MEMORY, protocol.BUSY  # requests without an answer
-_ON_A_BUS = protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT
+REPORTS = frozenset((protocol.MEMORY, protocol.BUSY))  # requests without an answer
+_ON_A_BUS = frozenset(
+    (protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT)
+)
 
 
 def read_request(fd: int) -> bytes | None:
@@ -21,8 +27,9 @@ def read_request(fd: int) -> bytes | None:
     header = os.read(fd, 4)
     if len(header) < 4:
         return None
-    size = header[2] if header[0] in protocol.SENDS else 0
-    return header + os.read(fd, size) if size else header
+    if header[0] in _SENDS and header[2]:
+        return header + os.read(fd, header[2])
+    return header
 
 
 def is_reset(request: bytes) -> bool:
@@ -102,19 +109,21 @@ def answer(
     SpotsError
         If the pipe is full, because the board does not read the answers to its requests.
     """
-    data, error, (_, a, b, c) = b"", 0, request[:4]
-    selected = c if request[0] == protocol.SPEED else a if request[0] in _ON_A_BUS else 0
-    if selected & protocol.SECOND_BUS and second is not None:
-        bus, a = second, a & ~protocol.SECOND_BUS
+    data, error = b"", 0
+    operation, a, b, c = request[:4]
+    if second is not None:
+        selected = c if operation == protocol.SPEED else a if operation in _ON_A_BUS else 0
+        if selected & protocol.SECOND_BUS:
+            bus, a = second, a & ~protocol.SECOND_BUS
     try:
-        match request[0]:
+        match operation:
+            case protocol.READ:
+                data = bus.write_read(a, request[2:3], c)
+                bus.clock.spend_us(after_us)
             case protocol.SLEEP:
-                bus.clock.pause_us(_number(request) / rate)
+                bus.clock.pause_us((a | b << 8 | c << 16) / rate)
             case protocol.SPEED:
                 bus.frequency_hz = 1000 * int.from_bytes(request[1:3], "little")
-            case protocol.READ:
-                data = bus.write_read(a, bytes((b,)), c)
-                bus.clock.spend_us(after_us)
             case protocol.RECEIVE:
                 data = bus.read(a, c)
             case protocol.LINES:
@@ -131,8 +140,8 @@ def answer(
                 pass  # the caller implements the timeout, see `fed_for_us`
     except OSError as failure:
         error = failure.errno
-    now = int(bus.clock.now_us() * rate) % protocol.PERIOD_US
-    reply = bytes((error,)) + now.to_bytes(4, "little") + (b"" if error else data)
+    now = int(bus.clock.now_us() * rate) % _PERIOD_US
+    reply = _ANSWER.pack(error, now) + (b"" if error else data)
     try:
         os.write(fd, reply)  # atomic, because it is shorter than PIPE_BUF
     except BrokenPipeError:

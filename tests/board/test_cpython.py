@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import sys
@@ -11,8 +12,10 @@ import pytest
 
 import spots
 from spots.cli import main
+from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_sim import vm
+from test_realtime import TAPS
 
 TIMEOUT_S = 120
 
@@ -90,8 +93,10 @@ def test_the_demo_names_what_runs_the_firmware(port):
     assert any(" mm " in line and " N" in line for line in readings)
 
 
-def test_the_demo_in_real_time_loses_nothing(port, capsys):
-    run = figures(capsys, "--seconds", "3")
+def test_the_demo_in_real_time_loses_nothing(port, capsys, tmp_path):
+    scenario = tmp_path / "taps.toml"
+    scenario.write_text(TAPS)
+    run = figures(capsys, "--seconds", "3", "--scenario", str(scenario))
     assert run["runtime"].startswith("cpython 3.")
     assert run["lost"] == run["bad_crc"] == 0
     assert run["touches"] >= 2
@@ -144,6 +149,21 @@ def test_a_key_goes_to_the_usb_host(rig, calibration, tmp_path):
     made.board.command("reboot")  # no key outlives it
     made.settle(0.5)
     assert made.link.usb.reports[1] == (0, bytes(8))
+
+
+def test_the_firmware_collects_no_garbage_of_the_host(rig, calibration):
+    made = rig()
+    begun = []
+    gc.disable()  # now only a call of gc.collect begins a collection
+    gc.callbacks.append(lambda phase, info: begun.append(phase))
+    try:
+        upload(made.board, calibration)
+        made.board.command("reboot")
+        made.settle(0.5)
+    finally:
+        gc.callbacks.pop()
+        gc.enable()
+    assert not begun
 
 
 def test_the_readings_are_those_of_micropython(rig, calibration, monkeypatch):

@@ -7,11 +7,11 @@ import pytest
 from smallint import SmallInt
 
 from keys import DECAY
-from spots_device import second
+from spots_device import locate as locate_module
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SUBTRACTED, MISFIT
-from spots_device.locate import power
-from spots_device.second import locate, may_rest, weigh
+from spots_device.locate import locate, power
+from spots_device.second import may_rest, weigh
 from spots_device.views import Decoded
 from spots_sim.optics import Optics
 
@@ -19,7 +19,7 @@ from spots_sim.optics import Optics
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
     """Let `solve` keep the `SmallInt` values of its results: an array would convert them."""
-    monkeypatch.setattr(second, "_solved", [0] * 4)
+    monkeypatch.setattr(locate_module, "_solved", [0] * 4)
 
 
 @pytest.fixture(scope="module")

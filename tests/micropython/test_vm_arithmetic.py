@@ -22,6 +22,7 @@ from spots_device.decode import (
     DARK_SUBTRACTED,
     HEADER_SIZE,
     LED_OFF,
+    MISFIT,
     SATURATED,
 )
 from spots_device.frame import TEXT_MAX
@@ -242,7 +243,9 @@ def test_power(compare, rng):
 
 
 def two_fingers(rng):
-    """Return a reading of two fingers with the arguments of `locate`, plausible or impossible."""
+    """Return a reading of two fingers, plausible or impossible: four elements of the state of a
+    tracker, and the other arguments of `locate.estimate`.
+    """
     length_um = rng.choice((30_000, 85_000, 600_000))
     decay = rng.choice((1, 150, 289, 600, 1000))
     x1_um, x_um = rng.randint(0, length_um), rng.randint(0, length_um)
@@ -250,12 +253,14 @@ def two_fingers(rng):
         x_um = rng.choice((-(1 << 28), 1 << 28, x1_um))
     first = rng.randint(4 * ONE, 17 * ONE)
     more = rng.choice((rng.randint(0, 2 * ONE), rng.randint(-ONE, 18 * ONE - first)))
-    return [decay, x1_um, first, x_um, first + more, rng.randint(-1, 1), rng.randint(0, 20_000)]
+    known = [rng.choice((0, length_um, length_um)), decay, rng.randint(1, 4_000_000)]
+    drifts = rng.choice((0, 0, MISFIT))
+    return [*known, drifts, x1_um, first, x_um, first + more, rng.randint(-1, 1)]
 
 
-def test_locate(compare, rng):
-    cases = [two_fingers(rng) for _ in range(400)]
-    compare("locate", cases, width=4)
+def test_estimate_of_a_second_finger(compare, rng):
+    cases = [two_fingers(rng) for _ in range(600)]
+    compare("second_finger", cases, width=4)
 
 
 def a_finger(rng):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from pathlib import Path
 
 _NAME = re.compile(r"[A-Z][A-Z0-9_]*")
@@ -28,12 +29,7 @@ def inline(package: Path) -> None:
         path.relative_to(package).with_suffix("").as_posix(): _Module(path)
         for path in sorted(package.rglob("*.py"))
     }
-    attributes = {
-        node.attr
-        for module in modules.values()
-        for node in ast.walk(module.tree)
-        if isinstance(node, ast.Attribute)
-    }
+    attributes = {name for module in modules.values() for name in module.attributes}
     found = -1
     while found != sum(len(module.values) for module in modules.values()):
         found = sum(len(module.values) for module in modules.values())
@@ -47,28 +43,33 @@ class _Module:
     def __init__(self, path: Path):
         self._path = path
         self._text = path.read_bytes()
-        self.tree = ast.parse(self._text)
+        self._tree = ast.parse(self._text)
         self.values: dict[str, int] = {}  # constants that are defined here
+        self.attributes: set[str] = set()
         self._imported: dict[str, int] = {}
         self._removed: dict[ast.stmt, str] = {}
-        stored = [
-            node.id
-            for node in ast.walk(self.tree)
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
-        ]
-        self._once = {name for name in stored if stored.count(name) == 1}
+        self._names: list[ast.Name] = []
+        self._imports: list[ast.ImportFrom] = []
+        for node in ast.walk(self._tree):  # only once: it takes most of the time of a build
+            if isinstance(node, ast.Name):
+                self._names.append(node)
+            elif isinstance(node, ast.Attribute):
+                self.attributes.add(node.attr)
+            elif isinstance(node, ast.ImportFrom) and node.level:
+                self._imports.append(node)
+        stored = Counter(node.id for node in self._names if isinstance(node.ctx, ast.Store))
+        self._once = {name for name, times in stored.items() if times == 1}
 
     def evaluate(self, name: str, modules: dict[str, _Module], kept: set[str]) -> None:
-        for node in ast.walk(self.tree):
-            if isinstance(node, ast.ImportFrom) and node.level:
-                folder = name.split("/")[: -node.level]
-                origin = modules.get("/".join([*folder, *(node.module or "").split(".")]))
-                if origin is not None:
-                    self._import(node, origin.values)
+        for node in self._imports:
+            folder = name.split("/")[: -node.level]
+            origin = modules.get("/".join([*folder, *(node.module or "").split(".")]))
+            if origin is not None:
+                self._import(node, origin.values)
         if name == "__init__":  # what other programs read
             return
         known = self._imported | self.values
-        for node in self.tree.body:
+        for node in self._tree.body:
             if not isinstance(node, ast.Assign) or len(node.targets) != 1:
                 continue
             target = node.targets[0]
@@ -106,15 +107,14 @@ class _Module:
         starts = [0]
         for line in lines:
             starts.append(starts[-1] + len(line))
-        changes = []
         inside = {child for node in self._removed for child in ast.walk(node)}
-        for node in ast.walk(self.tree):
-            if node in self._removed:
-                text = self._removed[node]
-            elif isinstance(node, ast.Name) and node.id in known and node not in inside:
-                text = f"({known[node.id]})"
-            else:
-                continue
+        replaced = dict(self._removed) | {
+            node: f"({known[node.id]})"
+            for node in self._names
+            if node.id in known and node not in inside
+        }
+        changes = []
+        for node, text in replaced.items():
             first = starts[node.lineno - 1] + node.col_offset
             changes.append((first, starts[node.end_lineno - 1] + node.end_col_offset, text))
         text = self._text

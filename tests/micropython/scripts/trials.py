@@ -5,6 +5,16 @@ from array import array
 from canned import Clock
 from spots_device import kernel
 from spots_device.calibration import pack
+from spots_device.contact_state import (
+    DECAY,
+    DRIFTS,
+    FOUND_B,
+    FOUND_SLACK_UM,
+    FOUND_UM,
+    LENGTH_UM,
+    NOISE_PRODUCT,
+    SIZE,
+)
 from spots_device.decode import (
     AGE_STEP_US,
     AVERAGE,
@@ -36,10 +46,10 @@ from spots_device.decode import (
 from spots_device.frame import Time32
 from spots_device.keypad import Keypad
 from spots_device.layout import Layout
+from spots_device.locate import estimate as estimate_second
 from spots_device.locate import power as power_of_two
 from spots_device.log2 import log2_q20
 from spots_device.pacing import Pacing
-from spots_device.second import locate as locate_second
 
 _BURST_US = 390
 _CLEAR_US = 73
@@ -49,7 +59,7 @@ _COMPARED = 17  # elements of a state, up to the tolerance of the misfit
 _decode = Decode()
 _decode.scale(1, 4)
 _head = array("i", bytes(4 * HEAD_SIZE))
-_found = array("i", bytes(4 * 3))
+_tracked = array("i", bytes(4 * SIZE))
 _clock = Clock()
 _time = Time32(_clock)
 _pacing = Pacing(_clock)
@@ -327,17 +337,20 @@ def power(cases, results):
         results[i] = power_of_two(cases[i])
 
 
-def prepare_locate(cases):
+def prepare_second_finger(cases):
     return _arrays(cases)
 
 
-def locate(cases, results):
+def second_finger(cases, results):
+    s = _tracked
     for i in range(len(cases)):
         case = cases[i]
-        _found[0] = _found[1] = _found[2] = 0
-        is_there = locate_second(
-            _found, case[0], case[1], case[2], case[3], case[4], case[5], case[6]
-        )
+        s[FOUND_UM] = s[FOUND_SLACK_UM] = s[FOUND_B] = 0
+        s[LENGTH_UM] = case[0]
+        s[DECAY] = case[1]
+        s[NOISE_PRODUCT] = case[2]
+        s[DRIFTS] = case[3]
+        is_there = estimate_second(s, case[4], case[5], case[6], case[7], case[8])
         results[4 * i] = 1 if is_there else 0
         for j in range(3):
-            results[4 * i + 1 + j] = _found[j] if is_there else 0
+            results[4 * i + 1 + j] = s[FOUND_UM + j]
