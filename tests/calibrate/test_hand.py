@@ -110,6 +110,15 @@ def test_a_rough_calibration_takes_twelve_presses_and_is_good_to_a_millimetre(ro
     assert made.marks is not None
 
 
+def test_a_calibration_has_no_common_error_of_rounded_positions(rough):
+    session = Session(rough[0])
+    plain = hand._surface(session, session.length_um)
+    at_um, force_mN = np.linspace(0, session.length_um, 5), np.full(5, 3000.0)
+    made = hand.material(session, session.length_um)[0].logs(at_um, force_mN)
+    assert made == pytest.approx(plain.moved().logs(at_um, force_mN))
+    assert made != pytest.approx(plain.logs(at_um, force_mN), abs=1e-4)
+
+
 def test_a_relative_force_is_proportional_to_the_light(rough):
     forces, light = rough[4]
     assert forces / light == pytest.approx(np.mean(forces / light), rel=0.02)

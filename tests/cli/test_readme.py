@@ -29,6 +29,23 @@ ENDLESS = {
     "spots keyboard --layout mini --dry-run --port virtual": "down",
     "python": " ",
 }
+# The commands of hardware.md's list that cannot run here, and why. Further steps of the list have
+# no command: copying a .uf2 to the drive of a bootloader, wiring, painting, and udev's file.
+_NETWORK, _ROOT = "downloads from PyPI", "changes this computer, as root"
+_CHIP = "writes the flash of a real ESP32-S3"
+NEEDS_HARDWARE = {
+    "pip install 'spots-tactile[all]'": _NETWORK,
+    "pip install -e '.[all]'": _NETWORK,
+    "pip install esptool": _NETWORK,
+    'sudo usermod -aG dialout "$USER"': _ROOT,
+    "sudo udevadm control --reload": _ROOT,
+    "esptool --port PORT erase_flash": _CHIP,
+    "esptool --port PORT write_flash 0 FILE.bin": _CHIP,
+    "mpremote mip install usb-device-hid": "needs a real board and the Internet",
+    "spots dark": "a person unplugs the LED; calibrate/test_dark_command.py simulates the person",
+}
+_NO_BOARD = {"spots ports", "spots boards"}
+_PROGRAMS = {"spots", "pip", "sudo", "esptool", "mpremote", "make", "python", "python3"}
 LINES = [one for one in shell_lines("README.md") if one.startswith("spots ")]
 RECORDING = "run.spots"
 # Other programs may have the usual port; 100 ms of exposure take three times as long as 10 ms.
@@ -146,24 +163,46 @@ def test_a_program_of_the_readme_runs_after_make_demo(text, newcomer):
     run([sys.executable, "-c", text], ENDLESS["python"], newcomer)
 
 
-def walk():
-    """Return the commands of hardware.md's list, changed for a virtual board as it describes."""
+def steps():
+    """Return the text of hardware.md's list from bare board to key press, with its introduction."""
     text = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
-    steps = text.split("## From bare board to key press\n")[1].split("\n## ")[0]
-    numbers = [int(number) for number in re.findall(r"^(\d+)\. ", steps, re.MULTILINE)]
+    return text.split("## From bare board to key press\n")[1].split("\n## ")[0]
+
+
+def walk():
+    """Return the commands of hardware.md's list, those in running text included."""
+    numbers = [int(number) for number in re.findall(r"^(\d+)\. ", steps(), re.MULTILINE)]
     assert numbers == list(range(1, len(numbers) + 1))
-    inside = re.findall(r"^ +```sh\n(.*?)^ +```$", steps, re.MULTILINE | re.DOTALL)
-    lines = [line.strip() for block in inside for line in block.splitlines()]
-    assert "spots flash pico" in lines
-    for line in lines:
-        if line == "spots flash pico":
-            yield "spots flash virtual --dry-run"
-        else:
-            yield line if line == "spots ports" else line + " --port virtual"
+    block = re.compile(r"^ *```(\w+)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+    inside = [text for kind, text in block.findall(steps()) if kind == "sh"]
+    lines = [line.strip() for text in inside for line in text.splitlines()]
+    spans = re.findall(r"`([^`]+)`", block.sub("", steps()))
+    named = [" ".join(span.split()) for span in spans if span.split()[0] in _PROGRAMS]
+    assert {"spots flash pico", "spots calibrate"} <= {*lines}
+    assert {"spots calibrate --rough", "spots dark"} <= {*named}
+    return dict.fromkeys(lines + named)
+
+
+def on_a_virtual_board(line):
+    """Return a command of the list, changed for a virtual board as the list describes."""
+    if line == "spots flash pico":
+        return "spots flash virtual --dry-run"
+    return line if line in _NO_BOARD or "virtual" in line else line + " --port virtual"
 
 
 # Each line once: README has some of them, and `save` comes after each change.
-@pytest.mark.parametrize("line", sorted({*walk()} - {*LINES}))
+WALKED = {on_a_virtual_board(line) for line in walk() if line not in NEEDS_HARDWARE} - {*LINES}
+
+
+@pytest.mark.parametrize("line", sorted(WALKED))
 def test_a_step_from_bare_board_to_key_press_runs_on_a_virtual_board(line, newcomer):
     output = run(shlex.split(line), ENDLESS.get(line, ""), newcomer)
     assert "Traceback" not in output
+
+
+def test_only_steps_without_a_command_are_left_out_of_the_walk():
+    assert {*NEEDS_HARDWARE} <= {*walk()}
+    left_out = {line for line in walk() if not line.startswith("spots ")}
+    assert left_out | {"spots dark"} == {*NEEDS_HARDWARE}
+    for step in (".uf2", "BOOTSEL", "/etc/udev/rules.d/"):
+        assert step in steps()

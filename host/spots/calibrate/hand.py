@@ -144,7 +144,7 @@ def material(session: Session, length_um: float) -> tuple[Surface, Presses, Pres
     pressed : Presses
         Presses at a few positions with ascending forces, computed from `surface`.
     """
-    surface = _surface(session, length_um)
+    surface = _surface(session, length_um).moved()
     along = surface.presses(np.linspace(0, length_um, _ALONG), np.full(_ALONG, FIRM_MN))
     forces_mN = np.geomspace(surface.least_mN, surface.most_mN, _FORCES)
     # The light begins steeply, so the errors of the weakest forces can make the fitted light fall.

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import erfc, log
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -21,8 +22,11 @@ from spots_device.smux import CHANNELS
 
 from .fit import estimators
 from .presses import FIRM_MN, FULL_MN, Noise, Presses
+from .ruler import common_error_um
 
 _PLACE, _FORCE = 8, 7  # number of coefficients of s_c and g
+_BENDS = _PLACE * np.arange(CHANNELS) + 2  # indices of the coefficients of degree 2 of s_c
+_CONCAVE_MAX = 30.0  # standard deviations; above, erfc() would underflow
 _RATIO = 0.3  # ratio of the expected coefficients of successive degrees
 _WIDE = 30.0  # log2; expected size of a coefficient that is completely unknown
 _UNKNOWN = 4.0  # log2; standard deviation of the light of a press with an unknown force
@@ -145,23 +149,33 @@ class Surface:
         rows = self._rows(p.position_um, p.force_mN) * self._prior
         own = self._own(p.position_um, p.force_mN, p.counts)
         inverse = np.linalg.inv(own)
-        weighted = np.einsum("nij,njk->nik", inverse, rows)
-        information = np.einsum("nij,nik->jk", rows, weighted) + np.eye(len(self._prior))
-        values = np.einsum("nij,ni->j", weighted, p.logs)
-        found = np.linalg.solve(information, values)
-        self._cov = np.linalg.inv(information) * np.outer(self._prior, self._prior)
-        self._mean = self._prior * found
+        weighted = (inverse @ rows).reshape(-1, len(self._prior))
+        information = rows.reshape(weighted.shape).T @ weighted + np.eye(len(self._prior))
+        units = np.eye(len(self._prior))[:, _BENDS]
+        solved = np.linalg.solve(information, np.column_stack([p.logs.ravel() @ weighted, units]))
+        found, bends = solved[:, 0], solved[_BENDS]
+        self._information, self._mean = information, self._prior * found
         if not self._forces_known:  # the relative force is proportional to the light
             self._mean[CHANNELS * _PLACE] = (self._high - self._low) / 2 / np.log(2)
             middle = self._share(np.array([FIRM_MN / 2]))[0]
             self._mean[: CHANNELS * _PLACE : _PLACE] -= self._mean[CHANNELS * _PLACE] * middle
         off = p.logs - rows @ found
         self.evidence = -0.5 * (
-            np.einsum("ni,nij,nj->", off, inverse, off)
+            ((inverse @ off[:, :, None])[:, :, 0] * off).sum()
             + found @ found
             + np.linalg.slogdet(information)[1]
             + np.linalg.slogdet(own)[1].sum()
         )
+        # The prior of the bends is a half-normal distribution: a channel receives a band of
+        # wavelengths, so its count is a sum of exponentials of the position, whose logarithm is
+        # convex. The probability that each bend is not negative has changed from 1/2 to erfc() / 2.
+        sigmas = bends[:, 0] / np.sqrt(np.diag(bends[:, 1:]))
+        self.evidence += sum(log(erfc(-max(sigma, -_CONCAVE_MAX) / 2**0.5)) for sigma in sigmas)
+
+    @cached_property
+    def _cov(self) -> np.ndarray:
+        """Covariance of the model's coefficients."""
+        return np.linalg.inv(self._information) * np.outer(self._prior, self._prior)
 
     def _rows(self, place_um, force_mN) -> np.ndarray:
         """Return derivatives of log2(counts) by the model's coefficients.
@@ -239,6 +253,20 @@ class Surface:
         """
         sizes = replace(self.sizes, bends=(max(self.sizes.bends),) * CHANNELS)
         return Surface(self.taken, self._noise, self._samples, self.length_um, sizes, self)
+
+    def moved(self) -> Surface:
+        """Return this fit without the common error of the places, see `ruler`.
+
+        In `taken`, the presses have the places that were read.
+        """
+        p = self.taken
+        place = self._estimators(p.position_um, p.counts)[1]
+        off = p.logs - self.logs(p.position_um, p.force_mN)
+        common_um = common_error_um(p.position_um, (off * place).sum(axis=1))
+        presses = replace(p, position_um=p.position_um - common_um)
+        moved = Surface(presses, self._noise, self._samples, self.length_um, self.sizes, self)
+        moved.taken = p
+        return moved
 
     def find(self, counts: np.ndarray) -> tuple[float, float]:
         """Return position in um and force in mN whose expected counts are nearest to `counts`."""

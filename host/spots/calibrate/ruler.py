@@ -1,0 +1,74 @@
+"""Estimates the common error of positions that a person read off a ruler.
+
+The colours of the presses show their distances from each other, but not their distance from the
+ruler's zero. This distance is estimated from the positions that the person read. If the errors of
+these positions are Gaussian, nothing is better than their mean. But a ruler has marks, and a position that
+is rounded to the nearest mark has a uniform error, of half the distance of the marks at most. The
+ends of such a distribution show its middle better than the mean does. So the error is modelled as
+either Gaussian, or the sum of an error of rounding and a smaller logistic (nearly Gaussian) error.
+The data determine the probabilities and the sizes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+_MARKS_UM = (500.0, 1000.0, 2000.0)  # distances of the marks of a ruler
+_GAUSSIAN = 0.5  # prior probability of Gaussian errors
+_SIGMAS = 2.0 ** np.arange(-4.0, 1.5, 0.5)  # of Gaussian or logistic errors, relative to all errors
+_LOGISTIC = np.sqrt(3) / np.pi  # scale of a logistic distribution with the standard deviation 1
+_REACH, _STEPS = 3.4, 29  # grid of common errors, in standard deviations
+_LEAST_UM = 1.0
+
+
+def common_error_um(read_um: np.ndarray, off_um: np.ndarray) -> np.ndarray:
+    """Return the error that a fit to positions from a ruler has in common for all presses.
+
+    The error is a straight line along the strip: an offset and a scale. Returned is the
+    mean of the posterior distribution of this line.
+
+    Parameters
+    ----------
+    read_um : numpy.ndarray, shape (n,)
+        Positions that a person read, in um.
+    off_um : numpy.ndarray, shape (n,)
+        Positions from a fit to `read_um` by least squares, minus `read_um`, in um.
+
+    Returns
+    -------
+    numpy.ndarray, shape (n,)
+        Position from the fit minus true position, in um.
+    """
+    lines, _ = np.linalg.qr(np.stack([np.ones_like(read_um), read_um], axis=1))
+    off_um = off_um - lines @ (lines.T @ off_um)
+    sigma_um = max(float(off_um.std()), _LEAST_UM)
+    grid_um = np.linspace(-_REACH, _REACH, _STEPS) * sigma_um
+    common_um = np.stack(np.meshgrid(grid_um, grid_um), axis=-1).reshape(-1, 2)
+    errors_um = np.abs(off_um - common_um @ lines.T)
+    logs = []
+    for marks_um in (0.0, *_MARKS_UM):
+        sizes_um = _SIGMAS * sigma_um
+        if marks_um:
+            sizes_um = sizes_um[sizes_um <= marks_um / 4]
+        prior = (1 - _GAUSSIAN) / len(_MARKS_UM) if marks_um else _GAUSSIAN
+        for size_um in sizes_um:
+            log = _log_density(errors_um, marks_um / 2, size_um).sum(axis=1)
+            logs.append(log + np.log(prior / len(sizes_um)))
+    weights = np.exp(np.array(logs) - np.max(logs)).sum(axis=0)
+    return lines @ (weights @ common_um / weights.sum())
+
+
+def _log_density(error_um: np.ndarray, half_um: float, sigma_um: float) -> np.ndarray:
+    """Return the log density of the sum of a uniform and a logistic error, in um.
+
+    `error_um` contains absolute errors. `half_um` is half the width of the uniform distribution; if
+    it is 0, the error is Gaussian. `sigma_um` is the standard deviation of the other error.
+    """
+    if not half_um:
+        return -0.5 * (error_um / sigma_um) ** 2 - np.log(sigma_um * np.sqrt(2 * np.pi))
+    scale_um = sigma_um * _LOGISTIC
+    out, edge = error_um / scale_um, half_um / scale_um
+    # log of sinh(edge) / (cosh(edge) + cosh(out)) / (2 half_um), without an overflow
+    rise = edge + np.log1p(-np.exp(-2 * edge))
+    fall = np.logaddexp(np.logaddexp(edge, -edge), np.logaddexp(out, -out))
+    return rise - fall - np.log(2 * half_um)
