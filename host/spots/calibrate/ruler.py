@@ -2,11 +2,11 @@
 
 The colours of the presses show their distances from each other, but not their distance from the
 ruler's zero. This distance is estimated from the positions that the person read. If the errors of
-these positions are Gaussian, nothing is better than their mean. But a ruler has marks, and a position that
-is rounded to the nearest mark has a uniform error, of half the distance of the marks at most. The
-ends of such a distribution show its middle better than the mean does. So the error is modelled as
-either Gaussian, or the sum of an error of rounding and a smaller logistic (nearly Gaussian) error.
-The data determine the probabilities and the sizes.
+these positions are Gaussian, nothing is better than their mean. But a ruler has marks, and a
+position that is rounded to the nearest mark has a uniform error, of half the distance of the marks
+at most. The ends of such a distribution show its middle better than the mean does. So the error is
+modelled as either Gaussian, or the sum of an error of rounding and a smaller logistic (nearly
+Gaussian) error. The data determine the probabilities and the sizes.
 """
 
 from __future__ import annotations
