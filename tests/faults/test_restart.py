@@ -41,6 +41,7 @@ class StandIn:
         self.damaged = Counter()  # number of times that a line does not arrive, by line
         self.booted_s = 0.0
         self._due = b""
+        self.typing = False  # whether keys are sent all the time, as without a stream
         self.gone = 0  # so many tries find no port
         self.tries_s = []
         self.closed = False
@@ -67,7 +68,9 @@ class StandIn:
             raise PortLostError("the board was disconnected")
         if not self._due:
             self.time_s += min(timeout_s, 0.01)
-            if self.streams:
+            if self.typing:
+                self._due = self._frame(4, struct.pack("<BHBB", 7, 30, 0, self.sequence % 2))
+            elif self.streams:
                 self._due = self._frame(1, struct.pack("<Biiii", 9, 0, 0, 42_000, 0)[:15])
         data, self._due = self._due, b""
         return data
@@ -144,6 +147,17 @@ def test_a_restart_is_one_restart_and_no_loss_wherever_the_sequence_was():
         assert board.stats.lost == 0
         assert all(0 <= link.now_s() - touch.time_s < 1.5 for touch in readings)
         assert link.now_s() - readings[-1].time_s < 0.05
+
+
+def test_keys_do_not_hide_that_the_streams_have_ended():
+    link, board = streaming()
+    link.restart()
+    link.typing = True
+    list(board.frames(0.4))
+    assert link.streams
+    assert board.stats.restarts == 1
+    list(board.frames(0.4))
+    assert board.state == STALLED
 
 
 def test_what_a_board_says_at_its_start_makes_no_loss_either():

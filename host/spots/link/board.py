@@ -42,6 +42,8 @@ _STREAMS: dict[type, tuple[str, ...]] = {
     Spectrum: ("spectrum",),
     Contact: ("contact", "touch"),
 }
+# Frames that show that the streams are on. A restarted board sends keys without a stream.
+_STREAMED = Touch, Spectrum, Contact
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 _SENSORS_MAX = 16  # a frame's number of the sensor has four bits
 
@@ -813,6 +815,7 @@ class Board:
         if reply is None:
             loss.unanswered(self.now_s())
             return
+        loss.heard(self.now_s())
         known = self._validated(reply)
         if known["stream"] != [] and not self._stopped:
             return  # it still streams, or its firmware does not report its streams
@@ -859,9 +862,9 @@ class Board:
         self._check_open()
         frames = self._decoded(self._link.read(timeout_s))
         arrived_s = self.now_s()
-        if frames and not self._stopped:
-            self._loss.heard(arrived_s)
         for frame in frames:
+            if isinstance(frame, _STREAMED) and not self._stopped:
+                self._loss.heard(arrived_s)
             if not isinstance(frame, Note):
                 self._take(self._clocks.clock.timed(frame, arrived_s))
         self._clocks.learn()
@@ -891,7 +894,8 @@ class Board:
             if frame.sensor != self._only:
                 return
             frame = frame._replace(sensor=0)
-        self._loss.expect(self.now_s())
+        if not isinstance(frame, Key):
+            self._loss.expect(self.now_s())
         if isinstance(frame, Touch) and frame.sensor == 0:
             self._times_us.append(frame.t_us)
         self._frames.append(frame, self.stats)
