@@ -1,4 +1,4 @@
-"""Writes docs/applications.md: keyboard and controller, on the ideal and on the real strip."""
+"""Writes docs/applications.md: keyboard and controller, on an ideal and an imperfect strip."""
 
 from __future__ import annotations
 
@@ -12,32 +12,31 @@ from spots_sim.typing_speed import added, typed
 # Name of the column; sensor file; is the strip re-zeroed after its change; is its LED warm.
 STRIPS = (
     ("ideal strip", "default", False, False),
-    ("real strip, not re-zeroed", "real", False, True),
-    ("real strip, re-zeroed", "real", True, True),
-    ("real strip, re-zeroed, LED cold", "real", True, False),
+    ("imperfect strip, not re-zeroed", "real", False, True),
+    ("imperfect strip, re-zeroed", "real", True, True),
+    ("imperfect strip, re-zeroed, LED cold", "real", True, False),
 )
 WORDS_PER_MIN = (40, 60, 80, 100)
 SEEDS = range(5)
 TOUCHES = 150
 _SECONDS = 10.0
-_TEXT = """# Typing and controller, on the ideal and on the real strip
+_TEXT = """# Typing and controller, on the ideal and on the imperfect strip
 
-`make paper` writes this document, and measures all numbers. Both strips are
-simulated. The ideal strip (sensor file `default`) has not changed since its calibration. The real
-strip (sensor file `real`) has the faults of a real one: it has aged and warmed up since its
-calibration, and is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses
-of known positions, the marks; here each mark was pressed once, after the LED had warmed up. The
-last column shows the time after power-on, while the LED warms up.
+`make paper` writes this document, and measures all numbers. Both strips are simulated. The ideal
+strip (sensor file `default`) has not changed since its calibration. The imperfect strip (sensor
+file `real`) has the faults of a physical one: it has aged and warmed up since its calibration, and
+is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses of known
+positions, the marks; here each mark was pressed once, after the LED had warmed up. The last column
+shows the time after power-on, while the LED warms up.
 
-A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures
-of 10 ms. The statistics of these touches are from publications, which
+A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
+10 ms. The statistics of these touches are from publications, which
 [typist.py](../host/spots_sim/typist.py) cites. "Errors" are wrong, missed and extra keys, and "no
 finger" are key presses without a finger on the key, both in per cent of the touches. Latency is
 the time from the start of a touch to the report of the correct key. Its percentiles p50 and p99 are
-those of the worst seed. In the rows `controller`, the simulated
-fingers of the demo move the axes of the game controller for {seconds:g} s;
-[controller.md](controller.md) explains the values. These commands measure the column of the real
-strip after a re-zero:
+those of the worst seed. In the rows `controller`, the simulated fingers of the demo move the axes
+of the game controller for {seconds:g} s; [controller.md](controller.md) explains the values. These
+commands measure the column "imperfect strip, re-zeroed":
 
 ```sh
 python -m spots_sim.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm

@@ -19,12 +19,12 @@ from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey
 # Name, sensor file, and how the simulation treats its change, see `Simulation`.
 STRIPS = {
     "ideal strips": ("default", {}),
-    "real strips, not re-zeroed": ("real", {"misfits": True}),
-    "real strips, re-zeroed": ("real", {"rezeroed": True}),
+    "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
+    "imperfect strips, re-zeroed": ("real", {"rezeroed": True}),
 }
 SEEDS = range(5)
 # The same with both strips on one board, for the workspace only: seeds.
-ONE_BOARD = {"ideal strips": range(11), "real strips, re-zeroed": range(11)}
+ONE_BOARD = {"ideal strips": range(11), "imperfect strips, re-zeroed": range(11)}
 EXPOSURES_US = (10_000, 30_000, 50_000)
 _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 
@@ -45,13 +45,13 @@ theta1_rad, theta2_rad = linkage.inverse(40, 150)
 x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 ```
 
-All methods take scalars or arrays, in every quadrant. If there is no solution, a method raises an
-error with the reason for scalars, and returns masked elements for arrays. `forward_limits` and
-`inverse_limits` return the reason for each element (`spots.linkage.fivebar.Limit`). For two angles
-there are two possible end points: `assembly="far"`, the default, is the end point beyond the
-elbows; `"near"` is the other one. `jacobian` and `covariance` compute errors of the end point from
-errors of the angles. These errors grow without bound when the outer bars come into line. So in the
-workspace of this document, the angle between the outer bars is at least 30°.
+All methods take scalars or arrays, in every quadrant. Without a solution, a method raises an error
+with the reason if its arguments are scalars; for arrays, it returns masked elements, and
+`forward_limits` and `inverse_limits` return the reason for each (`spots.linkage.fivebar.Limit`).
+For two angles there are two possible end points: `assembly="far"`, the default, is the end point
+beyond the elbows; `"near"` is the other one. `jacobian` and `covariance` compute errors of the end
+point from errors of the angles. These errors grow without bound when the outer bars come into line.
+So in the workspace of this document, the angle between the outer bars is at least 30°.
 
 ## Track a joint or a linkage
 
@@ -61,7 +61,7 @@ spots twin --linkage arm.toml                        # one or two boards on USB,
 spots twin --linkage arm.toml --port /dev/ttyACM0 --port /dev/ttyACM1
 spots twin --linkage arm.toml --port /dev/ttyACM0    # one board with both strips
 spots twin --port virtual                            # no hardware: a simulated linkage writes SUST
-spots twin --json --picture sust.png                 # the same in simulated time; true errors
+spots twin --json --picture sust.png                 # the same in simulated time, with true errors
 ```
 
 ![The twin in a terminal: bars, path, and position of the end point](fivebar/twin.svg)
@@ -73,12 +73,13 @@ position, with the keys of `twin` in [page.md](page.md#messages), and `velocity_
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
-position has moved by more than its noise, half the backlash is added or subtracted. At rest the
-joint may be anywhere in its backlash; the standard error includes this uncertainty. The velocity is
-computed with the board's clock. `spots.Twin` takes the readings of both joints, live or recorded.
-It returns the end point at the time of each reading; the angle of the other joint is interpolated
-between two of its readings. Nothing is extrapolated, and the order of arrival does not matter. The
-boards' clocks are mapped to the computer's clock. A board that restarts gets its calibration again.
+position has moved by more than its noise, half the backlash is added to the angle, or subtracted
+from it. At rest the joint may be anywhere in its backlash; the standard error includes this
+uncertainty. The velocity is computed with the board's clock. `spots.Twin` takes the readings of
+both joints, live or recorded. It returns the end point at the time of each reading; the angle of
+the other joint is interpolated between two of its readings. Nothing is extrapolated, and the order
+of arrival does not matter. The boards' clocks are mapped to the computer's clock. A board that
+restarts gets its calibration again.
 
 ```python
 from spots.linkage.twin_source import opened
@@ -174,8 +175,8 @@ def document(
     lines = [_HEAD, _workspace(surveys, linkage, mechanism), _both(one_board), _CALIBRATION]
     first = next(iter(surveys.values()))[0].kinematics
     lines.append(
-        f"A fit to {CALIBRATION_PLACES} places of the simulated linkage, known to "
-        f"{PLACE_SIGMA_MM:g} mm (the first seed):\n\n"
+        f"A fit to {CALIBRATION_PLACES} places, each measured to {PLACE_SIGMA_MM:g} mm, gives "
+        "these values for the first seed:\n\n"
         "| | nominal | true | fitted | standard error |\n"
         "| --- | --- | --- | --- | --- |\n"
     )
@@ -245,11 +246,12 @@ lengths and mounting to 40 places ([below](#unknown-lengths)), is as accurate. T
 includes all errors of a real mechanism, such as bearings and bending bars. The simulation has only
 backlash and wrong lengths.
 
-Ideal and real strips are the sensor files `default` and `real`, as in
-[applications.md](applications.md), with warm LEDs. A re-zero corrects the calibration of the real
-strips at the stops of the joints (`spots rezero --joint`, [drift.md](drift.md#joints)). Without it,
-many readings do not fit the calibration. An encoder normally ignores such readings; for this table
-the encoders used them. A kinematic calibration also corrects the strips, until they change further.
+Ideal strips have the sensor file `default`, imperfect strips `real`, as in
+[applications.md](applications.md); all LEDs are warm. A re-zero (`spots rezero --joint`,
+[drift.md](drift.md#joints)) corrects the calibration of the imperfect strips at the stops of the
+joints. Without a re-zero, many readings do not fit the calibration. An encoder normally ignores
+such readings; for this table the encoders used them. A kinematic calibration also corrects the
+strips' errors, until the strips change further.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
 """
@@ -285,7 +287,7 @@ The table shows the same errors in mm if one board has both strips, for
 {seeds}. The end point stops for {LASTS_S:g} s
 at each point. For the fit, each angle is the mean over a stop. The encoders follow all movements,
 so they correct the backlash. `spots twin --measure` reads the joints only at the stops, and does
-not correct it.
+not correct the backlash.
 
 """ + "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
 

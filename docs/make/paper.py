@@ -21,11 +21,12 @@ numbers are from Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision O
 Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sections. The columns
 "ours" show the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with
 seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
-duration of a reading, which the paper does not state. The **real strip** is simulated, too (sensor
-file `real`): it has aged and warmed up since its calibration, and is under a lamp. Then it was
+duration of a reading, which the paper does not state. The **imperfect strip** (sensor file `real`)
+is simulated, too: it has aged and warmed up since its calibration, and is under a lamp. Then it was
 re-zeroed: one press of each of three marks, with the strip on a scale, corrected its calibration
 ([drift.md](drift.md)). The board compensates the creep and the hysteresis of its silicone
-([calibration.md](calibration.md#silicone)). The forces rise from 0.6 to 9.5 N and fall again.
+([calibration.md](calibration.md#silicone)). In the tests of the force, the forces rise from 0.6 to
+9.5 N and fall again.
 
 """
 _PICTURES = {
@@ -74,14 +75,14 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "> 0.996",
             each("{:.7f}", lambda s: s["position"]["r2"]),
-            "The simulated dye has a smooth edge; a physical pigment bends the line more.",
+            "The simulated dye has a smooth edge; a physical pigment bends the response more.",
         ),
         (
             "Position resolution",
             "III.A",
             "7 µm",
             each("{:.1f} µm", lambda s: s["position"]["resolution_um"]),
-            "It depends on the light that a physical strip couples, which is not published.",
+            "The resolution depends on the light of a physical strip, which is not published.",
         ),
         (
             "Position accuracy",
@@ -126,23 +127,24 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "5 mN",
             each("{:.1f} mN", lambda s: s["force"]["resolution_mN"]),
             "The contact area for a force is assumed, as is a flat finger of constant width. The "
-            "real strip still creeps, because readings begin immediately after each step of the "
-            "force.",
+            "imperfect strip still creeps, because readings begin immediately after each step of "
+            "the force.",
         ),
         (
             "Cramer-Rao bound of the force, with the noise of the LED",
             "",
             "",
             each("{:.1f} mN", lambda s: s["force"]["bound_mN"]),
-            "It includes the rounding of counts, part of which does not scatter at rest. Softened "
-            "silicone gives less change of light per force.",
+            "The bound counts all rounding as noise. At rest, part of the rounding is a constant "
+            "error, so the resolution can be below the bound. Firm presses have softened the "
+            "silicone of the imperfect strip, so its light changes less with the force.",
         ),
         (
             "Force accuracy",
             "III.B",
             "0.14 N",
             each("{:.3f} N", lambda s: s["force"]["accuracy_N"]),
-            "Only the real strip has hysteresis and creep; their laws and sizes are assumed.",
+            "Only the imperfect strip has hysteresis and creep; their laws and sizes are assumed.",
         ),
         (
             "Accuracy at rest, then under strain up to 25 %",
@@ -150,8 +152,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "similar",
             each("{}", bent("strain")),
             "The simulated strain is known exactly, uniform, and calibrated at each value. The "
-            "real strip was re-zeroed at rest, up to 90 % of its length. Under 25 % strain this "
-            "correction is extrapolated, which gives most of the error.",
+            "re-zero of the imperfect strip has marks up to 90 % of the unstretched length. Beyond "
+            "them the correction is extrapolated, which gives most of the error at 25 % strain.",
         ),
         (
             "Accuracy straight, then bent up to 180°",
@@ -172,8 +174,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.02°",
             each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
-            "It is the position's resolution divided by the radius, which the paper does not "
-            "state.",
+            "It is the position's resolution divided by the radius. The paper does not state the "
+            "radius.",
         ),
         (
             "Joint: accuracy",
@@ -189,7 +191,7 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
     """Return the text of docs/paper.md."""
     lines = [_HEAD.format(length_mm=length_mm, seed=_SEED)]
     columns = [
-        f"{'ours' if i < len(departures_um) else 'real strip'}, "
+        f"{'ours' if i < len(departures_um) else 'imperfect strip'}, "
         f"{run.summary['reading_ms']:.3g} ms a reading"
         for i, run in enumerate(runs)
     ]
@@ -212,15 +214,15 @@ def _resolutions(found: list[dict], exposures: int) -> str:
     `found` are summaries of the default strip for each of `exposures` exposures, then of `real`.
     """
     text = (
-        "\nThe paper states no integration time, no rate and no filter. If it measured both "
-        "resolutions with\nthe same duration of a reading, the published position resolution shows "
-        "which duration to compare with:\n\n"
+        "\nThe paper states no integration time, no rate and no filter. If it used one\n"
+        "duration for both resolutions, find the duration at which our position resolution is "
+        "nearest to the\npublished 7 µm, and compare the force resolutions at this duration:\n\n"
         "| duration of a reading | strip | position resolution | force resolution |\n"
         "| --- | --- | --- | --- |\n"
         "| not stated | paper | 7 µm | 5 mN |\n"
     )
     for i in range(exposures):
-        for strip, one in ("ours", found[i]), ("real strip", found[exposures + i]):
+        for strip, one in ("ours", found[i]), ("imperfect strip", found[exposures + i]):
             position, force = one["position"]["resolution_um"], one["force"]["resolution_mN"]
             text += (
                 f"| {one['reading_ms']:.3g} ms | {strip} | {position:.1f} µm | {force:.1f} mN |\n"

@@ -73,7 +73,7 @@ def _nothing(*_):
 
 
 class BoardApp:
-    """The application of a board with one strip: creates all parts and runs the loop.
+    """Runs a board with one strip: creates all objects of the application, and runs the loop.
 
     `several.SeveralApp` is the application of a board with several strips.
 

@@ -186,7 +186,7 @@ class Upload:
 
 
 class Commands:
-    """Executes the commands; `spots command --help` shows this list.
+    """Executes the commands in this list, which `spots command --help` shows.
 
     commands of the board:
       hello               board, firmware, id, settings, calibration

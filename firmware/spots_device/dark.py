@@ -228,7 +228,7 @@ class Baseline:
         return dark_samples
 
     def track(self, on):
-        """Set whether readings change the baseline; if not, it is 0."""
+        """Set whether readings change the baseline; if not, the baseline is 0."""
         state = self._state
         if not on:
             state[FOLLOWS] = 0

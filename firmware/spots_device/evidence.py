@@ -212,7 +212,7 @@ def _confirm(s):
 
 
 def recalls(s):
-    """Estimate a second finger that rested, but was not found; return whether it is certain.
+    """Estimate a second finger that rested, but was not found; return whether its place is certain.
 
     One of the two fingers has left; the present reading is of the other one.
     """
@@ -232,7 +232,7 @@ def recalls(s):
 def slides(s):
     """Follow a sliding second finger; return whether its position was updated.
 
-    It is not updated if the first finger may be lifting, because that has a similar effect.
+    The position stays if the first finger may be lifting, because that has a similar effect.
     """
     brightness = s[B_NOW]
     if (

@@ -1,4 +1,4 @@
-"""The application of a board with several strips: one loop samples all strips.
+"""Runs a board with several strips: one loop samples all strips.
 
 Only a board whose board.toml has ``SENSORS`` gets this module. Sensor 0 has the files of a board
 with one strip. Each strip has its own settings, calibration, dark frame, layout and commands.
@@ -54,12 +54,12 @@ class StripFramer(Framer):
 
 
 class StripApp(BoardApp):
-    """The application of one strip of a board; `SeveralApp` runs the loop for all strips.
+    """Handles one strip of a board; `SeveralApp` runs the loop for all strips.
 
     Parameters
     ----------
     main : SeveralApp
-        Application of the board.
+        Runs the board.
     index : int
         Number of the sensor, 1 or more.
     """
@@ -171,15 +171,15 @@ class StripApp(BoardApp):
 
 
 class SeveralApp(StripApp):
-    """The application of a board with several strips; it is also the application of strip 0.
+    """Runs a board with several strips. This object also handles strip 0 itself.
 
     Parameters
     ----------
     board, runtime, uid, clock, serial, usb
         As for `app.BoardApp`. ``board.SENSORS`` is a list with a dict for each sensor.
     open_sensor : callable
-        ``open_sensor(config, clock)`` returns a sensor that is not started yet. The attributes of
-        ``config`` are the items of an entry of ``SENSORS``.
+        ``open_sensor(config, clock)`` returns a sensor that is not started yet. ``config`` has
+        one attribute for each key of a dict in ``SENSORS``.
     """
 
     def __init__(self, board, runtime, uid, open_sensor, clock, serial, usb=None):

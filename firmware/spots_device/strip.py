@@ -173,7 +173,7 @@ class Strip:
         self._choose()
 
     def streams(self):
-        """Return a list of the kinds of streamed frames: ``contact``, ``spectrum``, ``touch``."""
+        """Return the kinds of frames streamed now, of ``contact``, ``spectrum`` and ``touch``."""
         names = []
         if self._uses.streams_contacts:
             names.append("contact")

@@ -68,7 +68,10 @@ class _Section:
         self._act()
 
     def resumed(self) -> bool:
-        """Enable the outputs again; return whether the process was stopped since the last call."""
+        """Return whether the process was suspended (as by Ctrl-Z) since the last call.
+
+        If so, its keyboards and gamepads can send presses again.
+        """
         if not self._stopped:
             return False
         self._stopped = False

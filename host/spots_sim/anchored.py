@@ -77,12 +77,12 @@ def sliding(
 
 
 def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
-    """Locate the second finger of a scenario in the readings of a virtual board.
+    """Return errors of the second finger's position, as a virtual board reads a scenario.
 
     Parameters
     ----------
     file : ScenarioFile
-        Scenario of `sliding`.
+        Scenario that `sliding` returned.
     seed : int
         Random seed of the noise.
 

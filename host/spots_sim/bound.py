@@ -114,7 +114,7 @@ class Bound:
         return math.hypot(light, self._led) / (math.log(ahead / back) / (2 * _STEP_MN))
 
     def sigma(self, position_um, force_mN, **press) -> tuple[float, float]:
-        """Return the Cramer-Rao bound of one reading.
+        """Return the Cramer-Rao bounds of position and light, from one reading.
 
         Parameters
         ----------

@@ -206,7 +206,7 @@ class AS7341:
             self._complete(end_us)
 
     def switch_light(self, on: bool) -> None:
-        """Switch an LED that a pin of the board drives: calls ``light.switch(on)``."""
+        """Switch the LED as a pin of the board would, by calling ``light.switch(on)``."""
         self._collect(self._now)
         self._light.switch(on)
 

@@ -1,7 +1,7 @@
 """Runs the firmware in CPython on a simulated bus, for computers without MicroPython.
 
-Each call of `CPythonBoard.step` runs one pass of the firmware's loop. Unlike a real board, it has
-no prompt, so it cannot be flashed; it has no watchdog; memory and integers are unlimited.
+Each call of `CPythonBoard.step` runs one pass of the firmware's loop. Unlike a real board,
+this one has no prompt, so it cannot be flashed; no watchdog; and unlimited memory and integers.
 """
 
 from __future__ import annotations

@@ -226,9 +226,9 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
     if found.resolution_um <= resolution_um:
         return found
     raise SpotsError(
-        f"{resolution_um:g} um over {length_mm:g} mm cannot be reached at {rate_hz:g} Hz: the best "
-        f"resolution is {found.resolution_um:.3g} um, with dye of {found.dye_per_mm:.3g} per mm; "
-        f"{_slower(length_mm, resolution_um, rate_hz)}"
+        f"a resolution of {resolution_um:g} um over {length_mm:g} mm cannot be reached at "
+        f"{rate_hz:g} Hz: the best resolution is {found.resolution_um:.3g} um, with a dye strength "
+        f"of {found.dye_per_mm:.3g} per mm; {_slower(length_mm, resolution_um, rate_hz)}"
     )
 
 
@@ -326,7 +326,7 @@ def _plot(found: Design, wanted_um: float, path: Path) -> Path:
     axis.axhline(found.resolution_um, color="black", label=f"mean, {found.resolution_um:.3g} µm")
     axis.axhline(wanted_um, color="#D55E00", linestyle="--", label=f"wanted, {wanted_um:g} µm")
     title = (
-        f"{found.sensor.length_mm:g} mm with dye of {found.dye_per_mm:.3g} per mm, "
+        f"{found.sensor.length_mm:g} mm with a dye strength of {found.dye_per_mm:.3g} per mm, "
         f"{found.exposure_us * found.average / 1000:.4g} ms a reading"
     )
     figures.label(axis, title, "position (mm)", "resolution (µm)", ylim=(0, None))

@@ -1,7 +1,8 @@
-"""Measures typing and a joint while the LED warms up: ``python -m spots_sim.from_cold 20``.
+"""Measures errors of typing, and of a joint's angle, while the LED of the strip warms up.
 
-The argument is a number of simulated minutes. The strip was calibrated with a warm LED. It has
-changed since then as the table ``[change]`` of its sensor file describes.
+Run it with ``python -m spots_sim.from_cold 20``; the argument is a number of simulated minutes. The
+strip was calibrated with a warm LED. Since its calibration the strip has changed as the table
+``[change]`` of its sensor file describes.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ _MARK_SAMPLES = 200
 
 
 def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dict:
-    """Type random digits from the moment at which the board is switched on.
+    """Type random digits after the board is switched on; count the errors.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
 def joint(
     sensor: SensorFile, minutes: float, seed: int, average: int, warm_min: int = WARM_MIN
 ) -> list[dict]:
-    """Measure a joint from the moment at which the board is switched on; correct drift once.
+    """Measure errors of a joint's angle after the board is switched on; correct the drift once.
 
     Parameters
     ----------
@@ -91,8 +92,9 @@ def joint(
     Returns
     -------
     list of dict
-        One entry for each minute, measured in its middle: ``minute``; ``rezeroed``, whether the
-        drift is corrected by then; ``accuracy_deg``, the mean absolute error of single readings.
+        One dict for each minute, measured in the middle of this minute: ``minute``; ``rezeroed``,
+        whether the drift is corrected by then; ``accuracy_deg``, the mean absolute error of single
+        readings.
     """
     with Rig(sensor, seed, 10_000, average) as rig:
         conditions, lines = rig.conditions, rig.lines

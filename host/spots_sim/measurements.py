@@ -278,7 +278,7 @@ def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list
 
     `pair` is the position estimate from two channels; `rng` is the random generator.
 
-    Returns, for each position, the ratio of its scatter to the Cramer-Rao bound, and the
+    Returns, for each position, the ratio of the estimate's scatter to the Cramer-Rao bound, and the
     signal-to-noise ratio of the counts. The mean counts of several samples cannot be used, because
     the board rounds them, which changes the noise.
     """

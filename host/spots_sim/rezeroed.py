@@ -74,7 +74,7 @@ class _ShakyPresser(StagePresser):
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
-    """Return a board, strip and presser for a re-zero, which prints nothing.
+    """Return board, strip and presser, for a re-zero that prints nothing.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ def typed(
     lines: tuple[str, ...] | None = None,
     layout: str = "digits",
 ) -> dict:
-    """Type random keys on a virtual board in simulated time.
+    """Type random keys on a virtual board in simulated time, and return the results.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ class Typist:
         self.seconds = start_s
 
     def type(self, text: str) -> None:
-        """Add the touches that type a text to the scenario.
+        """Add to the scenario the touches that type a text.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A real strip, switched on with a cold LED; ``python -m spots_sim.from_cold 20`` runs longer."""
+"""The imperfect strip (sensor file `real`) from a cold LED on, as in `spots_sim.from_cold`."""
 
 import numpy as np
 import pytest

@@ -181,7 +181,7 @@ def test_a_cable_that_falls_silent_lets_go_and_the_board_is_felt_again(rig):
     assert last_s < rest_s < made.states[-1][0]
 
 
-def test_nobody_on_a_real_strip_sends_nothing(rig):
+def test_nobody_on_an_imperfect_strip_sends_nothing(rig):
     made = rig(Held())
     made.play(PrintedGamepad(), 5.0)
     assert made.states == []

@@ -75,6 +75,6 @@ def test_an_ideal_material_costs_nothing_and_a_slow_press_reads_more(sensor):
     assert slow[-1] > 1.005 * ideal[-1]
 
 
-def test_the_real_strip_has_all_effects():
+def test_the_imperfect_strip_has_all_effects():
     silicone = load(SensorFile, "real").silicone
     assert min(silicone.creep_percent, silicone.hysteresis_percent, silicone.softening_percent) > 0

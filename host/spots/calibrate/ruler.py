@@ -1,12 +1,12 @@
 """Estimates the common error of positions that a person read off a ruler.
 
 The colours of the presses show their distances from each other, but not their distance from the
-ruler's zero. That is the mean of the positions that the person read. If the errors of these
-positions are Gaussian, nothing is better than this mean. But a ruler has marks, and a position that
-is rounded to the nearest mark has a uniform error, of half the distance of the marks at most. The
-ends of such a distribution show its middle better than the mean does. So the error is modelled as
-either Gaussian, or the sum of an error of rounding and a smaller logistic (nearly Gaussian) error.
-The data determine the probabilities and the sizes.
+ruler's zero. This distance is estimated from the positions that the person read. If the errors of
+these positions are Gaussian, nothing is better than their mean. But a ruler has marks, and a
+position that is rounded to the nearest mark has a uniform error, of half the distance of the marks
+at most. The ends of such a distribution show its middle better than the mean does. So the error is
+modelled as either Gaussian, or the sum of an error of rounding and a smaller logistic (nearly
+Gaussian) error. The data determine the probabilities and the sizes.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _LEAST_UM = 1.0
 def common_error_um(read_um: np.ndarray, off_um: np.ndarray) -> np.ndarray:
     """Return the error that a fit to positions from a ruler has in common for all presses.
 
-    The error is a straight line along the strip: an offset and a scale. It is the mean of its
-    posterior distribution.
+    The error is a straight line along the strip: an offset and a scale. Returned is the
+    mean of the posterior distribution of this line.
 
     Parameters
     ----------

@@ -38,9 +38,9 @@ class Angle(NamedTuple):
     systematic_rad : float
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        Angular velocity and its standard error in rad/s, by the board's clock. It is the mean over
-        the last 3 readings in a fast movement, and over up to 8 in a slow one. None before three
-        readings.
+        Angular velocity and its standard error in rad/s, by the board's clock. The velocity
+        is the mean over the last 3 readings in a fast movement, and over up to 8 in a slow one.
+        None before three readings.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.
@@ -145,7 +145,7 @@ class Encoder:
         )
 
     def _noise_deg(self, position_um: float) -> float:
-        """Return the standard deviation of the angle at a position, from one reading, in degrees.
+        """Return the standard deviation of angles from single readings at a position, in degrees.
 
         The noise grows exponentially with the distance from the sensor.
         """
@@ -196,7 +196,7 @@ class Encoder:
 
         The velocity is the slope of a line through the last readings. Their number is the smallest
         for which the slope is clearly larger than its noise. `noise_deg` is the standard deviation
-        of the angle from one reading, in degrees.
+        of the angles of single readings, in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

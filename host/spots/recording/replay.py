@@ -16,7 +16,7 @@ _PUMPED_FRAMES = 1000
 
 
 class _Player:
-    """The link of a replayed board; the clock of the link shows the time of the recording."""
+    """The link of a replayed board; its clock is the playback's, on the recording's time scale."""
 
     def __init__(self, recording: Recording, speed: float):
         self.name = str(recording.path)
@@ -47,7 +47,8 @@ class Replay(Board):
 
     Programs read this object like any other board. Iterators end with the recording. All commands
     except ``hello`` and ``stream`` are refused, and ``stream`` has no effect: all recorded frames
-    are returned. `now_s` returns the time of the recording.
+    are returned. `now_s` returns the present time of the playback, on the time
+    scale of the recording.
 
     Parameters
     ----------

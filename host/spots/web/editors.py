@@ -143,7 +143,7 @@ class LayoutEditor(FileEditor):
     usual : KeyLayout
         Layout to begin with if the file does not exist.
     state : PageState
-        State that gets the part ``editor``.
+        State of the web UI; its part ``editor`` is set, see `PageState.put`.
 
     Raises
     ------
@@ -257,11 +257,11 @@ class SettingsEditor(FileEditor):
     Parameters
     ----------
     name : str
-        Kind of settings, a key of `KINDS`, and name of the part of the web UI.
+        Kind of settings, a key of `KINDS`; also the name of the part of `state`.
     path : Path
         Settings file. If it does not exist, the first request that stores settings creates it.
     state : PageState
-        State that gets the part.
+        State of the web UI; its part with this name is set, see `PageState.put`.
 
     Raises
     ------

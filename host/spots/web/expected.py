@@ -9,7 +9,7 @@ from ..link.board import Board
 
 
 def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
-    """Return the spectra of a press that a calibration expects along the strip.
+    """Return the spectra that a calibration expects for presses along the strip.
 
     Parameters
     ----------

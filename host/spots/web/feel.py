@@ -34,7 +34,8 @@ class Feel:
     info : dict
         The board's reply to ``hello``. Without a calibration only the readings are shown.
     state : PageState
-        State that gets the parts ``touch``, ``keys``, ``stick``, ``untrusted`` and the events.
+        State of the web UI; its parts ``touch``, ``keys``, ``stick`` and ``untrusted`` are set, and
+        events are added.
     layout : KeyLayout
         Key layout; gives only the zones of the keys if the board itself is a keyboard.
     controller : ControllerSettings, optional

@@ -29,14 +29,14 @@ _UNKNOWN = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
 class Recordings(Orders):
-    """Starts and stops recordings of a board on request, one at a time.
+    """Starts, stops, lists, plays and compares recordings, as browsers request.
 
     Parameters
     ----------
     folder : Path
         Folder for the recordings; each file name consists of date and board id.
     state : PageState
-        State that gets the part ``recording``.
+        State of the web UI; its part ``recording`` is set, see `PageState.put`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""State of the web UI: the newest value of each part, and the last events in order.
+"""State of the web UI: the newest values by name (the parts), and the last events in order.
 
 One thread writes, and any number of clients read. Only two numbers (a `Cursor`) are stored for each
 client, even for a slow client. A client misses values that were overwritten before the
@@ -29,7 +29,7 @@ class Cursor(NamedTuple):
 
 
 class PageState:
-    """State of the web UI: named parts and a list of events.
+    """State of the web UI: values by name, called parts (see docs/page.md), and a list of events.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class PageState:
             return Cursor(0, self._added)
 
     def since(self, cursor: Cursor) -> tuple[Cursor, dict]:
-        """Return the changes since a client's cursor, and the client's new cursor.
+        """Return a client's new cursor, and the changes since its previous cursor.
 
         Returns
         -------
@@ -104,7 +104,7 @@ class Beside(PageState):
     Parameters
     ----------
     state : PageState
-        State that gets the part ``beside``.
+        State of the web UI; its part ``beside`` is set, see `PageState.put`.
     sensor : int
         Number of the strip.
     strips : dict

@@ -31,7 +31,7 @@ class TwinFeed:
     twin : Twin
         Twin that computes the linkage's state from the readings.
     state : PageState
-        State that gets the part ``twin``.
+        State of the web UI; its part ``twin`` is set, see `PageState.put`.
     """
 
     def __init__(self, twin: Twin, state: PageState):
@@ -129,7 +129,7 @@ def linkage_readers(
     layout : KeyLayout
         Key layout to show for the strip of joint 1.
     state : PageState
-        State that gets the twin and the strip of joint 1.
+        State of the web UI, for the twin and the strip of joint 1.
 
     Returns
     -------
@@ -201,7 +201,7 @@ def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -
     layout : KeyLayout
         Key layout to show for the strip of joint 1.
     state : PageState
-        State that gets the twin and the strip of joint 1.
+        State of the web UI, for the twin and the strip of joint 1.
 
     Returns
     -------
