@@ -92,10 +92,12 @@ class Calibration:
         All weights and tables, see `SEGMENTS`. The attributes for the columns of the force table
         are views of this array; on the host, views.py adds views of the other parts.
     drift_max : int
-        Largest drift of the misfit (Q12) with which keys still work. An LED that drifts this far
-        shifts positions by 3 to 4 % of the strip's length.
+        Keys work until the misfit has shifted by this much since the calibration. The misfit shows
+        how far a spectrum is from that of a single press, in log2 units, Q12. An LED whose drift
+        shifts it by this much shifts positions by 3 to 4 % of the strip's length.
     decay : int
-        Decay of the light by the dye in log2 units per um, Q24; at most 1000.
+        Decay of the light by the dye in log2 units per um, times 2**24. This integer is limited to
+        1000.
     """
 
     def __init__(self, lines, strain_ppm=0):

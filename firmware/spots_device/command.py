@@ -194,7 +194,8 @@ class Commands:
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
                           baseline, dark_every, mains_hz, keys, gamepad, watchdog, led
       auto                find gain and LED current while you press firmly
-      dark                take a dark frame; 'dark off' takes it with an unplugged LED
+      dark                take a dark frame; if led=always, unplug the LED, then send
+                          'dark off'
       rest                take the present light as the baseline
       stream KIND ...     select the frames of each sample: touch, spectrum, contact, off
       keys on|off         touches press keys

@@ -50,7 +50,8 @@ def solve(found, decay, off_um, alone, brightness):
         in um, loss of brightness (Q20 of log2), (1 - f) / f (Q10), and light l2 in sixteenths of a
         count.
     decay : int
-        Decay of the light by the dye (k in second.py) in log2 units per um, Q24; at most 1000.
+        Decay of the light by the dye (k in second.py) in log2 units per um, times 2**24. This
+        integer is at most 1000.
     off_um : int
         Distance of the reading's position from the first finger, in um.
     alone : int
@@ -111,7 +112,8 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
         Output, ``array("i")``: position of the second finger in um, uncertainty of this position in
         um, and brightness of the second finger in Q20 of log2.
     decay : int
-        Decay of the light by the dye (k, see second.py) in log2 units per um, Q24; at most 1000.
+        Decay of the light by the dye (k in second.py) in log2 units per um, times 2**24. This
+        integer is at most 1000.
     x1_um, first : int
         Position of the first finger in um, and its brightness in Q20 of log2.
     x_um, brightness : int

@@ -1,7 +1,7 @@
 """Processes the samples of one strip: averages and decodes them, and sends frames.
 
 Rare operations are in the modules `dark` and `search`. `Strip.take` allocates only after the last
-sample of a dark frame, and at the end of a search.
+sample of a dark frame, and at the end of a search for settings (command ``auto``).
 """
 
 from micropython import const

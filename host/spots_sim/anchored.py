@@ -135,7 +135,11 @@ def main() -> None:
     parser.add_argument("mm_per_s", type=float, nargs="+")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument(
-        "--wobble", type=float, default=0.1, help="largest relative change of the force (0.1)"
+        "--wobble",
+        type=float,
+        default=0.1,
+        help="largest change of the second finger's force, as a share (0.1); a tenth of this share "
+        "for the first finger",
     )
     options = parser.parse_args()
     for speed in options.mm_per_s:

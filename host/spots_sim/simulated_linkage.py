@@ -1,4 +1,4 @@
-"""A simulated linkage with two strips, read through two virtual boards in simulated time."""
+"""A simulated linkage with two strips, read through virtual boards in simulated time."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip and its joint, then apply the change in the sensor file.
+    """Calibrate a simulated strip, as it was before its change, and its joint.
 
     Parameters
     ----------
@@ -77,7 +77,8 @@ def calibrated(
     exposure_us : int
         Integration time in us.
     rezeroed : bool, optional
-        Whether the calibration is corrected after the change (re-zero), at the joint's stops.
+        Whether the calibration is corrected (re-zero) at the joint's stops, after the change that
+        the table ``[change]`` of the sensor file describes.
 
     Returns
     -------
@@ -113,7 +114,7 @@ def calibrated(
 
 
 class Simulation:
-    """Two virtual boards on a linkage that follows a motion once.
+    """Two strips on a linkage that follows a motion once, read through one or two virtual boards.
 
     Call `close` at the end, or use a ``with`` statement.
 
@@ -132,11 +133,12 @@ class Simulation:
     run : int
         Number of the run. Runs with the same seed have the same strips, but different noise.
     rezeroed : bool, optional
-        Whether the calibrations were corrected after the change in the sensor file (re-zero).
+        Whether the calibrations were corrected (re-zero) after the change that the table
+        ``[change]`` of the sensor file describes.
     misfits : bool, optional
         Whether readings are used even if their spectrum does not fit the calibration.
     one_board : bool, optional
-        Whether one board has both strips.
+        Whether one board has both strips; by default, each strip has its own board.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Shifts the tables of a calibration by the drift of the channels at known positions.
 
 Drift changes log2 of the counts of channel i by c_i(x), a polynomial through the shifts at the
-marks. Each weighted sum of these logs in the tables changes by the same weighted sum of the c_i.
+marks. A weighted sum of these logs in the tables changes by the sum of the c_i with its weights.
 These sums are the contrasts, the misfits, the brightness offsets, and the coarse contrast at the
 borders of segments. The weights do not change.
 """

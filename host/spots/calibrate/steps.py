@@ -320,7 +320,7 @@ class _Steps:
         )
 
     def _turn(self, wanted: Wanted) -> None:
-        # Two presses with the same angle and direction cannot be fitted.
+        # Two points with the same angle and direction cannot be fitted.
         taken = [(p.angle_deg, p.direction) for p in self.session.of("joint")]
         if (wanted.angle_deg, wanted.direction) in taken:
             self.bench.guide.skip()

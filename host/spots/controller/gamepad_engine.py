@@ -159,7 +159,7 @@ class Controller:
         if not self._touched:
             self._touched = True
             self._began_us = self._last_us = self._located_us = touch.t_us
-            # Only a touch whose start was measured can press a button.
+            # Only a touch that follows a reading without a touch can press a button.
             hits = [self._lifted and one.has(touch.position_um) for one in self._buttons]
             self._anchored = any(
                 hit for hit, one in zip(hits, self._buttons) if one in self._anchors
@@ -297,7 +297,8 @@ class _Button:
     def begin(self, mine: bool) -> None:
         """Handle the start of a touch; `mine` is true if the touch may press this button.
 
-        That is the case if the start of the touch was measured, and is in the button's zone.
+        A touch may press a button if it begins in the button's zone, after a reading without a
+        touch. If it begins in the zone of an `Anchored` button, it presses only such buttons.
         """
         self._mine = mine
 

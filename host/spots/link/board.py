@@ -351,7 +351,9 @@ class Board:
         return content
 
     def stream(self, *kinds: str) -> None:
-        """Stream kinds of frames of all strips; ``command("stream ...")`` selects one strip.
+        """Start streaming these kinds of frames from all strips.
+
+        For one strip, use ``command("stream touch sensor=1")``.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Picture of a strip for a terminal: the finger, and the last gestures with their keys."""
+"""Picture of a strip for a terminal: the finger, the last gestures, and the key of each."""
 
 import math
 from collections.abc import Mapping, Sequence
