@@ -42,8 +42,6 @@ _STREAMS: dict[type, tuple[str, ...]] = {
     Spectrum: ("spectrum",),
     Contact: ("contact", "touch"),
 }
-# Frames that show that the streams are on. A restarted board sends keys without a stream.
-_STREAMED = Touch, Spectrum, Contact
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 _SENSORS_MAX = 16  # a frame's number of the sensor has four bits
 
@@ -817,7 +815,6 @@ class Board:
         if reply is None:
             loss.unanswered(self.now_s())
             return
-        loss.heard(self.now_s())
         known = self._validated(reply)
         if known["stream"] != [] and not self._stopped:
             return  # it still streams, or its firmware does not report its streams
@@ -865,7 +862,8 @@ class Board:
         frames = self._decoded(self._link.read(timeout_s))
         arrived_s = self.now_s()
         for frame in frames:
-            if isinstance(frame, _STREAMED) and not self._stopped:
+            # A restarted board sends keys without a stream.
+            if not (isinstance(frame, Key) or self._stopped):
                 self._loss.heard(arrived_s)
             if not isinstance(frame, Note):
                 self._take(self._clocks.clock.timed(frame, arrived_s))

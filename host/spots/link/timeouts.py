@@ -70,7 +70,7 @@ class LinkLoss:
     ask_s : float
         Time of the next query to a silent board, in seconds.
     first_asked_s : float
-        Time of the first query since the last streamed frame or reply, in seconds.
+        Time of the first query since the last frame that `heard` recorded, in seconds.
     is_open : bool
         Whether a lost port is open again but its board is not identified yet.
     tries : int
@@ -113,7 +113,7 @@ class LinkLoss:
         return now_s - self._expected_s > silent_s(least_s, self.every_s)
 
     def heard(self, now_s: float) -> None:
-        """Record the arrival of a streamed frame, or of the reply to a query."""
+        """Record the arrival of a frame of any kind but KEY, which comes without a stream."""
         self._asked = 0
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
