@@ -226,6 +226,12 @@ def test_what_no_ruler_or_scale_shows_is_refused(text):
         typed(text, 85_000)
 
 
+def test_the_scale_may_show_less_than_a_small_force_that_was_asked_for():
+    assert typed("9g", 85_000, wanted_mN=108.0) == (None, pytest.approx(88.3, rel=1e-3))
+    with pytest.raises(SpotsError, match="did you mean 9 N"):
+        typed("9g", 85_000, wanted_mN=1000.0)
+
+
 def test_a_strip_that_no_force_lights_ends_the_session(sensor, tmp_path):
     shown = Guide(Console(file=io.StringIO(), width=200))
     options = argparse.Namespace(plan=PLAN, keep_settings=True)

@@ -81,7 +81,7 @@ def test_an_ideal_strip_is_not_compensated(sensor, tmp_path):
 
 
 def test_pre_stretching_is_advised_once_where_the_strip_softens(sensor, tmp_path):
-    # Forces from a scale hide the softening in some sessions: of five, that with the seed 1.
+    # Forces from a scale hide the softening in some sessions: of six, that with the seed 1.
     room, _, _ = fine(strip(sensor, "spectrum", 0.0), tmp_path / "a.jsonl", Habits(), seed=2)
     said = room.getvalue()
     assert said.count("firm presses have softened the strip") == 1

@@ -93,14 +93,15 @@ class Presser:
             what = "do ruler and scale show"
         if wanted.then_mN:
             what += " at the first force"
-        read = self._read(what, default, length_um)
+        read = self._read(what, default, length_um, wanted.force_mN)
         if read is None:
             return None
         place_um, force_mN = read
         then_mN = wanted.then_mN
         if then_mN:
             default = f"{then_mN / FORCES['g']:.0f} g"
-            read = self._read("does the scale show at the second force", default, length_um)
+            what = "does the scale show at the second force"
+            read = self._read(what, default, length_um, then_mN)
             if read is None:
                 return None
             then_mN = read[1] or then_mN
@@ -111,18 +112,18 @@ class Presser:
             then_mN=then_mN,
         )
 
-    def _read(self, what: str, default: str, length_um: float):
+    def _read(self, what: str, default: str, length_um: float, wanted_mN: float):
         """Ask for position and force until the answer is valid; return them as `typed` does.
 
-        `what` and `default` are parts of the question. Returns None if the person wants to repeat
-        the press.
+        `what` and `default` are parts of the question about a press with `wanted_mN`. Returns None
+        if the person wants to repeat the press.
         """
         while True:
             answer = self._guide.ask(f"what {what}? (Enter: {default}; again; undo) ")
             if answer.lower() == "again":
                 return None
             try:
-                return typed(answer, length_um)
+                return typed(answer, length_um, wanted_mN or FIRM_MN)
             except SpotsError as error:
                 self._guide.say(str(error))
 

@@ -10,11 +10,14 @@ _STANDARD_GRAVITY = 9.80665  # mN per g
 PLACES = {"mm": 1000.0, "cm": 10_000.0}
 FORCES = {"g": _STANDARD_GRAVITY, "kg": 1000 * _STANDARD_GRAVITY, "n": 1000.0, "mn": 1.0}
 _LEAST_MN, _MOST_MN = 98.0, 20_000.0  # a force outside this range has the wrong unit
+_SHARE = 0.5  # of a requested force, which may be small
 _BEYOND_UM = 1000.0  # largest distance of a press beyond the end of the strip
 _NUMBER = re.compile(r"\s*(\d+(?:[.,]\d+)?)\s*([a-z]+)[\s,;]*", re.IGNORECASE)
 
 
-def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
+def typed(
+    text: str, length_um: float, wanted_mN: float = _MOST_MN
+) -> tuple[float | None, float | None]:
     """Parse a position and a force that a person typed in any order.
 
     Parameters
@@ -23,6 +26,8 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
         Numbers with units, for example ``42mm 120g``.
     length_um : float
         Length of the strip in um.
+    wanted_mN : float, optional
+        Force that the person was asked to press with, in mN; at least half of it is possible.
 
     Returns
     -------
@@ -51,7 +56,7 @@ def typed(text: str, length_um: float) -> tuple[float | None, float | None]:
                 )
         else:
             force_mN = value * FORCES[unit]
-            if not _LEAST_MN <= force_mN <= _MOST_MN:
+            if not min(_LEAST_MN, _SHARE * wanted_mN) <= force_mN <= _MOST_MN:
                 other = "g" if unit in ("n", "mn") else "N"
                 raise SpotsError(
                     f"{found[0].strip()} is not a possible force of a finger: did you mean "
