@@ -117,7 +117,7 @@ def test_streaming_is_what_the_reader_says(net):
         take(board, 20)
         assert board.command("sync")["stream"] == ["touch"]
         board.command("stream off")
-        list(board.frames(0))
+        list(board.frames(0.1))  # what was under way
         assert list(board.frames(0.1)) == []
         board.command("stream contact touch spectrum")
         take(board, 20)
