@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import sys
 import time
 from pathlib import Path
@@ -127,6 +128,7 @@ async def calibration(browser: Browser) -> None:
             await expect(asked).to_contain_text("press at", timeout=_LONG_MS)
             held.press = Press(float((await mark.inner_text()).split()[0]) - 9, 6000, 4.0)
             await page.locator("#calibration .finger.on").wait_for()
+            await expect(page.locator("#spectrum")).not_to_contain_text(re.compile(r"F3\s*0\b"))
             await page.screenshot(path=_HERE / "page-calibration.png")
             await context.close()
             print(_HERE / "page-calibration.png")
