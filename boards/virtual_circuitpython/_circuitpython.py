@@ -47,14 +47,22 @@ def _run(name):
     exec(compile(source, name, "exec"), {"__name__": "__main__"})
 
 
+def _forget():
+    """Forget the modules of a program and, with the module `board`, which pins are in use."""
+    for module in list(sys.modules):
+        if module not in _BUILT_IN:
+            del sys.modules[module]
+
+
 _describe(_ABOUT % os.getenv("SPOTS_BOARD_ID"))
 builtins.open = _guarded_open
 try:
     _run("boot.py")
 except Exception as error:
     sys.print_exception(error)  # code.py still runs
-for module in list(sys.modules):
-    if module not in _BUILT_IN:
-        del sys.modules[module]
+_forget()
 usb_cdc.start()
-_run("code.py")
+try:
+    _run("code.py")
+finally:
+    _forget()

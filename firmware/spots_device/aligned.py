@@ -52,7 +52,7 @@ class AlignedPacing(Pacing):
         if self._locked:
             low = (self._diff(now, self._end) + LATCH_US << _Q) - self._part
             if low > -self._half:
-                self._raise(low)
+                self._bound(low, 1)
                 self._aim(_COARSE)
 
     def held(self, before, after, samples):
@@ -71,7 +71,7 @@ class AlignedPacing(Pacing):
             if self._half > self._exact >> 1:
                 self._lock(before)
             elif high < self._half and self._diff(after, before) < BRIEF_US:
-                self._lower(high)
+                self._bound(-high, -1)
         end = self._end
         self._advance()
         return end
@@ -113,31 +113,23 @@ class AlignedPacing(Pacing):
         self._locked = True
         self._begin_span(0)
 
-    def _raise(self, low):
-        # The sample ends after `low` (Q8 us, relative to `_end`).
+    def _bound(self, low, sign):
+        # The sample ends after `low` (Q8 us, relative to `_end`). With the sign -1, `low` and the
+        # limits here are mirrored at `_end`: the sample ended before `-low`.
         high = self._half
         if low > high:
             self._widen(low - high)
             high = low + low - high
         if 2 * low > -self._half:
-            self._run = min(self._run, 0) - 1
-            if self._run < -_RUN:
+            run = min(sign * self._run, 0) - 1
+            self._run = sign * run
+            if run < -_RUN:
                 self._widen(0)
                 high += high - low
-        self._limit(low, high)
-
-    def _lower(self, high):
-        # The sample ended before `high` (Q8 us, relative to `_end`).
-        low = -self._half
-        if high < low:
-            self._widen(low - high)
-            low = high + high - low
-        if 2 * high < self._half:
-            self._run = max(self._run, 0) + 1
-            if self._run > _RUN:
-                self._widen(0)
-                low -= high - low
-        self._limit(low, high)
+        if sign > 0:
+            self._limit(low, high)
+        else:
+            self._limit(-high, -low)
 
     def _widen(self, excess):
         # The limits contradict each other by `excess` (Q8 us), or the run is too long.

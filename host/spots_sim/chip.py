@@ -43,8 +43,6 @@ _FIFO_ENTRIES = 128
 _FD_VALID, _FD_HZ = 0x2C, {100: 0x01, 120: 0x02}
 _FD_US, _FD_STEP_US, _FD_LEAST = 500_000.0, 1000.0, 0.01
 
-_OF_STEPS = 0x81, 0xCA, 0xCB  # ATIME, ASTEP: steps of an integration
-
 _RESET_VALUES = {
     0x81: 0x00, 0x92: 0x24, 0xAA: 0x09, 0xAF: 0x10, 0xB1: 0x88, 0xB3: 0xF2, 0xBE: 0x02,
     0xCA: 0xE7, 0xCB: 0x03, 0xD6: 0xFF, 0xD7: 0x21,
@@ -154,7 +152,6 @@ class AS7341:
         self._live = (0, bytes(12))  # ASTATUS and counts of the last sample
         self._latched = self._live
         self._first = False  # whether the running sample is the first one since SP_EN was set
-        self._set_steps()
         self._outside = 0  # consecutive samples outside the thresholds
         self._fifo: list[bytes] = []
         self._flicker_since = None
@@ -200,9 +197,7 @@ class AS7341:
         if self._smux_done is not None and now_us >= self._smux_done:
             self._smux_done = None
             self._run_smux()
-        while self._start is not None and now_us >= (
-            end_us := self._start + self._steps * self._step_us
-        ):
+        while self._start is not None and now_us >= (end_us := self._end()):
             self._complete(end_us)
 
     def switch_light(self, on: bool) -> None:
@@ -238,7 +233,7 @@ class AS7341:
         if register in (0x61, 0x62):
             return self._latched[1][register - 0x61]
         if 0x63 <= register <= 0x65:
-            return self._steps >> (8 * (register - 0x63)) & 0xFF
+            return self._steps() >> (8 * (register - 0x63)) & 0xFF
         if register <= 0x6F:
             return self._latched[1][2 + register - 0x66]
         return self._bank1[register]
@@ -273,8 +268,6 @@ class AS7341:
                 self._main[0xA7] &= ~0x80
         else:
             self._main[register] = value
-            if register in _OF_STEPS:
-                self._set_steps()
 
     def _set_enable(self, value: int) -> None:
         before = self._main[0x80]
@@ -312,12 +305,12 @@ class AS7341:
 
     # Integration.
 
-    def _set_steps(self) -> None:
+    def _steps(self) -> int:
         astep = self._main[0xCA] | self._main[0xCB] << 8
-        self._steps = (self._main[0x81] + 1) * (astep + 1)
+        return (self._main[0x81] + 1) * (astep + 1)
 
     def _full_scale(self) -> int:
-        return min(65535, self._steps)
+        return min(65535, self._steps())
 
     def _auto_zero_at_start(self) -> float:
         wanted = self._main[0xD6] != 0
@@ -330,6 +323,9 @@ class AS7341:
         self._start = self._part_start = start_us
         self._collected = {}
         self._main[0xA3] &= ~0x40
+
+    def _end(self) -> float:
+        return self._start + self._steps() * self._step_us
 
     def _led_mA(self) -> float:
         on = self._bank1[0x70] & 0x08 and self._bank1[0x74] & 0x80

@@ -66,11 +66,6 @@ class Spells:
         Name of the fault in the ledger.
     ledger : FaultLedger
         Records each interval that has begun.
-
-    Attributes
-    ----------
-    next_us : float
-        Start of the next interval that `begun` has not returned, in us.
     """
 
     def __init__(
@@ -80,7 +75,7 @@ class Spells:
         fixed = _repeated(sorted(moments.at_s), seconds, from_s)
         at_random = _poisson(moments.per_min / 60, from_s, rng)
         self._starts = heapq.merge(fixed if moments.at_s else (), at_random)
-        self.next_us = self._draw()
+        self._next_us = self._draw()
         self._until_us = 0.0
         self._kind = kind
         self._ledger = ledger
@@ -90,10 +85,10 @@ class Spells:
 
         Each interval is returned once.
         """
-        if now_us < self.next_us:
+        if now_us < self._next_us:
             return None
-        spell = self.next_us, self.next_us + self._last_us
-        self.next_us = self._draw()
+        spell = self._next_us, self._next_us + self._last_us
+        self._next_us = self._draw()
         self._until_us = max(self._until_us, spell[1])
         self._ledger.counts[self._kind] += 1
         self._ledger.spells.append((self._kind, *spell))
@@ -354,7 +349,6 @@ class BoardFaults:
         self._stalls = faults.spells("clock.stalls")
         self._resets = faults.spells("power.sensor_resets")
         self._brown_outs = faults.spells("power.brown_outs")
-        self._due_us = 0.0  # start of the next fault
 
     def step(self, bus) -> float | None:
         """Apply the faults that have begun.
@@ -371,8 +365,6 @@ class BoardFaults:
             board, wait for this duration, call `bus.chip.power_on` and boot the board.
         """
         now_us = bus.clock.now_us()
-        if now_us < self._due_us:
-            return None
         while spell := self._stalls.begun(now_us):
             bus.clock.pause_us(max(0.0, spell[1] - now_us))
         while spell := self._resets.begun(now_us):
@@ -380,8 +372,6 @@ class BoardFaults:
         off_us = None
         while spell := self._brown_outs.begun(now_us):
             off_us = spell[1] - spell[0]
-        kinds = self._stalls, self._resets, self._brown_outs
-        self._due_us = min(kind.next_us for kind in kinds)
         return off_us
 
 

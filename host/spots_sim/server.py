@@ -121,7 +121,7 @@ def answer(
                 data = bus.write_read(a, request[2:3], c)
                 bus.clock.spend_us(after_us)
             case protocol.SLEEP:
-                bus.clock.pause_us((a | b << 8 | c << 16) / rate)
+                bus.clock.pause_us(_number(request) / rate)
             case protocol.SPEED:
                 bus.frequency_hz = 1000 * int.from_bytes(request[1:3], "little")
             case protocol.RECEIVE:

@@ -63,7 +63,7 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     SpotsError
         If `rest` is not empty, or a file is missing or invalid.
     """
-    check(rest, sensor=sensor, scenario=scenario, seed=seed)
+    _check_rest(rest)
     return open_virtual(sensor, scenario, seed)[0]
 
 
@@ -84,10 +84,14 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     SpotsError
         If `rest` is not empty, or a file is missing or invalid.
     """
-    if rest:
-        raise SpotsError(f"there is no port {VIRTUAL}:{rest}: write {VIRTUAL}")
+    _check_rest(rest)
     load(SensorFile, sensor)
     load(ScenarioFile, scenario)
+
+
+def _check_rest(rest: str) -> None:
+    if rest:
+        raise SpotsError(f"there is no port {VIRTUAL}:{rest}: write {VIRTUAL}")
 
 
 def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:

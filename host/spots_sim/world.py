@@ -104,22 +104,19 @@ class World:
         self._warm(end_us, led_mA)
         change = self._sensor.change + self._scenario.change((start_us + end_us) * 0.5e-6)
         self._optics = self._optics_at(change, round(self._led_K, _LED_K_DIGITS))
-        rates = None  # darkness, in most samples of a scenario
+        rates = np.zeros(len(self._optics.names))
         if led_mA > 0:
             level = self._led_level(start_us, duration_us)
             unloaded = self._memory is None or self._memory.unloaded
+            # Most samples of a scenario are without a finger.
             if not (unloaded and self._scenario.is_dark(start_us * 1e-6, end_us * 1e-6)):
-                rates = np.zeros(len(self._optics.names))
                 for i in range(steps):
                     self._light(rates, (start_us + (i + 0.5) * step_us) * 1e-6)
                 rates /= steps
                 rates *= self._optics.source_uW_cm2(led_mA) * level
         ambient_uW_cm2 = self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
         if ambient_uW_cm2:
-            ambient = self._optics.ambient(ambient_uW_cm2)
-            rates = ambient if rates is None else rates + ambient
-        if rates is None:
-            return dict.fromkeys(self._optics.names, 0.0)
+            rates += self._optics.ambient(ambient_uW_cm2)
         return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
 
     def switch(self, on: bool) -> None:

@@ -105,7 +105,6 @@ def test_a_register_that_is_not_what_was_written_is_noticed_and_set_again(rig, r
     made = rig()
     made.readings(3)
     made.link.chip._main[register] = value
-    made.link.chip._set_steps()
     for _ in range(3):  # a pair of registers is read back in each dark window
         made.board._link.write(b"dark\n")
         made.settle(2.0)

@@ -154,8 +154,6 @@ def test_ctrl_c_on_the_console_stops_the_application_and_its_led(start):
     assert b"KeyboardInterrupt" in until(link, b">>> ")
     for line in (
         b"import board, busio, adafruit_as7341 as a",
-        # CircuitPython does this before its prompt.
-        b"board.SCL.taken = board.SDA.taken = False",
         b"chip = a.AS7341(busio.I2C(board.SCL, board.SDA))",  # touches neither of the two
         b"print('led', chip.led, 'sampling', chip._color_meas_enabled)",
     ):

@@ -226,7 +226,6 @@ def test_noise_of_the_ratios_is_each_channels_own(sensor):
     noisy = chip(sensor, Held(), seed=1)
     noisy._main[0xAA], noisy._main[0x81] = 9, 255
     noisy._main[0xCA:0xCC] = b"\xff\x0f"
-    noisy._set_steps()
     diodes = "F1", "F2", "F3", "F4", "F5", "F6"
     noisy._routing = [{diode: 1.0} for diode in diodes]
     noisy._collected = dict.fromkeys(diodes, 100.0)
