@@ -74,11 +74,11 @@ class Bench:
         Calibration file of the strip.
     spent : int
         Number of requested presses that the session does not store as presses by hand, such as
-        refused presses. They count towards the limit of a session by hand.
+        refused presses. A session by hand then asks for fewer presses.
     trace : list of tuple of float
         All readings of the present press: time in s, then the six counts.
     holds : list of (float, float)
-        Start and end of each hold of the present press, in s.
+        Start and end of each hold of the present press, in s; one hold for each of its forces.
     """
 
     reader: SpectrumReader
@@ -105,7 +105,7 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = CONTINUES,
     ) -> Reading:
-        """Repeat the request for a press until it is valid; on return, the strip is still pressed.
+        """Ask for a press until one is valid; on return, the strip is still pressed.
 
         Parameters
         ----------
