@@ -70,7 +70,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False, strips: in
     port : str, optional
         Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
     dry_run : bool
-        Whether only to print the changes.
+        Whether to print the changes without making them.
     strips : int
         Number of strips on the board.
 
@@ -186,7 +186,7 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
     block = target.facts["block"] or 1
     taken = sum(_on_disk(len(files[path]), block) for path in copy)
     gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} if path in there)
-    # The old file stays until the hash of the new one is verified.
+    # The old file stays until the hash of the new one is verified, so both need room.
     most = max(_on_disk(len(files[path]), block) for path in copy)
     most += _on_disk(len(claim), block)
     return Plan(remove, copy, max(taken - gone + most, most), claim)
