@@ -80,8 +80,8 @@ class _Section:
         return True
 
     def _act(self) -> None:
-        # A signal may interrupt this between any two lines: its handler then takes all pending
-        # signals, or leaves them to this call.
+        # A signal may interrupt this function between any two lines: its handler then takes all
+        # pending signals, or leaves them to this call.
         while self._pending and not self._depth:
             self._depth += 1
             try:

@@ -1,4 +1,7 @@
-"""Reads presses of a strip: waits until a press is steady, then reads and validates its counts."""
+"""Measures presses of a strip: waits until a press is steady, then reads and validates its counts.
+
+A presser (a person or a machine) presses on request. A press with two forces has two holds.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,7 @@ class Bench:
         Calibration file of the strip.
     spent : int
         Number of requested presses that the session does not store as presses by hand, such as
-        refused presses. A session by hand then asks for fewer presses.
+        refused presses. A session by hand (see `session`) then asks for fewer presses.
     trace : list of tuple of float
         All readings of the present press: time in s, then the six counts.
     holds : list of (float, float)
@@ -206,7 +209,7 @@ class Bench:
         self.holds.append((begin_s, end_s))
 
     def _held(self, noise: Noise | None, kind: str, before: float | None = None) -> Reading:
-        """Wait for a steady press and return its reading; raise `BadPressError` if invalid.
+        """Wait for a steady press and return its reading; raise `BadPressError` if there is none.
 
         `noise` is the noise of the sensor, if known; `kind` is the kind of the press, see
         `session.Wanted`. `before` is the sum of the counts before a change of the force; None

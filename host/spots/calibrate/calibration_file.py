@@ -80,7 +80,8 @@ class Joint(_Struct, kw_only=True):
     resolution_deg : float
         Standard deviation of the angle while the joint does not move, in degrees.
     accuracy_deg : float
-        Mean absolute error of the angle in degrees, at points that were not used for the fit.
+        Mean absolute error of the angle in degrees, at half of the points, if the line is fitted to
+        the other half.
     backlash_deg : float
         Mean difference of the angle between the two directions of turning, in degrees.
     low, high : tuple of (float, float) or None

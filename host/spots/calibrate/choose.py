@@ -134,8 +134,8 @@ def _merge(plans, measured, full_scale):
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """Return the least possible standard deviation of n positions, in um, shape (n,).
 
-    `slopes` are the derivatives of the logarithms of the channels with respect to position, in
-    1/um; `variance` contains the variances of these logarithms. Both have shape (n, c).
+    `slopes` are the derivatives of log2(counts) of c channels with respect to position, in 1/um;
+    `variance` contains the variances of log2(counts). Both have shape (n, c).
     """
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)

@@ -23,7 +23,7 @@ _LEAST_UM = 1.0
 
 
 def common_error_um(read_um: np.ndarray, off_um: np.ndarray) -> np.ndarray:
-    """Return the error that all positions of a fit share, because the ruler was read with errors.
+    """Return the error that all positions of a fit share, because a person misread the ruler.
 
     The error is a straight line along the strip: an offset and a scale. The result is the mean of
     the posterior distribution of this line.

@@ -189,8 +189,8 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
 def _prior(plays: float, creep: float, terms: int) -> np.ndarray:
     """Return the expected size of each unknown of the fit, in the order of the fit.
 
-    The unknowns are: the gain minus 1; the weights of the play operators, of the size `plays`; the
-    shares of the creep, of the size `creep`; and the errors of the forces, divided by their
+    The unknowns are: the gain minus 1; the weights of the play operators, with the size `plays`;
+    the shares of the creep, with the size `creep`; and the errors of the forces, divided by their
     standard deviation. `terms` is the number of all unknowns.
     """
     sizes = [max(plays, creep), *[plays] * len(PLAYS_MN), *[creep] * len(TAUS_MS)]
@@ -211,8 +211,8 @@ def _evidence(prior: np.ndarray, information: np.ndarray, values: np.ndarray) ->
 def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
     """Return the columns of the least-squares fit for each reading, shape (n, 7).
 
-    The columns are: the force that the board read, three play operators of it (hysteresis), and
-    three low-pass filters of the true force (creep).
+    The columns are: the force that the board read, three play operators of this force (hysteresis),
+    and three low-pass filters of the true force (creep).
 
     The arguments are those of `fit_silicone`.
     """

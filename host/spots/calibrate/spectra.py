@@ -65,9 +65,9 @@ def mean(readings: list[Reading]) -> Reading:
 
 
 class SpectrumReader:
-    """Reads single samples from a board. Call `set_up` again if the board's settings change.
+    """Reads single samples from a board: its setting ``average`` is 1 until `restore` is called.
 
-    So the board's setting ``average`` (samples in a reading) is 1 until `restore` is called.
+    Call `set_up` again if the board's settings change.
 
     Parameters
     ----------

@@ -280,7 +280,7 @@ class _Steps:
         for residual in calibration.residuals:
             force = residual.force_rms_mN
             bench.guide.say(
-                f"at {residual.strain_ppm / 10_000:g} % strain: position "
+                f"errors at {residual.strain_ppm / 10_000:g} % strain: position "
                 f"{residual.position_rms_um:.0f} um rms"
                 + ("" if force is None else f", force {force:.0f} mN rms")
             )

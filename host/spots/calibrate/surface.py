@@ -350,7 +350,7 @@ class Surface:
         """Return two matrices, which convert errors of the coefficients to errors of readings.
 
         The first matrix gives errors of the position in um, the second relative errors of the
-        force. Both have a row for each press: `place_um` are its position, `force_mN` its force.
+        force. Each has a row for each press; `place_um` and `force_mN` describe the presses.
         """
         rows = self._rows(place_um, force_mN)
         light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))

@@ -57,7 +57,7 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
-    rests = 0  # a controller detects no object that is not a finger, see `link.calibrated.fed`
+    rests = 0  # a controller never detects a resting object, see `link.calibrated.fed`
 
     def __init__(self, settings: ControllerSettings, length_um: float, decay: int | None = None):
         self.length_um = length_um

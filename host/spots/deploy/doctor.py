@@ -27,7 +27,7 @@ _LIT_S = 0.02
 # Time for a person to press (an untouched strip is dark), or to unplug an LED.
 _WITHIN_S = 10.0
 _DIM = 0.01  # share of full scale; with less light a position is noise
-_BRIGHTEST = 0.95  # share of full scale
+_BRIGHTEST = 0.95  # share of full scale; with more light a channel may saturate
 # Least rate, as a share of the highest possible one: transfers and dark frames take time, too.
 _SLOWEST = 0.7
 _RATE_S = 0.5  # duration of the readings; the commands before and after them cost little time

@@ -23,7 +23,8 @@ from .prompt import Prompt
 from .released import FILES
 from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
 
-# The first versions with USB devices, and with a finer clock than milliseconds on the RP2040.
+# MicroPython: the first version with USB devices. CircuitPython: the first version whose clock is
+# finer than milliseconds on the RP2040.
 _OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
 _RETURN_S = 20.0
 _POLL_S = 0.2

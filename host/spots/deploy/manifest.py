@@ -7,7 +7,7 @@ import hashlib
 import re
 
 MANIFEST = "spots.sha256"
-LARGEST_BYTES = 1 << 16  # of a manifest on a board, no more bytes are read
+LARGEST_BYTES = 1 << 16  # at most so many bytes of a board's manifest are read
 _LINE = re.compile(rb"([0-9a-f]{64})  (\w[\w.-]*(?:/\w[\w.-]*)*)")
 
 

@@ -100,7 +100,7 @@ class Prompt:
             raise missing("flashing needs", "mpremote", "flash") from None
         self.port = port
         self._refused = TransportExecError
-        # At a disconnect, the exception of mpremote depends on its operation.
+        # At a disconnect, mpremote raises one of these, depending on its present operation.
         self._failures = (TransportError, serial.SerialException, OSError, struct.error)
         SerialLink(port).close()  # its error explains why a port cannot be opened
         self._transport = None
