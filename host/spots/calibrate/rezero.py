@@ -85,8 +85,8 @@ def rezero(
     if marks is None:
         again = "run 'spots calibrate joint' again" if joint else "calibrate again"
         raise SpotsError(
-            f"{bench.path} has no section [{'joint_' * joint}marks], which a re-zero needs: {again} to "
-            "make it"
+            f"{bench.path} has no section [{'joint_' * joint}marks], which a re-zero needs: "
+            f"{again} to make it"
         )
     table, reader = Calibration(made.lines), bench.reader
     reason = table.mismatch(reader.conditions)
