@@ -118,12 +118,15 @@ class Touch(NamedTuple):
 
     @property
     def contrast(self) -> float:
-        """Weighted sum of log2 counts that depends on the position only; NaN if unknown."""
+        """Weighted sum of log2 counts that depends only on the position; NaN if unknown."""
         return _log2(self.contrast_q20, self.flags)
 
     @property
     def brightness(self) -> float:
-        """Weighted sum of log2 counts that depends on the coupled light only; NaN if unknown."""
+        """Weighted sum of log2 counts that depends only on the coupled light; NaN if unknown.
+
+        The coupled light is the light that a press lets into the dyed guide.
+        """
         return _log2(self.brightness_q20, self.flags)
 
 
