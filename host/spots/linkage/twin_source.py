@@ -56,7 +56,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the one or two boards of a linkage file; use it in a ``with`` block.
 
-    Each joint's calibration must be of the joint's board, and is uploaded to this board.
+    The calibration of a joint must be from the joint's board, and is uploaded to this board.
 
     Parameters
     ----------
