@@ -76,7 +76,7 @@ _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
 }
 
 
-# By kind: numbers of the pieces, and the bytes of their payloads, a column for each piece.
+# By kind: indices of the pieces, and the bytes of their payloads, a column for each piece.
 _Groups = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
@@ -163,9 +163,9 @@ class _BlockDecoder(Decoder):
 class Arrays:
     """Frames of a recording, or of a block of a recording, as structured arrays.
 
-    Integers are those of the frames: an unknown position or force is 0, not NaN as in `Touch`. The
-    column ``flags`` (bits of `spots_device.decode`) shows which values are unknown. Rows are in the
-    order of arrival. The first columns of the four arrays are the same:
+    Values are the integers of the frames: an unknown position or force is 0, not NaN as in `Touch`.
+    The column ``flags`` (bits of `spots_device.decode`) shows which values are unknown. Rows are in
+    the order of arrival. The first columns of the four arrays are the same:
 
     ========== === =============================================================
     time_s     f8  time of the measurement on the host's monotonic clock, in s;
