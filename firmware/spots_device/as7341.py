@@ -56,7 +56,8 @@ _FIFO_CLR = const(0x02)
 _SIX_COUNTS = const(0x7E)
 
 _ENTRIES = const(6)  # entries of the FIFO for a sample
-# Entries in the FIFO; with more, the chip may drop a part of the sample that it stores next.
+# Largest usable number of entries in the FIFO; with more, the chip may drop a part of the sample
+# that it stores next.
 _FULL = const(120)
 _SAMPLE = const(12)  # bytes
 _COUNTS = const(2)  # index in the buffer, after STATUS and ASTATUS
@@ -106,7 +107,7 @@ class AS7341:
         self._views = [view[:_FIFO_DATA]]
         for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
             self._views.append(view[_FIFO_DATA:end])
-        self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the search after a start
+        self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the test after a start
         self.waits = 0  # samples in the buffer that `poll` has not returned yet
         self._led_code = 0
         self.led = "ldr"  # one of `light.LEDS`

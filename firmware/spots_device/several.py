@@ -22,9 +22,9 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
 # Priority of a strip whose sample times are unknown, as if it were late by this time.
 _UNKNOWN_US = const(2_500)
-# Priority of a strip whose next poll must be on time, because it bisects: half the error of its
-# times in Q8 us, which is 128 times the error, up to the processing time of a sample of each other
-# strip.
+# Largest priority of a strip whose next poll bisects (see aligned.py) and so must be on time, for
+# each other strip: about the processing time of a sample. The priority is 128 times the error of
+# the strip's sample times.
 _AHEAD_US = const(2_500)
 # Further priority after a poll that was too early: first for the strip of the last poll. Without
 # it, two strips with unknown sample times would be polled in turn, each with polls too far apart.
