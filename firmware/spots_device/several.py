@@ -26,8 +26,9 @@ _UNKNOWN_US = const(2_500)
 # each other strip: about the processing time of a sample. The priority is 128 times the error of
 # the strip's sample times.
 _AHEAD_US = const(2_500)
-# Further priority after a poll that was too early: first for the strip of the last poll. Without
-# it, two strips with unknown sample times would be polled in turn, each with polls too far apart.
+# Further priority of a strip with unknown sample times after a poll that was too early, and still
+# more if the last poll of the loop was of this strip. Otherwise two such strips would be polled in
+# turn, and the polls of each would be too far apart.
 _PUNCTUAL_US = const(500)
 _STAYS_US = const(4_000)
 _PREFIX = "sensor="
@@ -219,7 +220,7 @@ class SeveralApp(StripApp):
         StripApp._attach(self, open_sensor, board, usb)
 
     def handle(self, line):
-        """Execute a command for the strip that ``sensor=N`` at the end of `line` names; default 0.
+        """Execute a command for strip N if `line` ends with ``sensor=N``, else for strip 0.
 
         All lines of an upload belong to the sensor of its first line. The result is that of
         `command.Commands.handle`.

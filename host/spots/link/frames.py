@@ -203,7 +203,7 @@ class Contact(NamedTuple):
         this finger was `CONFIRMED`.
     position_um : float
         Distance from the sensor's end of the strip, in um: measured while the finger is alone,
-        otherwise estimated. In the last frame, the last known position.
+        otherwise estimated. The last frame has the last known position.
     sigma_um : float
         Standard deviation of the position due to noise, in um.
     force_mN : float

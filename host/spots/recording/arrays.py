@@ -70,7 +70,7 @@ class _Table:
 
 
 _TABLES = {kind: _Table(*layout) for kind, layout in LAYOUTS.items()}
-# Bytes of an encoded frame, by kind; a note without content is of the smallest size.
+# Bytes of an encoded frame, by kind; a note without content has the smallest size.
 _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
     NOTE: frame.HEADER_SIZE + CRC_SIZE + _COBS_SIZE
 }

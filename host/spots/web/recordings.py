@@ -23,8 +23,8 @@ from .state import PageState
 _WORDS = {"start": 0, "stop": 0, "live": 0, "play": 1, "list": 0, "compare": 2}
 _SHOWN_PER_S = 2
 _LISTED = 100  # newest recordings
-_READ_MAX = 200_000  # readings of a compared recording
-_POINTS = 1500  # of its curve
+_READ_MAX = 200_000  # most readings of a compared recording
+_POINTS = 1500  # most points of its curve
 _UNKNOWN = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
