@@ -242,7 +242,7 @@ class AS7341:
         return self._clock.ticks_diff(self.pacing.due, self._clock.ticks_us())
 
     def poll(self):
-        """Return a new sample, if there is one. Allocates nothing.
+        """Fetch a new sample, if there is one. Allocates nothing.
 
         One transfer reads all samples in the FIFO; this call returns the first one, and the next
         calls return the others. Without the FIFO, each transfer reads one sample. AVALID cannot
@@ -401,7 +401,7 @@ class AS7341:
     def _configure(self, atime, astep, gain, led_mA):
         """Write exposure (registers `atime` and `astep`), gain code and LED current to the chip.
 
-        The chip is powered and does not sample.
+        Called while the chip is powered and does not sample.
         """
         self._write(_ATIME, atime)
         self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))

@@ -57,9 +57,9 @@ class Pacing:
     due : int
         Time of the next poll in ticks.
     exposure_us, period_us : int
-        Nominal period, and lower bound of the period.
+        Nominal period, and lower bound of the measured period, in us.
     missed : int
-        Samples that were not read, or whose time is unknown.
+        Number of samples that were not read, or whose time is unknown.
     slack_us : int
         Uncertainty: the last sample ended at its estimated time, or up to this time earlier.
     sampled, lasted_us, longest_us : int

@@ -69,7 +69,7 @@ class ClockMap:
         return self.last_us
 
     def state(self) -> dict[str, float]:
-        """Return constructor arguments; a copy made with them returns exactly the same times."""
+        """Return the constructor arguments of a copy that returns exactly the same times."""
         return asdict(self)
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:

@@ -342,7 +342,7 @@ class Decoder:
         return self._rest
 
     def forget(self) -> None:
-        """Start again in the middle of a stream: accept any sequence number next."""
+        """Drop the incomplete frame, and accept any sequence number next."""
         self._rest, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:

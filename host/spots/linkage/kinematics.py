@@ -303,7 +303,7 @@ class _Fit:
 
 
 def _slopes(function, at, step):
-    """Return the derivatives of `function` at the array `at`, by each element of the array.
+    """Return the derivatives of `function` at `at`, with respect to each element of this array.
 
     They are central differences with the step `step`.
     """

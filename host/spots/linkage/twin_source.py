@@ -143,7 +143,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
 
 
 class DrivenLinkage(Protocol):
-    """A linkage that opens the boards of its joints itself, such as a simulated linkage.
+    """A linkage that itself opens the boards of its joints, such as a simulated linkage.
 
     Attributes
     ----------

@@ -120,7 +120,7 @@ class FileEditor(Orders):
 class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=True):
     """Request of a browser: replace the layout whose checksum is `base`.
 
-    `loses` lists the actions that the new layout may lack.
+    `loses` lists the actions of the present layout that the new layout may lack.
     """
 
     text: Text

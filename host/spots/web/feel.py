@@ -129,7 +129,7 @@ class Feel:
         self._show()
 
     def silence(self, sentence: str) -> None:
-        """Show until the next reading why no readings arrive from the strip: `sentence`."""
+        """Until the next reading, show `sentence`, which says why no readings arrive."""
         if not self._silent:
             self.release()
             self._silent = sentence
