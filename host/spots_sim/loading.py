@@ -90,7 +90,7 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
     sensor : SensorFile
         Simulated sensor; the change in its file is ignored.
     lines : sequence of str
-        Lines of the sensor's calibration without compensation.
+        Lines of the sensor's calibration, without the line ``silicone``.
     led : str
         LED settings, see `record`.
 

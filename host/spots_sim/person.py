@@ -166,12 +166,12 @@ class Person:
 
 
 def follow(held: Held, way: Way) -> None:
-    """Move the simulated stage's finger along a path; the movement begins with the next reading.
+    """Move a simulated finger along a path; the movement begins with the next reading.
 
     Parameters
     ----------
     held : Held
-        Finger of the stage.
+        The finger, as a scenario with one press.
     way : list of tuple
         Parts of the path. Each part is a tuple: its start and its end, in s after the start of the
         movement, and the `Press` during this part.
@@ -194,12 +194,12 @@ def line_of(way: Way) -> str:
 
 
 def follow_pipe(held: Held, pipe: Path) -> None:
-    """Start a thread that moves the simulated stage's finger along the paths from a named pipe.
+    """Start a thread that reads paths from a named pipe, and moves a simulated finger along them.
 
     Parameters
     ----------
     held : Held
-        Finger of the stage.
+        The finger, as a scenario with one press.
     pipe : Path
         Named pipe with a line for each path, see `line_of`.
     """
