@@ -95,7 +95,7 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
     """Calibrate a simulated sensor, change the sensor, and correct the calibration (re-zero).
 
-    Returns the lines of the corrected calibration.
+    Returns the text lines of the corrected calibration.
 
     Raises
     ------

@@ -38,13 +38,12 @@ def is_reset(request: bytes) -> bool:
 
 
 def passes(request: bytes) -> tuple[int, int]:
-    """Return the number of loop passes whose processor time falls before and after a transfer.
+    """Return how many passes of the firmware's loop take time before and after a board's transfer.
 
-    The transfer is that of `request`. Before: 1 for a read of the sensor's data registers. After:
-    the number of samples that a read of the sensor's FIFO returns, because each loop pass processes
-    one of them.
-
-    A read of the FIFO's level does not count, because another read follows in the same pass.
+    `request` requests the transfer. A read of the sensor's data registers has 1 pass before it. A
+    read of the sensor's FIFO has as many passes after it as it returns samples, because each pass
+    processes one sample. A read of the FIFO's level has none, because another read follows in the
+    same pass.
     """
     if request[0] != protocol.READ or request[2] == _LEVEL:
         return 0, 0
