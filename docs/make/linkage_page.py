@@ -16,14 +16,14 @@ from spots_sim.files import LinkageFile, PathFile, SensorFile, load
 from spots_sim.mechanism import Mechanism
 from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey, follow, survey
 
-# Name, sensor file, and how the simulation treats its change, see `Simulation`.
+# Name, sensor file, and options of `Simulation` for the change that the sensor file describes.
 STRIPS = {
     "ideal strips": ("default", {}),
     "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
     "imperfect strips, re-zeroed": ("real", {"rezeroed": True}),
 }
 SEEDS = range(5)
-# The same with both strips on one board, for the workspace only: seeds.
+# Seeds of the surveys with both strips on one board, which cover only the workspace.
 ONE_BOARD = {"ideal strips": range(11), "imperfect strips, re-zeroed": range(11)}
 EXPOSURES_US = (10_000, 30_000, 50_000)
 _SURVEY_US, _FOLLOW_US = 100_000, 30_000
@@ -50,8 +50,9 @@ with the reason if its arguments are scalars; for arrays, it returns masked elem
 `forward_limits` and `inverse_limits` return the reason for each (`spots.linkage.fivebar.Limit`).
 For two angles there are two possible end points: `assembly="far"`, the default, is the end point
 beyond the elbows; `"near"` is the other one. `jacobian` and `covariance` compute errors of the end
-point from errors of the angles. These errors grow without bound when the outer bars come into line.
-So in the workspace of this document, the angle between the outer bars is at least 30°.
+point from errors of the angles. The errors of the end point grow without bound as the outer bars
+approach one straight line. So in the workspace of this document, the angle between the outer bars
+is at least 30°.
 
 ## Track a joint or a linkage
 
@@ -128,8 +129,8 @@ spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 
 Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
 the offsets and gains of the joints, and the position and rotation of the measuring grid. The fit
-needs the encoders' angles and the coordinates of the end point at some positions; the coordinates
-may be those of any grid. The fit reports standard errors, points that do not fit, and parameters
+needs the encoders' angles and the coordinates of the end point at some positions, measured on any
+grid. The fit reports standard errors, points that do not fit, and parameters
 that these positions cannot separate. For example, a picture of unknown scale determines only ratios
 of lengths.
 `--place-sigma-mm` is the standard error of a measured coordinate. Another program may write
@@ -231,10 +232,10 @@ def _workspace(surveys: dict[str, list[Survey]], linkage: LinkageFile, mechanism
 A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`) has nominal bars of {bar:g} mm
 and a base of {base:g} mm. The true lengths differ by up to {off}, the true mounting of the joints
 by up to {turned}. Each joint moves an indenter with backlash along its own strip, over
-{travel}. The real firmware reads each strip in simulated time. Each strip is calibrated, then
-the joint of the strip. The end point stops at {places} points of a grid over the workspace; its
-position follows from one reading of {each:g} ms of each joint. The table shows its distance from
-the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
+{travel}. The real firmware reads each strip in simulated time. First each strip is calibrated, then
+its joint. The end point stops at {places} points of a grid over the workspace. Its position is
+computed from one reading of each joint, which takes {each:g} ms. The table shows the distance of
+this position from the true one in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 
 """
     text += "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
@@ -246,7 +247,7 @@ lengths and mounting to 40 places ([below](#unknown-lengths)), is as accurate. T
 includes all errors of a real mechanism, such as bearings and bending bars. The simulation has only
 backlash and wrong lengths.
 
-Ideal strips have the sensor file `default`, imperfect strips `real`, as in
+Ideal strips have the sensor file `default`, and imperfect strips have the sensor file `real`, as in
 [applications.md](applications.md); all LEDs are warm. A re-zero (`spots rezero --joint`,
 [drift.md](drift.md#joints)) corrects the calibration of the imperfect strips at the stops of the
 joints. Without a re-zero, many readings do not fit the calibration. An encoder normally ignores
@@ -317,10 +318,11 @@ errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
     return (
         text
         + f"""
-The twin reports an expected error with each position. The Jacobian gives this error from the noise
-of the strips, the errors of the joint calibrations and the backlash. It does not include movements
-between two readings, or the error of the dark frame. The board takes no dark frame while the strip
-is pressed. In a joint, the indenter always presses, so the only dark frame is that of the start.
+The twin reports an expected error with each position. This error is computed, with the Jacobian,
+from the noise of the strips, the errors of the joint calibrations and the backlash. It does not
+include movements between two readings, or the error of the dark frame. The board takes no dark
+frame while the strip is pressed. In a joint, the indenter always presses, so the only dark frame is
+taken at the start.
 
 ![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """

@@ -23,8 +23,8 @@ Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sect
 seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
 duration of a reading, which the paper does not state. The **imperfect strip** (sensor file `real`)
 is simulated, too: it has aged and warmed up since its calibration, and is under a lamp. Then it was
-re-zeroed: one press of each of three marks, with the strip on a scale, corrected its calibration
-([drift.md](drift.md)). The board compensates the creep and the hysteresis of its silicone
+re-zeroed: its calibration was corrected by one press on each of three marks, with the strip on a
+scale ([drift.md](drift.md)). The board compensates the creep and the hysteresis of its silicone
 ([calibration.md](calibration.md#silicone)). In the tests of the force, the forces rise from 0.6 to
 9.5 N and fall again.
 
@@ -53,7 +53,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
     Returns
     -------
     list of tuple
-        Quantity, section, published value, list of simulated values, limit of the simulation.
+        Quantity, section, published value, list of simulated values, and what the simulation cannot
+        show.
     """
     found = [run.summary for run in runs]
 
@@ -174,8 +175,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.02°",
             each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
-            "It is the position's resolution divided by the radius. The paper does not state the "
-            "radius.",
+            "This is the position resolution divided by the joint's radius. The paper does not "
+            "state the radius.",
         ),
         (
             "Joint: accuracy",
@@ -209,12 +210,12 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
 
 
 def _resolutions(found: list[dict], exposures: int) -> str:
-    """Return a paragraph that compares both resolutions with the published ones.
+    """Return a paragraph that compares the resolutions of position and force with the paper's.
 
     `found` are summaries of the default strip for each of `exposures` exposures, then of `real`.
     """
     text = (
-        "\nThe paper states no integration time, no rate and no filter. If it used one\n"
+        "\nThe paper states no integration time, no rate and no filter. If the paper used one\n"
         "duration for both resolutions, find the duration at which our position resolution is "
         "nearest to the\npublished 7 µm, and compare the force resolutions at this duration:\n\n"
         "| duration of a reading | strip | position resolution | force resolution |\n"
