@@ -118,7 +118,7 @@ def _account(accounts: list, closed_at: dict[str, int], publishers_s: float) -> 
     latencies_us: list[int] = []
     for _, ledgers in accounts:
         for name, (first, end, came, gaps, late_us) in ledgers.items():
-            unclosed = end - closed_at[name]  # closing frames before the first received one
+            unclosed = end - closed_at[name]  # lost closing frames, before the first received one
             sent += closed_at[name] - first
             received += came
             lost += gaps - unclosed
