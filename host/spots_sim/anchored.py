@@ -115,8 +115,8 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
 def summary(found: list[tuple[float, float]]) -> dict:
     """Return statistics of the position errors that `followed` returns, in mm.
 
-    Positions with a standard deviation above `_SIGMA_MM` count as not located. They are excluded
-    from all errors.
+    Positions with a standard deviation above `_SIGMA_MM` count as not located; the errors are
+    computed without them.
     """
     located = [one for one in found if one[1] <= _SIGMA_MM]
     squares = sorted(error**2 for error, _ in located)

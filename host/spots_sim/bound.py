@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound: the smallest standard deviation of any unbiased estimator.
+"""The Cramer-Rao bound: the smallest standard deviation that an unbiased estimate can have.
 
 The bound is computed from the simulated optics and noise. It does not depend on the calibration.
 """

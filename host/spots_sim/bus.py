@@ -87,7 +87,7 @@ MULTIPLEXER = 0x70  # address of a TCA9548A whose address pins are low
 
 @dataclass
 class I2CBus:
-    """A simulated I2C controller: 9 clocks for a byte, 1 for START, STOP or repeated START.
+    """A simulated I2C controller. A byte takes 9 clocks; START, STOP and repeated START take 1.
 
     Attributes
     ----------

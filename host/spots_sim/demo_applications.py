@@ -83,7 +83,7 @@ def type_on_board(
     layout_name: str = DEMO_LAYOUT,
     late_ms: list[float] | None = None,
 ) -> dict:
-    """Type with the keys of a board, show the text, and return the results of the run.
+    """Show the text that the keys of a board type, and return the results of the run.
 
     The host also computes key events from the same readings (`KeyEngine`), and compares them with
     the key events of the board.

@@ -193,7 +193,7 @@ def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | No
 
 
 def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
-    """Return a design with a given length, resolution and rate.
+    """Return a design that reaches a resolution, for a given length and rate.
 
     Parameters
     ----------

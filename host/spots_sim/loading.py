@@ -1,4 +1,7 @@
-"""Loads and unloads a simulated strip, to measure creep and hysteresis of its silicone."""
+"""Loads and unloads a simulated strip, to measure creep and hysteresis of its silicone.
+
+A load is a press whose force rises, may stay constant for some time, and falls again.
+"""
 
 from __future__ import annotations
 

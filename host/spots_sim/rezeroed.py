@@ -74,7 +74,7 @@ class _ShakyPresser(StagePresser):
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
-    """Return board, strip and presser, for a re-zero that prints nothing.
+    """Return board, strip and presser as a `Bench`, for a re-zero that prints nothing.
 
     Parameters
     ----------

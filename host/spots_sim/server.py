@@ -1,4 +1,8 @@
-"""Answers the virtual board's requests from a simulated bus and USB host."""
+"""Answers the virtual board's requests from a simulated bus and USB host.
+
+The board sends a request for each I2C transfer, sleep and USB report, among others; `protocol` has
+their codes.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +42,12 @@ def is_reset(request: bytes) -> bool:
 
 
 def passes(request: bytes) -> tuple[int, int]:
-    """Return how many passes of the firmware's loop take time before and after a board's transfer.
+    """Return how many loop passes take their processor time before and after a transfer.
 
-    `request` requests the transfer. A read of the sensor's data registers has 1 pass before it. A
-    read of the sensor's FIFO has as many passes after it as it returns samples, because each pass
-    processes one sample. A read of the FIFO's level has none, because another read follows in the
-    same pass.
+    `request` requests the transfer. For a read of the sensor's data registers, the numbers are 1
+    and 0. For a read of the sensor's FIFO, they are 0 and the number of samples that it returns,
+    because each pass processes one sample. For all other requests, they are 0 and 0. A read of the
+    FIFO's level is one of these, because another read follows in the same pass.
     """
     if request[0] != protocol.READ or request[2] == _LEVEL:
         return 0, 0

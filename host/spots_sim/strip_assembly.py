@@ -45,7 +45,7 @@ def closed(tray, lid, depth: float):
 
 
 def castings(tray, lid, depth: float) -> list:
-    """Return the parts that a mould casts: the closed cavities, without the overflow grooves.
+    """Return the parts that are cast in a mould: its cavities, without the overflow grooves.
 
     Parameters
     ----------
