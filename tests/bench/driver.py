@@ -1,8 +1,8 @@
 """Measures the time of a reading on a 400 kHz I2C bus: this firmware, and Adafruit's driver.
 
 Time is simulated: transfers, sleeps and the chip take time, the processor does not. A reading of
-this firmware has six channels, measured at once. A reading of Adafruit's ``all_channels`` has
-eight, measured in two passes.
+this firmware has six channels, measured at the same time. A reading of Adafruit's ``all_channels``
+has eight channels, measured in two passes.
 
 Adafruit's driver restarts the chip for each pass. No document says whether the chip then repeats
 its auto-zero of 15 ms. In the sensor file, the chip repeats it. The ratio of rates is also measured

@@ -42,7 +42,7 @@ _RATIOS = {
 
 
 def measure(sensor: SensorFile, calibration: list[str]) -> tuple[dict, bytes]:
-    """Measure the paths in MicroPython.
+    """Measure all ways to process a sample, in MicroPython.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
 """Measures processor time, latency and loss between boards and readers in other processes.
 
-``PYTHONPATH=tests .venv/bin/python -m bench.remote`` compares three ways: ``frames`` over Zenoh, as
-``spots.open("zenoh:…")`` reads them; ``samples``, JSON over Zenoh; and ``tcp``, lines of the same
-JSON over one TCP connection for each board and reader. Readers count all lost frames.
+``PYTHONPATH=tests .venv/bin/python -m bench.remote`` compares three ways to send readings:
+``frames`` over Zenoh, as ``spots.open("zenoh:…")`` reads them; ``samples``, JSON over Zenoh; and
+``tcp``, lines of the same JSON over one TCP connection for each board and reader. Readers count all
+lost frames.
 """
 
 from __future__ import annotations

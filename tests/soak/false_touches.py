@@ -1,4 +1,4 @@
-"""Counts false touches, of a strip without a finger, in a room, under lamps and on a moving arm.
+"""Counts touches that a board reports without a finger: in a room, under lamps, on a moving arm.
 
     python tests/soak/false_touches.py --hours 1
 

@@ -5,8 +5,7 @@
 Each program has its own board, which changes its kind of misbehaviour, the *mood*, every few
 seconds. A program may end with an error message and exit code 2; it is then started again. A
 program fails if it ends in another way, a key stays down while its board is silent, or its memory
-grows.
-The last line of the output is JSON. The exit code is 1 if a program failed.
+grows. The last line of the output is JSON. The exit code is 1 if a program failed.
 """
 
 from __future__ import annotations
