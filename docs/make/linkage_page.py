@@ -16,14 +16,14 @@ from spots_sim.files import LinkageFile, PathFile, SensorFile, load
 from spots_sim.mechanism import Mechanism
 from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey, follow, survey
 
-# Name, sensor file, and how the simulation treats its change, see `Simulation`.
+# Name, sensor file, and options of `Simulation` for the change that the sensor file describes.
 STRIPS = {
     "ideal strips": ("default", {}),
     "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
     "imperfect strips, re-zeroed": ("real", {"rezeroed": True}),
 }
 SEEDS = range(5)
-# The same with both strips on one board, for the workspace only: seeds.
+# Seeds of the surveys with both strips on one board, which cover only the workspace.
 ONE_BOARD = {"ideal strips": range(11), "imperfect strips, re-zeroed": range(11)}
 EXPOSURES_US = (10_000, 30_000, 50_000)
 _SURVEY_US, _FOLLOW_US = 100_000, 30_000
@@ -129,8 +129,8 @@ spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 
 Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
 the offsets and gains of the joints, and the position and rotation of the measuring grid. The fit
-needs the encoders' angles and the coordinates of the end point at some positions; the coordinates
-may be those of any grid. The fit reports standard errors, points that do not fit, and parameters
+needs the encoders' angles and the coordinates of the end point at some positions, measured on any
+grid. The fit reports standard errors, points that do not fit, and parameters
 that these positions cannot separate. For example, a picture of unknown scale determines only ratios
 of lengths. `--place-sigma-mm` is the standard error of a measured coordinate. Another program may
 write `points.csv`: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and

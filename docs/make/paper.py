@@ -53,7 +53,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
     Returns
     -------
     list of tuple
-        Quantity, section, published value, list of simulated values, limit of the simulation.
+        Quantity, section, published value, list of simulated values, and what the simulation cannot
+        show.
     """
     found = [run.summary for run in runs]
 
@@ -175,8 +176,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.02°",
             each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
-            "It is the position's resolution divided by the radius. The paper does not state the "
-            "radius.",
+            "This is the position resolution divided by the joint's radius. The paper does not "
+            "state the radius.",
         ),
         (
             "Joint: accuracy",
@@ -210,7 +211,7 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
 
 
 def _resolutions(found: list[dict], exposures: int) -> str:
-    """Return a paragraph that compares both resolutions with the published ones.
+    """Return a paragraph that compares the resolutions of position and force with the paper's.
 
     `found` are summaries of the default strip for each of `exposures` exposures, then of `real`.
     """
