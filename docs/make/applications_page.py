@@ -1,4 +1,4 @@
-"""Writes docs/applications.md: keyboard and controller, on an ideal and an imperfect strip."""
+"""Writes docs/applications.md: errors of keyboard and controller, on two simulated strips."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _TEXT = """# Typing and controller, on the ideal and on the imperfect strip
 `make paper` writes this document, and measures all numbers. Both strips are simulated. The ideal
 strip (sensor file `default`) has not changed since its calibration. The imperfect strip (sensor
 file `real`) has the faults of a physical one: it has aged and warmed up since its calibration, and
-is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses at known
+is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses of known
 positions, the marks; here each mark was pressed once, after the LED had warmed up. The last column
-was measured after power-on, while the LED warmed up.
+is measured after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
 10 ms. The statistics of these touches are from publications, which
