@@ -37,7 +37,7 @@ class ControllerScore:
     Attributes
     ----------
     states : int
-        Number of states sent so far.
+        Number of gamepad states sent so far.
     """
 
     def __init__(

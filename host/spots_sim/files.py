@@ -102,17 +102,17 @@ class Dye(toml.Strict):
 
 
 class ContactFile(toml.Strict):
-    """Contact area as a function of the force, see `world.coupling`.
+    """Contact area (the share of the light that is coupled) by force, see `world.coupling`.
 
     Attributes
     ----------
     threshold_mN : float
         Force of the first contact, in mN.
     half_mN : float
-        Force above `threshold_mN` at which about half of full contact is reached, in mN.
+        Increase of the force above `threshold_mN` that gives about half of full contact, in mN.
     early_share, early_mN : float
-        Light coupled just below the threshold, as a share of the light at full contact. With each
-        decrease of the force by `early_mN`, this light falls by a factor of e.
+        Light coupled just below the threshold, as a share of the light at full contact. Each
+        decrease of the force by `early_mN` divides this light by e.
     """
 
     threshold_mN: NotNegative
@@ -423,7 +423,8 @@ class ScenarioFile(toml.Strict):
     def __post_init__(self):
         if any(touch.points[-1][0] > self.seconds for touch in self.touch):
             raise ValueError(
-                f"a touch ends after the scenario's {self.seconds:g} seconds: shorten the touch"
+                f"a touch lasts beyond the end of the scenario ({self.seconds:g} s): shorten the "
+                "touch"
             )
         for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
             if getattr(self, name) and constant:

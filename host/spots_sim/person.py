@@ -194,12 +194,12 @@ def line_of(way: Way) -> str:
 
 
 def follow_pipe(held: Held, pipe: Path) -> None:
-    """Start a thread that moves the simulated stage's finger along the paths from a named pipe.
+    """Start a thread that reads paths from a named pipe, and moves the simulated finger along them.
 
     Parameters
     ----------
     held : Held
-        Finger of the stage.
+        Scenario of the strip; its finger is moved.
     pipe : Path
         Named pipe with a line for each path, see `line_of`.
     """
