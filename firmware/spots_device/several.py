@@ -22,9 +22,9 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
 # Priority of a strip whose sample times are unknown, as if it were late by this time.
 _UNKNOWN_US = const(2_500)
-# Largest priority of a strip whose next poll bisects (see aligned.py) and so must be on time, for
-# each other strip: about the processing time of a sample. The priority is 128 times the error of
-# the strip's sample times.
+# Priority of a strip whose next poll bisects (see aligned.py) and so must be on time: 128 times the
+# error of its sample times, but for each other strip at most this value, the time to process a
+# sample.
 _AHEAD_US = const(2_500)
 # Further priority of a strip with unknown sample times after a poll that was too early, and still
 # more if the last poll of the loop was of this strip. Otherwise two such strips would be polled in
