@@ -1,4 +1,4 @@
-// The layout editor: zones over the living strip, their actions, and the way to the board.
+// The layout editor: zones over the live strip, their actions, and the button that stores them.
 // Only a browser with the token has it; the server checks and stores each layout.
 import { button, field, number, put, sliderField, text } from "../controls.js";
 import { canvas, colours, make, placed } from "../dom.js";
@@ -84,9 +84,9 @@ export function editor(root) {
     make("div", "fields", field(layerName), field(gap), ...swipes.map(([, one]) => one.root)), make("div", "buttons", removeLayer));
   const tuning = make("details", "tuning", make("summary", "", "Tuning"), make("div", "fields"));
   const trial = make("div", "trial"), trialWords = make("p", "place"), points = [];
-  const force = make("figure", "", make("figcaption", "", "Force of the last seconds, with the limits of this draft")), paintForce = canvas(force, FORCE_HEIGHT);
+  const force = make("figure", "", make("figcaption", "", "Force of the last seconds, with the force and time limits of this draft")), paintForce = canvas(force, FORCE_HEIGHT);
   force.role = "img";
-  force.ariaLabel = "Force of the last seconds, with the limits of this draft";
+  force.ariaLabel = "Force of the last seconds, with the force and time limits of this draft";
   tuning.firstChild.after(force);
   engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), head: "", others: 0 }); }));
   root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
@@ -132,7 +132,7 @@ export function editor(root) {
     engine.say(refused ?? "the board has its default layout again; Undo restores your layout in this editor");
   });
 
-  // Zones and borders. Tab reaches the zone that is shown below and its borders; arrows do the rest.
+  // Zones and borders. Tab reaches the chosen zone and its borders; arrows choose and move.
   const zoneElements = [], borders = [];
   function zoneElement(i) {
     return zoneElements[i] ??= (() => {
@@ -287,7 +287,7 @@ export function editor(root) {
         c.stroke();
         c.fillText(`${text}, ${mN} mN`, 4, y(mN) - 3);
       }
-      // From the begin of the last touch.
+      // From the beginning of the last touch.
       const from = points.findLastIndex(([, mN], i) => mN && !points[i - 1]?.[1]);
       if (from >= 0) for (const [text, ms] of times) {
         const at = x(points[from][0] + ms / 1000);
