@@ -154,7 +154,7 @@ class Bench:
         raise SpotsError(f"{trouble}; {given_up}")
 
     def again(self, kind: str) -> Reading:
-        """Wait until the present press is steady after a change of the settings, and read it.
+        """Return a reading of the present press after a change of settings, once steady.
 
         `kind` is the kind of the press, see `session.Wanted`.
 

@@ -35,9 +35,9 @@ _SOFTENED_MIN_MN = 300.0  # creep of earlier presses changes weaker forces too m
 _SOFTER, _SOFTER_SIGMAS = 0.05, 2.5  # least softening to report, as a share and in deviations
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (0.02, *MARKS, 0.98, 0.3, 0.7)]
-# By `rough`: number of presses that are not stored: for exposure, choice of channels, and repeats.
+# By `rough`: number of presses that are not stored (for exposure, choice of channels, repeats).
 # Each further such press replaces a press by hand, so a rough session has at most 12 presses, a
-# fine one 45. A rough session stores the press of the exposure, too.
+# fine one 45. A rough session also stores the press for the exposure.
 _OTHERS = {True: 0, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
 _MISFIT_MAX = 50.0  # chi-squared of six channels; a share of 1e-8 of good presses exceeds it

@@ -192,7 +192,7 @@ class _Steps:
         bench.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
     def _exposed(self) -> None:
-        """Store the press of the exposure as a press by hand, as it is with the new settings."""
+        """Read the press for the exposure again at the new settings; store it as one by hand."""
         bench = self.bench
         try:
             reading = bench.again("hand")
