@@ -146,6 +146,7 @@ from .evidence import (
     has_left,
     recalls,
     remains,
+    slack_um,
     slides,
 )
 from .locate import noise
@@ -377,11 +378,11 @@ class ContactTracker:
         elif (
             s[FITS]
             and s[SEEN] > 0
-            and abs(moved_um) < (self._slack_um() * 5 >> 2 if s[LENGTH_UM] else s[JUMP_UM])
+            and abs(moved_um) < (slack_um(s, s[B_SEEN]) * 5 >> 2 if s[LENGTH_UM] else s[JUMP_UM])
         ):
             s[SEEN] += 1
         else:
-            steady = s[STEP_UM] and abs(moved_um - s[STEP_UM]) < self._slack_um()
+            steady = s[STEP_UM] and abs(moved_um - s[STEP_UM]) < slack_um(s, s[B_SEEN])
             if s[FITS] and steady and abs(moved_um) <= s[JUMP_UM]:
                 s[SEEN] = s[DETECT]  # the finger slides already
             else:
@@ -507,7 +508,7 @@ class ContactTracker:
         # The light of two fingers was lost and grows again: a third finger.
         if s[LOW] < s[PEAK] - LOST and s[B_NOW] > s[LOW] + _GROWN and s[PEAK] > s[B] + _BOTH:
             s[THIRD] = True
-        compare(s, self._slack_um())
+        compare(s)
         if not s[FITS]:
             s[ODD] = True
         how = 0
@@ -663,11 +664,6 @@ class ContactTracker:
         `brightness` is that of the reading, in Q20 of log2.
         """
         return noise(self.state[NOISE_PRODUCT], brightness)
-
-    def _slack_um(self):
-        s = self.state
-        # Largest difference of two readings of a resting finger, by the noise of the darker one.
-        return max(REST_UM, noise(s[NOISE_PRODUCT], min(s[B_NOW], s[B_SEEN])) * 7 >> 1)
 
     def _harden(self):
         s = self.state
