@@ -1,4 +1,4 @@
-"""Writes docs/applications.md: keyboard and controller, on an ideal and an imperfect strip."""
+"""Writes docs/applications.md: errors of keyboard and controller, on two simulated strips."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ strip (sensor file `default`) has not changed since its calibration. The imperfe
 file `real`) has the faults of a physical one: it has aged and warmed up since its calibration, and
 is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses of known
 positions, the marks; here each mark was pressed once, after the LED had warmed up. The last column
-shows the time after power-on, while the LED warms up.
+is measured after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
 10 ms. The statistics of these touches are from publications, which

@@ -16,14 +16,14 @@ from spots_sim.files import LinkageFile, PathFile, SensorFile, load
 from spots_sim.mechanism import Mechanism
 from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey, follow, survey
 
-# Name, sensor file, and how the simulation treats its change, see `Simulation`.
+# Name, sensor file, and options of `Simulation` for the change that the sensor file describes.
 STRIPS = {
     "ideal strips": ("default", {}),
     "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
     "imperfect strips, re-zeroed": ("real", {"rezeroed": True}),
 }
 SEEDS = range(5)
-# The same with both strips on one board, for the workspace only: seeds.
+# Seeds of the surveys with both strips on one board, which cover only the workspace.
 ONE_BOARD = {"ideal strips": range(11), "imperfect strips, re-zeroed": range(11)}
 EXPOSURES_US = (10_000, 30_000, 50_000)
 _SURVEY_US, _FOLLOW_US = 100_000, 30_000
@@ -47,11 +47,12 @@ x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 
 All methods take scalars or arrays, in every quadrant. Without a solution, a method raises an error
 with the reason if its arguments are scalars; for arrays, it returns masked elements, and
-`forward_limits` and `inverse_limits` return the reason for each (`spots.linkage.fivebar.Limit`).
-For two angles there are two possible end points: `assembly="far"`, the default, is the end point
-beyond the elbows; `"near"` is the other one. `jacobian` and `covariance` compute errors of the end
-point from errors of the angles. These errors grow without bound when the outer bars come into line.
-So in the workspace of this document, the angle between the outer bars is at least 30°.
+`forward_limits` and `inverse_limits` return the reason for each element
+(`spots.linkage.fivebar.Limit`). For two angles there are two possible end points: `assembly="far"`,
+the default, is the end point beyond the elbows (the joints between inner and outer bars); `"near"`
+is the other one. `jacobian` and `covariance` compute errors of the end point from errors of the
+angles. These errors grow without bound as the outer bars approach a straight line. So in the
+workspace of this document, the angle between the outer bars is at least 30°.
 
 ## Track a joint or a linkage
 
@@ -73,13 +74,13 @@ position, with the keys of `twin` in [page.md](page.md#messages), and `velocity_
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
-position has moved by more than its noise, half the backlash is added to the angle, or subtracted
-from it. At rest the joint may be anywhere in its backlash; the standard error includes this
-uncertainty. The velocity is computed with the board's clock. `spots.Twin` takes the readings of
-both joints, live or recorded. It returns the end point at the time of each reading; the angle of
-the other joint is interpolated between two of its readings. Nothing is extrapolated, and the order
-of arrival does not matter. The boards' clocks are mapped to the computer's clock. A board that
-restarts gets its calibration again.
+position has moved by more than its noise, half the backlash is added to the angle or subtracted
+from it, depending on the direction. At rest the joint may be anywhere in its backlash; the standard
+error includes this uncertainty. The velocity is computed with the board's clock. `spots.Twin` takes
+the readings of both joints, live or recorded. It returns the end point at the time of each reading;
+the angle of the other joint is interpolated between two of its readings. Nothing is extrapolated,
+and the order of arrival does not matter. The boards' clocks are mapped to the computer's clock. A
+board that restarts gets its calibration again.
 
 ```python
 from spots.linkage.twin_source import opened
@@ -128,12 +129,11 @@ spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 
 Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
 the offsets and gains of the joints, and the position and rotation of the measuring grid. The fit
-needs the encoders' angles and the coordinates of the end point at some positions; the coordinates
-may be those of any grid. The fit reports standard errors, points that do not fit, and parameters
+needs the encoders' angles and the coordinates of the end point at some positions, measured on any
+grid. The fit reports standard errors, points that do not fit, and parameters
 that these positions cannot separate. For example, a picture of unknown scale determines only ratios
-of lengths.
-`--place-sigma-mm` is the standard error of a measured coordinate. Another program may write
-`points.csv`: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and
+of lengths. `--place-sigma-mm` is the standard error of a measured coordinate. Another program may
+write `points.csv`: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and
 `sigma2_deg`; the angles are those of the joints' calibrations.
 
 ```python
@@ -229,12 +229,12 @@ def _workspace(surveys: dict[str, list[Survey]], linkage: LinkageFile, mechanism
 ## Over the workspace
 
 A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`) has nominal bars of {bar:g} mm
-and a base of {base:g} mm. The true lengths differ by up to {off}, the true mounting of the joints
-by up to {turned}. Each joint moves an indenter with backlash along its own strip, over
-{travel}. The real firmware reads each strip in simulated time. Each strip is calibrated, then
-the joint of the strip. The end point stops at {places} points of a grid over the workspace; its
-position follows from one reading of {each:g} ms of each joint. The table shows its distance from
-the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
+and a base of {base:g} mm. The true lengths differ from these by up to {off}, and the true mounting
+angles of the joints differ by up to {turned}. Each joint moves an indenter with backlash along its
+own strip, over {travel}. The real firmware reads each strip in simulated time. Each strip is
+calibrated, and then its joint is calibrated. The end point stops at {places} points of a grid over
+the workspace; its position follows from one reading of {each:g} ms of each joint. The table shows
+its distance from the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 
 """
     text += "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
@@ -246,12 +246,12 @@ lengths and mounting to 40 places ([below](#unknown-lengths)), is as accurate. T
 includes all errors of a real mechanism, such as bearings and bending bars. The simulation has only
 backlash and wrong lengths.
 
-Ideal strips have the sensor file `default`, imperfect strips `real`, as in
-[applications.md](applications.md); all LEDs are warm. A re-zero (`spots rezero --joint`,
-[drift.md](drift.md#joints)) corrects the calibration of the imperfect strips at the stops of the
-joints. Without a re-zero, many readings do not fit the calibration. An encoder normally ignores
-such readings; for this table the encoders used them. A kinematic calibration also corrects the
-strips' errors, until the strips change further.
+Ideal strips are those of the sensor file `default`; imperfect strips are those of `real`, which
+[applications.md](applications.md) describes. All LEDs have warmed up. A re-zero
+(`spots rezero --joint`, [drift.md](drift.md#joints)) corrects the calibration of an imperfect strip
+at three angles of the joint. Without a re-zero, many readings do not fit the calibration. An
+encoder normally ignores such readings; for this table it used them. A kinematic calibration also
+corrects the strips' errors, until the strips change further.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
 """
@@ -286,8 +286,8 @@ def _both(surveys: dict[str, list[Survey]]) -> str:
 The table shows the same errors in mm if one board has both strips, for
 {seeds}. The end point stops for {LASTS_S:g} s
 at each point. For the fit, each angle is the mean over a stop. The encoders follow all movements,
-so they correct the backlash. `spots twin --measure` reads the joints only at the stops, and does
-not correct the backlash.
+so they correct the backlash. `spots twin --measure` does not correct it, because it reads the
+joints only while the end point rests.
 
 """ + "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
 
@@ -319,8 +319,9 @@ errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
         + f"""
 The twin reports an expected error with each position. The Jacobian gives this error from the noise
 of the strips, the errors of the joint calibrations and the backlash. It does not include movements
-between two readings, or the error of the dark frame. The board takes no dark frame while the strip
-is pressed. In a joint, the indenter always presses, so the only dark frame is that of the start.
+between two readings, or the error of the dark frame (the counts without the LED's light). The board
+takes no dark frame while the strip is pressed. In a joint, the indenter always presses, so the only
+dark frame is that of the start.
 
 ![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """

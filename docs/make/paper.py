@@ -23,10 +23,10 @@ Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sect
 seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
 duration of a reading, which the paper does not state. The **imperfect strip** (sensor file `real`)
 is simulated, too: it has aged and warmed up since its calibration, and is under a lamp. Then it was
-re-zeroed: one press of each of three marks, with the strip on a scale, corrected its calibration
-([drift.md](drift.md)). The board compensates the creep and the hysteresis of its silicone
-([calibration.md](calibration.md#silicone)). In the tests of the force, the forces rise from 0.6 to
-9.5 N and fall again.
+re-zeroed: one press at each of three marks, with the strip on a scale, corrected its calibration
+([drift.md](drift.md)). The board compensates the creep and the hysteresis of this strip's silicone
+([calibration.md](calibration.md#silicone)). In the tests of the force, the force rises from 0.6 to
+9.5 N and falls again.
 
 """
 _PICTURES = {
@@ -53,7 +53,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
     Returns
     -------
     list of tuple
-        Quantity, section, published value, list of simulated values, limit of the simulation.
+        Quantity, section, published value, list of simulated values, and what the simulation cannot
+        show.
     """
     found = [run.summary for run in runs]
 
@@ -111,7 +112,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "> 20 dB",
             each("{:.0f} dB", lambda s: s["snr_db"]),
-            "The paper does not define its ratio; ours is light divided by scatter at rest.",
+            "The paper defines no ratio; ours is light divided by scatter under a constant press.",
         ),
         (
             f"Strips of {shortest:g} to {longest:g} mm share one response",
@@ -135,9 +136,10 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "",
             "",
             each("{:.1f} mN", lambda s: s["force"]["bound_mN"]),
-            "The bound counts all rounding as noise. At rest, part of the rounding is a constant "
-            "error, so the resolution can be below the bound. Firm presses have softened the "
-            "silicone of the imperfect strip, so its light changes less with the force.",
+            "The bound counts all rounding as noise. While nothing moves, part of the rounding is "
+            "a constant error, so the resolution can be below the bound. Firm presses have "
+            "softened the silicone of the imperfect strip, so its light changes less with the "
+            "force.",
         ),
         (
             "Force accuracy",
@@ -147,7 +149,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "Only the imperfect strip has hysteresis and creep; their laws and sizes are assumed.",
         ),
         (
-            "Accuracy at rest, then under strain up to 25 %",
+            "Accuracy without strain, then under strain up to 25 %",
             "III.C",
             "similar",
             each("{}", bent("strain")),
@@ -174,8 +176,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "IV",
             "0.02°",
             each("{:.4f}°", lambda s: s["joint"]["resolution_deg"]),
-            "It is the position's resolution divided by the radius. The paper does not state the "
-            "radius.",
+            "This is the position resolution divided by the joint's radius. The paper does not "
+            "state the radius.",
         ),
         (
             "Joint: accuracy",
@@ -209,14 +211,14 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
 
 
 def _resolutions(found: list[dict], exposures: int) -> str:
-    """Return a paragraph that compares both resolutions with the published ones.
+    """Return a paragraph that compares the resolutions of position and force with the paper's.
 
     `found` are summaries of the default strip for each of `exposures` exposures, then of `real`.
     """
     text = (
-        "\nThe paper states no integration time, no rate and no filter. If it used one\n"
-        "duration for both resolutions, find the duration at which our position resolution is "
-        "nearest to the\npublished 7 µm, and compare the force resolutions at this duration:\n\n"
+        "\nThe paper states no integration time, no rate and no filter. If both published\n"
+        "resolutions are for the same duration of a reading, the row with a position resolution "
+        "nearest to\n7 µm is the one to compare with the published force resolution:\n\n"
         "| duration of a reading | strip | position resolution | force resolution |\n"
         "| --- | --- | --- | --- |\n"
         "| not stated | paper | 7 µm | 5 mN |\n"

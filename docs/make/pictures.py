@@ -82,9 +82,9 @@ def main() -> None:
 
 
 def wirings(folder: Path = _HERE) -> list[Path]:
-    """Draw the wirings of every real board, one for each kind of the LED; return the paths.
+    """Draw the wirings of every real board, one for each wiring of the LED; return the paths.
 
-    The names are wiring-BOARD.svg for `ldr`, and wiring-BOARD-KIND.svg.
+    The names are wiring-BOARD.svg for the LED on ``ldr``, and wiring-BOARD-LED.svg for the others.
     """
     template = _template("wiring")
     paths = []

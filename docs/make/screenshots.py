@@ -33,7 +33,7 @@ from bring_browser import launch_options  # noqa: E402
 # Wait until the plots of ten seconds are full and a finger presses with this force.
 _AFTER_S = 12.0
 _HARD_N = 5.5
-_SIGNAL_S = 6.0  # fills the signals of the controller settings
+_SIGNAL_S = 6.0  # time in which the plots of the controller settings fill
 _LONG_MS = 60_000
 _FORCE_N = "Number(document.querySelectorAll('.figure b')[1].firstChild.data) || 0"
 _PICTURES = {
@@ -136,7 +136,7 @@ async def calibration(browser: Browser) -> None:
 
 
 async def editor(browser: Browser) -> None:
-    """Take screenshots of the layout editor and the controller settings while a finger touches."""
+    """Take screenshots of layout editor and controller settings while a finger is on the strip."""
     with TemporaryDirectory() as folder:
         state, layout = PageState(), load("mini")
         orders = {

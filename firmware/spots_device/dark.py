@@ -151,7 +151,7 @@ class Dark:
         return True
 
     def sums(self):
-        """Return the dark frame as six sums over `decode.DARK_SAMPLES` samples, rounded."""
+        """Return the dark frame: each channel's sum of `decode.DARK_SAMPLES` samples, rounded."""
         return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
 
     def peak(self, counts):
@@ -209,7 +209,7 @@ class Baseline:
         self.samples = 0
 
     def sums(self):
-        """Return the baseline as six sums over `decode.DARK_SAMPLES` samples."""
+        """Return the baseline: each channel's sum of `decode.DARK_SAMPLES` samples."""
         return [level >> _POOL_SHIFT for level in self._level]
 
     def rescale(self, samples):

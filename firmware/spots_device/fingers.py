@@ -29,7 +29,7 @@ class Fingers:
     Parameters
     ----------
     framer : frame.Framer
-        Sends the frames, at the time of the reading.
+        Sends the frames; each frame has the time of its reading.
     """
 
     def __init__(self, framer):

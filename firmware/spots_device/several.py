@@ -23,8 +23,8 @@ _RETRY_US = const(100_000)  # time between two starts of a sensor that does not 
 # Priority of a strip whose sample times are unknown, as if it were late by this time.
 _UNKNOWN_US = const(2_500)
 # Priority of a strip whose next poll must be on time, because it bisects: half the error of its
-# times in Q8 us, which is 128 times the error, up to the processing time of a sample of each other
-# strip.
+# times in Q8 us, which is 128 times the error. For each other strip, the largest priority grows by
+# this value, the time to process a sample.
 _AHEAD_US = const(2_500)
 # Further priority after a poll that was too early: first for the strip of the last poll. Without
 # it, two strips with unknown sample times would be polled in turn, each with polls too far apart.

@@ -105,7 +105,8 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     except (OSError, UnicodeDecodeError):
         known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
         raise SpotsError(
-            f"cannot read the {what} file {name}: name a file that ends in .toml, or one of {known}"
+            f"cannot read the {what} file {name}: give the path of a file that ends in .toml, or "
+            f"one of these names: {known}"
         ) from None
 
 

@@ -1,6 +1,7 @@
-"""Measures the position error of a second, sliding finger: ``python -m spots_sim.anchored 50``.
+"""Measures the position error of a finger that slides while another finger rests.
 
-The first finger rests. The argument is the speed of the second finger in mm/s.
+Run it with ``python -m spots_sim.anchored 50``; the argument is the speed in mm/s. The finger that
+rests is the first finger; the finger that slides is the second.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from .demo import open_fast
 from .files import Finger, ScenarioFile
 from .scenario import Scenario
 
-_START_S = 3.0  # a virtual board takes its first dark frames before
-_EVERY_S = 0.05  # between two points of a path
+_START_S = 3.0  # before this time, a virtual board takes its first dark frames
+_EVERY_S = 0.05  # time between two points of a path
 _APART_MM = 15.0
 _FORCE_MN = 3000.0
 _SIGMA_MM = 3.0  # the applications use no position with a larger uncertainty
@@ -30,7 +31,7 @@ def sliding(
     wobble: float = 0.1,
     places_mm: tuple[float, float, float] | None = None,
 ) -> ScenarioFile:
-    """Return a scenario of a finger that rests, and of a second finger that slides beside it.
+    """Return a scenario in which one finger rests, and a second finger slides beside it.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def sliding(
 
 
 def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
-    """Return errors of the second finger's position, as a virtual board reads a scenario.
+    """Run a scenario on a virtual board, and return the position errors of the second finger.
 
     Parameters
     ----------
@@ -114,8 +115,8 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
 def summary(found: list[tuple[float, float]]) -> dict:
     """Return statistics of the position errors that `followed` returns, in mm.
 
-    Positions with a standard deviation above `_SIGMA_MM` count as not located. They are excluded
-    from all errors.
+    Positions with a standard deviation above `_SIGMA_MM` count as not located; the errors are
+    computed without them.
     """
     located = [one for one in found if one[1] <= _SIGMA_MM]
     squares = sorted(error**2 for error, _ in located)
@@ -138,8 +139,8 @@ def main() -> None:
         "--wobble",
         type=float,
         default=0.1,
-        help="largest change of the second finger's force, as a share (0.1); a tenth of this share "
-        "for the first finger",
+        help="largest change of the second finger's force, as a share of this force (0.1); the "
+        "force of the first finger changes by a tenth of this share",
     )
     options = parser.parse_args()
     for speed in options.mm_per_s:

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound: the smallest standard deviation of any unbiased estimator.
+"""The Cramer-Rao bound: the smallest standard deviation that an unbiased estimate can have.
 
 The bound is computed from the simulated optics and noise. It does not depend on the calibration.
 """
@@ -25,7 +25,8 @@ _STEP_MN = 1.0
 class Bound:
     """The Cramer-Rao bound of a simulated sensor, for readings with six counts.
 
-    The bound limits the estimates of a press's position, and of the light that the press couples.
+    There are bounds for the position of a press, and for the light that the press couples into the
+    dyed guide.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ class Bound:
         return rates[self._columns] * self._scale * self._coupling(force_mN)
 
     def _coupling(self, force_mN: float) -> float:
-        # A first press: without creep and hysteresis, but on a softened silicone.
+        # The first press of a strip: without creep and hysteresis, but softened by its preload.
         effective = Memory(self._sensor.silicone).effective_mN([Press(0.0, force_mN, 0.0)], 0.0)
         return coupling(self._sensor.contact, effective[0])
 
@@ -141,7 +142,8 @@ class Bound:
             + (counts + self._pedestal) / self._electrons
             + (1e-6 * self._sensor.converter.ratio_noise_ppm * counts) ** 2
         ) / self._average
-        # Fisher information of two parameters. The common noise of the LED belongs to the second.
+        # Fisher information of the position and of the logarithm of the light. The noise of the LED
+        # changes only the light, because it is the same in all channels.
         jacobian = np.stack([(ahead - back) / (2 * step_um), counts], axis=1)
         covariance = np.linalg.inv(jacobian.T @ (jacobian / variance[:, None]))
         return float(np.sqrt(covariance[0, 0])), float(np.sqrt(covariance[1, 1]))

@@ -9,7 +9,7 @@ from typing import Protocol
 
 
 class SimulationClock(Protocol):
-    """Interface of the clock of a simulation, which counts simulated time or real time."""
+    """Interface of a simulation's clock, which counts simulated time or real time."""
 
     def now_us(self) -> float:
         """Return the time since power-on, in us."""
@@ -87,7 +87,7 @@ MULTIPLEXER = 0x70  # address of a TCA9548A whose address pins are low
 
 @dataclass
 class I2CBus:
-    """A simulated I2C controller: 9 clocks for a byte, 1 for START, STOP or repeated START.
+    """A simulated I2C controller. A byte takes 9 clocks; START, STOP and repeated START take 1.
 
     Attributes
     ----------
@@ -263,5 +263,5 @@ class MultiplexedBus(I2CBus):
 
     def _address(self, address: int) -> None:
         if self._connected & self._connected - 1 or not self._connected:
-            self.refuse()  # both chips have the same address, or none is connected
+            self.refuse()  # several chips with the same address are connected, or none
         super()._address(address)

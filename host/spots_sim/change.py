@@ -59,7 +59,7 @@ class Change(msgspec.Struct, **_Struct):
 NAMES = Change.__struct_fields__
 NONE = Change()
 
-# The same keys as points of (time s, value), joined by straight lines.
+# The keys of `Change`, each as a list of points (time in s, value), joined by straight lines.
 ChangeInTime = msgspec.defstruct(
     "ChangeInTime",
     [
@@ -88,13 +88,13 @@ class Temperature(msgspec.Struct, **_Struct):
     light_percent_per_K: float = -0.3
     # Assumed: interference filters on silicon, 0.3 nm in 10 K.
     bands_nm_per_K: float = 0.03
-    # Assumed: no effect is known except that of the length.
+    # Assumed: no effect is known except that of the length, below.
     dye_percent_per_K: float = 0.0
     clear_percent_per_K: float = 0.0
     tilt_percent_per_K: float = 0.0
-    # Cast polyurethane: 100 to 200 ppm/K, typical; the volume grows with it and thins the dye.
+    # Cast polyurethane: 100 to 200 ppm/K, typical. The volume grows too, and dilutes the dye.
     length_ppm_per_K: float = 150.0
-    # An ideal LED stays cool. At 3 V and 200 K/W it would be 0.6.
+    # 0 is an ideal LED, which stays cool. An LED with 3 V and 200 K/W has 0.6.
     led_K_per_mA: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     led_warm_up_s: Annotated[float, msgspec.Meta(gt=0, le=1e6)] = 60.0
 

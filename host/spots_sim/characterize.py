@@ -47,7 +47,7 @@ def measure(
     change_name : str or None
         Change file (a path or a name): changes of the sensor since the calibration.
     hand : Hand
-        Options of the re-zero: a few presses that correct the calibration after these changes.
+        Options of the re-zero, which corrects the calibration after the change with a few presses.
 
     Raises
     ------

@@ -28,7 +28,7 @@ PIXELS_OF = {
 }  # fmt: skip
 DIODES = tuple(PIXELS_OF)
 
-# DS000504, figure "gain": relative to 64x; the steps are not exact powers of two.
+# DS000504, figure "gain": factors relative to 64x. The steps are not exact powers of two.
 GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0, 2.0, 3.95, 7.75))
 
 _SIX = struct.Struct("<6H")
@@ -94,7 +94,7 @@ class ChipNoise:
     dark_counts_512x : float
         Dark counts at gain 512x in 98 ms.
     ratio_ppm : float
-        Standard deviation of each channel's gain between samples, in ppm.
+        Standard deviation of each channel's gain from sample to sample, in ppm.
     """
 
     read_counts: float
@@ -140,7 +140,7 @@ class AS7341:
         self._bank1 = bytearray(256)
         self._bank1[0x74] = 0x04
         self._smux_ram = bytearray(20)
-        # Of each ADC: share of each diode.
+        # For each ADC: share of each diode in its counts.
         self._routing: list[dict[str, float]] = [{} for _ in range(6)]
         self._pointer = 0
         self._smux_done = None
@@ -176,7 +176,7 @@ class AS7341:
         data = bytearray()
         while len(data) < size:
             pointer = self._pointer
-            if 0x95 <= pointer <= 0xA0 and not self._bank1_selected():  # counts: most of all bytes
+            if 0x95 <= pointer <= 0xA0 and not self._bank1_selected():  # counts, read most often
                 counts = self._latched[1][pointer - 0x95 :][: size - len(data)]
                 data += counts
                 self._pointer = pointer + len(counts)
@@ -375,7 +375,7 @@ class AS7341:
         return least == 0 or self._outside >= least
 
     def _push(self, counts: list[int]) -> None:
-        """Append to the FIFO those of ASTATUS and the six counts that FIFO_MAP selects."""
+        """Append to the FIFO the values that FIFO_MAP selects from ASTATUS and the six counts."""
         wanted = self._main[0xFC]
         entries = [
             _ENTRY.pack(value)
@@ -435,7 +435,7 @@ class AS7341:
         if self._main[0x80] & 0x40:
             counts[5] = 0
         digital = 0x10 if max(counts) >= full_scale else 0
-        # A converter makes at most one count a step; far above that its front end clips.
+        # An ADC makes at most one count in each step. With far more light, its front end saturates.
         analog = 0x08 if most > 1.5 * duration_us / STEP_US else 0
         return counts, digital | analog
 

@@ -65,7 +65,7 @@ def demo(parser: Parser):
     parser.add_argument(
         "--rezero",
         action="store_true",
-        help="re-zero the strip after the change in its sensor file; needs --fast",
+        help="re-zero the strip after the sensor's change (--change); needs --fast",
     )
     parser.add_argument("--warm", action="store_true", help="start with a warm LED; needs --fast")
     parser.add_argument(
@@ -158,7 +158,7 @@ def design(parser: Parser):
     return _design
 
 
-_dose = arguments.number("a dose in g in 100 g", 1e-4, 60)
+_dose = arguments.number("a dose in g per 100 g", 1e-4, 60)
 _test_mm = arguments.number("the length of a test piece in mm", 10, 300)
 
 

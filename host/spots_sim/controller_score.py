@@ -1,4 +1,4 @@
-"""Measures how closely a controller follows the finger of a scenario."""
+"""Measures how closely a game controller (`spots.controller`) follows the finger of a scenario."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from spots.outputs.devices import AXIS_MAX, REST, State
 
 from .scenario import Scenario
 
-# Longest latency of a state: exposure, transfer, filter, and force below the touch threshold.
+# Longest latency of a gamepad state: exposure, transfer, filter, and the time until the force of a
+# finger reaches the touch threshold.
 _BACK_S = 0.05
-# The strip loses a finger that lifts earlier than the scenario does.
+# A lifting finger is below the touch threshold up to this time before its end in the scenario.
 _LIFT_S = 0.1
 _STEP_S = 0.001
 
@@ -36,7 +37,7 @@ class ControllerScore:
     Attributes
     ----------
     states : int
-        Number of states sent so far.
+        Number of gamepad states sent so far.
     """
 
     def __init__(

@@ -1,8 +1,8 @@
-"""Processor time of the firmware on a real board, as measured; `data/cpus.toml` has the figures.
+"""Measured processor times of the firmware's functions on real boards, from `data/cpus.toml`.
 
 On a virtual board with a `Cpu`, simulated time advances at the end of each function call, by the
-time of this function. So each event within a pass of the firmware's loop is as late as on the real
-board.
+measured time of this function. So each event within a pass of the firmware's loop is as late as on
+the real board.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def load(name: str, board: str) -> Cpu:
         raise SpotsError(f"there is no processor '{name}': use one of {', '.join(known)}")
     if device_of(board).runtime != "micropython":
         raise SpotsError(
-            f"the processor '{name}' has times of MicroPython only: leave out the processor, or "
-            "use the board 'virtual'"
+            f"the times of the processor '{name}' are known only for MicroPython: leave out the "
+            "processor, or use the board 'virtual'"
         )
     cpu = known[name]
     if cpu.like:

@@ -1,7 +1,7 @@
 """Runs the firmware in CPython on a simulated bus, for computers without MicroPython.
 
-Each call of `CPythonBoard.step` runs one pass of the firmware's loop. Unlike a real board,
-this one has no prompt, so it cannot be flashed; no watchdog; and unlimited memory and integers.
+Each call of `CPythonBoard.step` runs one pass of the firmware's loop. Unlike a real board, this
+board has no watchdog, and no prompt, so it cannot be flashed. Memory and integers are unlimited.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
 _MODULES = "app", "as7341", "several"
 
 _numbers = itertools.count()
-_loading = threading.Lock()  # guards `sys.modules` while it contains a stand-in
+_loading = threading.Lock()  # guards `sys.modules` while it contains a substitute `micropython`
 
 
 class BoardPort(Protocol):
@@ -217,7 +217,7 @@ def _load(folder: Path) -> str:
         rename=lambda old, new: os.rename(folder / old, folder / new),
         stat=lambda path: os.stat(folder / path),
     )
-    # A collection here would cover the whole program and cost samples.
+    # `gc.collect` would search the memory of the whole program, so samples would be lost.
     for module in [sys.modules[key] for key in sys.modules if key.startswith(f"{name}.")]:
         if hasattr(module, "gc"):
             module.gc = SimpleNamespace(collect=lambda: None)

@@ -197,7 +197,7 @@ def open_fast(
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
-        Lines of the calibration to use; by default, the sensor is calibrated.
+        Text lines of the calibration to use; by default, the sensor is calibrated.
     cpu : str, optional
         Name of a processor, see `cpu.Cpu`.
 

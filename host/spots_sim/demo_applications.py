@@ -1,4 +1,4 @@
-"""Demonstrates controller, keyboard and wearable on a virtual board, and measures errors."""
+"""Demonstrates controller, keyboard and wearable on a virtual board, and measures their errors."""
 
 from __future__ import annotations
 
@@ -83,9 +83,10 @@ def type_on_board(
     layout_name: str = DEMO_LAYOUT,
     late_ms: list[float] | None = None,
 ) -> dict:
-    """Type with the keys of a board, show the text, and return the results of the run.
+    """Show the text that the keys of a board type, and return the results of the run.
 
-    The key engine also runs on the host with the same readings, and the key events are compared.
+    The host also computes key events from the same readings (`KeyEngine`), and compares them with
+    the key events of the board.
 
     Parameters
     ----------

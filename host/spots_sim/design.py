@@ -193,7 +193,7 @@ def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | No
 
 
 def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
-    """Return a design with a given length, resolution and rate.
+    """Return a design that reaches a resolution, for a given length and rate.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
     Raises
     ------
     SpotsError
-        If a value is out of range, or the resolution cannot be reached. The text gives the best
+        If a value is out of range, or the resolution cannot be reached. The message has the best
         resolution at this rate.
     """
     for name, value, low, high in (
@@ -285,7 +285,10 @@ def design_command(options: argparse.Namespace) -> None:
         print(printable(str(path)), file=sys.stderr)
     if shape is None:
         low, high = strip_shape.LENGTHS_MM
-        print(f"no moulds: they are for strips of {low:g} to {high:g} mm", file=sys.stderr)
+        print(
+            f"no moulds were made: moulds are for strips of {low:g} to {high:g} mm",
+            file=sys.stderr,
+        )
 
 
 def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[Path]:

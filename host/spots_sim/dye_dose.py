@@ -1,10 +1,10 @@
 """``spots design --measure-dye``: computes the dose of dye from a clear and a dyed test piece.
 
-Both pieces have the same length and are put between LED and sensor in turn. The ratio of their
-counts is the decay by the dye times an unknown factor: how well each piece is coupled to LED and
-sensor. This factor is the same for all channels, so only differences between channels are used. The
-result is the dye strength whose decay (`optics`, Eq. 1 of the paper) fits these differences best.
-The dose is proportional to this strength.
+Both pieces have the same length and are put between LED and sensor, one after the other. The ratio
+of their counts is the decay by the dye times an unknown factor, because one piece may be coupled
+better to LED and sensor than the other. This factor is the same for all channels, so only
+differences between channels are used. The result is the dye strength whose decay (`optics`, Eq. 1
+of the paper) fits these differences best. The dose is proportional to this strength.
 """
 
 from __future__ import annotations
@@ -41,9 +41,10 @@ _SAMPLES = 64
 _AUTO_TIMEOUT_S = 60.0
 _STRENGTHS_PER_MM = 1e-4, 1.0
 _USUAL_PER_MM = 0.02
-_LEAST_DECAY = 0.05  # between channels, in ln; smaller ones may come from how the pieces touch
+# Least difference between channels, in units of ln; the contact of the pieces can cause less.
+_LEAST_DECAY = 0.05
 _MISFIT_MAX = 0.1  # rms in units of ln; above this, the dye has another colour
-_DOSES = 1e-3, 60.0  # g of tint in 100 g; more would replace all of part B
+_DOSES = 1e-3, 60.0  # g of tint in 100 g; more would replace all of the rubber's part B
 _FULL_PRESS_MN = 1e6
 _CLEAR = Change(dye_percent=-100.0)
 
@@ -156,7 +157,7 @@ def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> floa
         change = "more" if found > high else "less"
         raise SpotsError(
             f"the dose would be {found:.3g} g of tint in 100 g of rubber, but it must be "
-            f"{low:g} to {high:g} g: stir a tint with {change} pigment than now "
+            f"{low:g} to {high:g} g: make a tint with {change} pigment than now "
             f"({TINT_SHARE:.1%}), and cast another test piece"
         )
     return found
@@ -232,7 +233,7 @@ def measure_dye_command(options: argparse.Namespace) -> None:
             guides = batches(StripShape(options.length_mm), strips)[2]
             tint = tint_g(guides.mixed_g, amount)
             print(
-                f"dyed guides  {guides.mixed_g:.1f} g with {tint:.2f} g of tint; take that much "
+                f"dyed guides  {guides.mixed_g:.1f} g with {tint:.2f} g of tint, and {tint:.2f} g "
                 "less of part B"
             )
     if found.misfit > _MISFIT_MAX:

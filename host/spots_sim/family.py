@@ -1,4 +1,7 @@
-"""Measures whether strips of different lengths and dye strengths have the same response."""
+"""Measures whether strips of different lengths and dye strengths have the same response.
+
+The response is the logarithm of the ratio of two channels, as a function of the position.
+"""
 
 from __future__ import annotations
 

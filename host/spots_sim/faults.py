@@ -28,7 +28,7 @@ _OWN = 0xFA017
 _CTRL_C = 3
 WAYS = ("flip", "drop", "double", "insert")
 _CLOCKS_THAT_FREE_SDA = 9
-# Timeout of a controller whose bus is held low.
+# Timeout of an I2C controller while SDA is held low.
 _BUS_TIMEOUT_US = 50_000.0
 
 
@@ -137,7 +137,7 @@ class Damage:
     Attributes
     ----------
     passed : int
-        Number of bytes so far.
+        Number of bytes sent so far.
     touched : collections.deque of int
         Indices of the most recently damaged bytes, counted from 0 at the start of the stream.
     """

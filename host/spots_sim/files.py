@@ -1,6 +1,9 @@
-"""Reads sensor, scenario, linkage and path files: TOML with units in the names.
+"""Reads the simulator's TOML files; names of keys end in their units, and every key is validated.
 
-Every key is validated. The comments in ``data/*.toml`` name the source of each default.
+A sensor file describes a strip and its chip; a scenario file, its fingers, strain and light over
+time; a linkage file, a five-bar linkage; a path file, a path that a hand guides this linkage along;
+a change file, changes of a sensor since its calibration. The comments in the package's files
+``data/*/*.toml`` name the source of each value.
 """
 
 from __future__ import annotations
@@ -99,17 +102,17 @@ class Dye(toml.Strict):
 
 
 class ContactFile(toml.Strict):
-    """Contact area as a function of the force, see `world.coupling`.
+    """Contact area (the share of the light that is coupled) by force, see `world.coupling`.
 
     Attributes
     ----------
     threshold_mN : float
         Force of the first contact, in mN.
     half_mN : float
-        Force above `threshold_mN` at which about half of full contact is reached, in mN.
+        Increase of the force above `threshold_mN` that gives about half of full contact, in mN.
     early_share, early_mN : float
-        Light coupled just below the threshold, as a share of the light at full contact. With each
-        decrease of the force by `early_mN`, this light falls by a factor of e.
+        Light coupled just below the threshold, as a share of the light at full contact. Each
+        decrease of the force by `early_mN` divides this light by e.
     """
 
     threshold_mN: NotNegative
@@ -133,7 +136,7 @@ class Converter(toml.Strict):
 
 
 class Stretch(toml.Strict):
-    """Effect of stretching and bending on the guides, see `optics.Optics.press`.
+    """Effect of stretching and bending on the light guides, see `optics.Optics.press`.
 
     Attributes
     ----------
@@ -375,7 +378,7 @@ class ClockFaults(toml.Strict):
 
 
 class FaultsFile(toml.Strict):
-    """Faults of a scenario; no fault begins before the time `from_s` of the run, see `faults`."""
+    """Faults of a scenario, see `faults`. No fault begins in the first `from_s` s of a run."""
 
     from_s: Time = 0.0
     to_host: SerialFaults = SerialFaults()
@@ -420,7 +423,8 @@ class ScenarioFile(toml.Strict):
     def __post_init__(self):
         if any(touch.points[-1][0] > self.seconds for touch in self.touch):
             raise ValueError(
-                f"a touch ends after the scenario's {self.seconds:g} seconds: shorten the touch"
+                f"a touch lasts beyond the end of the scenario ({self.seconds:g} s): shorten the "
+                "touch"
             )
         for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
             if getattr(self, name) and constant:
@@ -433,12 +437,14 @@ class ScenarioFile(toml.Strict):
                 raise ValueError(f"the times of {name} must ascend")
             if times and times[-1] > self.seconds:
                 raise ValueError(
-                    f"{name} has points after the end ({self.seconds:g} s): remove these points"
+                    f"{name} has points after the end of the scenario ({self.seconds:g} s): "
+                    "remove these points"
                 )
         for place, moments in self.faults.moments().items() if self.faults else ():
             if any(at_s >= self.seconds for at_s in moments.at_s):
                 raise ValueError(
-                    f"faults.{place} has a time after the end ({self.seconds:g} s): remove the time"
+                    f"faults.{place} has a time that is not before the end of the scenario "
+                    f"({self.seconds:g} s): remove this time"
                 )
 
 
@@ -450,8 +456,8 @@ class LinkageFile(toml.Strict):
     bar_mm, base_mm : tuple of float, float
         Nominal lengths in mm: inner bar 1, outer bar 1, outer bar 2, inner bar 2; and the base.
     lowest_deg : tuple of float
-        Angle of each joint in degrees, as in Eqs. 3 and 4 of the paper, where the travel of the
-        joint's indenter begins.
+        Angle of each joint at which the travel of its indenter begins, in degrees as defined in
+        Eqs. 3 and 4 of the paper.
     bar_error_percent, base_error_percent : tuple of float, float
         Relative errors of these lengths, in per cent.
     mount_error_deg : tuple of float
@@ -548,8 +554,8 @@ def changed(sensor: str, change: str | None) -> Iterator[str]:
     sensor : str
         Sensor file: a path, or the name of a file that comes with the package.
     change : str or None
-        Change file: a path, or the name of a file of the package. With None, `sensor` is used as it
-        is.
+        Change file: a path, or the name of a file of the package. With None, `sensor` is yielded
+        unchanged.
 
     Yields
     ------

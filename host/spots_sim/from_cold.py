@@ -34,7 +34,7 @@ from .typist import Typist
 WARM_MIN = 5  # five time constants of the LED
 _SHARES = np.linspace(0, 1, 31)  # angles, as shares of the joint's travel
 _READINGS = 6
-_TEST_EVERY = 3  # of these angles: each third one is tested
+_TEST_EVERY = 3  # every third of these angles is tested
 _SETTLE_S = 0.1
 _MARK_SAMPLES = 200
 
@@ -171,7 +171,9 @@ def main() -> None:
     parser.add_argument("minutes", type=float, nargs="?", default=20.0)
     parser.add_argument("--sensor", default="real")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--average", type=int, default=6, help="samples of 10 ms (6), of a joint")
+    parser.add_argument(
+        "--average", type=int, default=6, help="samples of 10 ms in a reading of the joint (6)"
+    )
     options = parser.parse_args()
     sensor = load(SensorFile, options.sensor)
     for minute in joint(sensor, options.minutes, options.seed, options.average):

@@ -10,7 +10,8 @@ from .change import Temperature
 from .files import SensorFile
 from .silicone import Silicone
 
-# Keys of later versions, each with the value at which a sensor keeps its earlier id.
+# Keys that later versions of the sensor file added, with their defaults. A key that has its default
+# does not affect the id, so sensors of earlier files have the same id as before.
 _LATER = {
     ("temperature", None): msgspec.to_builtins(Temperature()),
     ("silicone", None): msgspec.to_builtins(Silicone()),

@@ -63,7 +63,7 @@ def endless(
 
 @contextmanager
 def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
-    """Open both boards of a simulated linkage; use it in a ``with`` block.
+    """Open both boards of a simulated linkage; use this function in a ``with`` statement.
 
     Parameters
     ----------

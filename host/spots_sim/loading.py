@@ -1,4 +1,7 @@
-"""Loads and unloads a simulated strip, to measure creep and hysteresis of its silicone."""
+"""Loads and unloads a simulated strip, to measure creep and hysteresis of its silicone.
+
+A load is a press whose force rises, may stay constant for some time, and falls again.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from .lockstep import LockstepLink
 from .scenario import Scenario
 
 START_S, REST_S = 3.0, 10.0
-# Loads of the calibration as for `record`. Each place is fresh at its first load.
+# Loads that calibrate the silicone, as for `record`. No place was pressed before its first load.
 SESSION = (
     (0.5, 5000.0, 0.1, 60.0),
     (0.3, 9500.0, 1.0, 0.0), (0.3, 9500.0, 4.0, 0.0), (0.3, 9500.0, 12.0, 0.0),
@@ -45,7 +48,7 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     sensor : SensorFile
         Simulated sensor.
     lines : sequence of str
-        Lines of the sensor's calibration.
+        Text lines of the sensor's calibration.
     loads : sequence of (float, float, float, float)
         Each load: its position as a share of the length, its largest force in mN, the duration of
         the loading (the unloading lasts as long), and the duration of the hold before the
@@ -53,7 +56,7 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     seed : int
         Random seed of the noise.
     led : str
-        LED settings as assignments for ``set``, if the LED is not on LDR.
+        LED settings as assignments for ``set``, if the LED is not on the chip's pin LDR.
 
     Returns
     -------
@@ -90,7 +93,7 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
     sensor : SensorFile
         Simulated sensor; the change in its file is ignored.
     lines : sequence of str
-        Lines of the sensor's calibration without compensation.
+        Text lines of the sensor's calibration, which compensates neither effect.
     led : str
         LED settings, see `record`.
 
@@ -114,9 +117,9 @@ def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> No
     board : Board
         Board to change.
     sensor : SensorFile
-        Sensor file of the strip, with its lamps.
+        Sensor file of the strip; its lamps give the mains frequency.
     led : str
-        Wiring of the LED as assignments for ``set``; empty for an LED on LDR.
+        Wiring of the LED as assignments for ``set``; empty for an LED on the chip's pin LDR.
     number : int, optional
         Number of the strip on the board.
     """
@@ -139,7 +142,7 @@ def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:
     Returns
     -------
     force_mN, place : numpy.ndarray, shape (n,)
-        Forces in mN, and positions as shares of the length; one of each for each time.
+        Force in mN, and position as a share of the length, at each time.
     """
     whole = np.array(points(loads))
     force_mN = np.interp(time_s, whole[:, :, 0].ravel(), whole[:, :, 2].ravel())

@@ -57,7 +57,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
     step_deg : int
         Angle between two lines in degrees.
     mechanism : spots_sim.mechanism.Mechanism, optional
-        Mechanism whose travel limits the workspace. By default the travel is not limited.
+        Mechanism whose joints limit the workspace by their travel. By default there is no limit.
 
     Returns
     -------

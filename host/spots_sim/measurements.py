@@ -39,7 +39,8 @@ _JITTERED = 80
 _ACCURACY = 14
 _HELD = 6
 _LEAST = 5
-# The simulator needs as much time for a sample as for 30 ms of exposure.
+# Largest cost of a reading, in ms, at which no reading is left out. The cost is the duration of the
+# reading plus 30 ms for each sample, because the simulator needs time for both.
 _ALL_UP_TO_MS, _SAMPLE_MS = 140, 30
 
 
@@ -181,10 +182,8 @@ def _fewer(rig: Rig, count: int) -> int:
 def _jittered(rig: Rig, rng, place_um: float, count: int):
     """Press `count` times around `place_um`, with random offsets of position and force.
 
-    `rig` is a calibrated strip.
-
-    `rng` is the random generator. Yields a tuple for each press: true position in um, true force in
-    mN, reading, counts.
+    `rig` is a calibrated strip; `rng` is the random generator. Yields a tuple for each press: true
+    position in um, true force in mN, reading, counts.
     """
     for _ in range(count):
         at_um = place_um + rng.uniform(-_JITTER_UM, _JITTER_UM)
@@ -213,7 +212,7 @@ def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: One
     errors = np.array([r.position_um for r in readings]) - true_um
     untrusted = 100 * np.mean([not r.trusted for r in readings])
     pair_errors = pair.position_um(np.array(counts)) - true_um
-    # Over so short a distance the bound is nearly linear: its value in the middle is the mean.
+    # The bound is nearly linear over this short distance, so its mean is its value in the middle.
     least, _ = bound.sigma(place_um, FORCE_MN)
     return errors, errors.std(ddof=1), pair_errors.std(ddof=1), least, untrusted
 
@@ -416,7 +415,7 @@ def _joint(rig: Rig, run: Run) -> None:
             angles.append((direction, angle))
     rig.stage.held.bend_deg = 0.0
     (direction, angle), position = np.array(angles).T, np.array(rows, dtype=float)
-    # Every second angle calibrates, the others test. Errors are those of single readings.
+    # Every second angle is for the fit, the others for the test. Errors are of single readings.
     learn = np.arange(len(angle)) % 2 == 0
     slope, zero = np.polyfit(position[learn].ravel(), np.repeat(angle[learn], held), 1)
     error = slope * position + zero - angle[:, None]

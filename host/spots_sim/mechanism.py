@@ -1,7 +1,7 @@
-"""A simulated five-bar linkage with backlash and wrong lengths; it moves two indenters.
+"""A simulated five-bar linkage with backlash and errors of its lengths; it moves two indenters.
 
-The true positions are for the comparison with a digital twin. This module shares no formula
-with `linkage.fivebar`.
+Its true positions are compared with those of a digital twin. This module shares no formula with
+`linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class Mechanism:
     zero_rad : tuple of float
         For each joint, its angle in rad (Eqs. 3 and 4 of the paper) at the zero of its calibration.
     travel_deg : float
-        Travel of each indenter in degrees.
+        Travel of each indenter, in degrees of its joint.
     """
 
     def __init__(self, file: LinkageFile, sensor: SensorFile):
@@ -163,7 +163,7 @@ class Mechanism:
         Parameters
         ----------
         time_s : numpy.ndarray, shape (n,)
-            Ascending, in seconds.
+            Ascending times in seconds.
         angle_deg : numpy.ndarray, shape (n,)
             Angle of the joint at these times, in degrees.
         again : bool

@@ -111,8 +111,9 @@ class Optics:
         self._lit = sensitivity * spectrum
         self._flat = sensitivity.mean(axis=1)
         self._light = _scale(now.light_percent)
-        self.press = lru_cache(_KEPT)(self._press)  # a finger mostly rests
-        self._spread = lru_cache(_KEPT)(self._spread)  # and keeps its width
+        # Successive presses often have the same arguments, or at least the same width.
+        self.press = lru_cache(_KEPT)(self._press)
+        self._spread = lru_cache(_KEPT)(self._spread)
 
     def _press(
         self,

@@ -24,12 +24,12 @@ _FINGER_MM, _INDENTER_MM = 8.0, 4.0
 _FIRM_MN, _HARD_MN = (2500.0, 6000.0), (6000.0, 10_000.0)  # of presses without a scale
 _GRAM_MN = 9.80665
 _STARTS_S = 0.4  # from the request to the press
-_EARLY_S = 0.5  # a press that is lifted early
-_RAMP_S, _RAMP_STEPS = 0.6, 6  # a change of the force
+_EARLY_S = 0.5  # duration of a press that is lifted early
+_RAMP_S, _RAMP_STEPS = 0.6, 6  # duration and steps of a change of the force
 _FORGOTTEN_S = 20.0
 
-# Pieces of a finger's path: start and end in s after the start of the movement, and the press. The
-# end may be infinite.
+# Path of a finger, as a list of its parts. Each part: start and end in s after the start of the
+# movement, and the press. The end may be infinite.
 Way = list[tuple[float, float, Press]]
 
 
@@ -166,12 +166,12 @@ class Person:
 
 
 def follow(held: Held, way: Way) -> None:
-    """Move the simulated stage's finger along a path; the movement begins with the next reading.
+    """Move the simulated finger along a path; the movement begins with the next reading.
 
     Parameters
     ----------
     held : Held
-        Finger of the stage.
+        Scenario of the strip; its finger is moved.
     way : list of tuple
         Parts of the path. Each part is a tuple: its start and its end, in s after the start of the
         movement, and the `Press` during this part.
@@ -194,12 +194,12 @@ def line_of(way: Way) -> str:
 
 
 def follow_pipe(held: Held, pipe: Path) -> None:
-    """Start a thread that moves the simulated stage's finger along the paths from a named pipe.
+    """Start a thread that reads paths from a named pipe, and moves the simulated finger along them.
 
     Parameters
     ----------
     held : Held
-        Finger of the stage.
+        Scenario of the strip; its finger is moved.
     pipe : Path
         Named pipe with a line for each path, see `line_of`.
     """

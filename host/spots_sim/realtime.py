@@ -225,7 +225,7 @@ def _serve(
         else:
             pass_on = console.to_board, lambda: console.pass_on(noise.damaged)
             passages[console.board_end] = pass_on
-    starved_us = math.inf  # when the watchdog resets the board
+    starved_us = math.inf  # time at which the watchdog resets the board
     while True:
         ends = [end for end, (inlet, _) in passages.items() if not inlet.stuck]
         timeout_s = _timeout_s(bus, len(ends) < len(passages), starved_us)

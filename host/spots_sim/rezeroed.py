@@ -74,7 +74,7 @@ class _ShakyPresser(StagePresser):
 
 
 def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
-    """Return board, strip and presser, for a re-zero that prints nothing.
+    """Return board, strip and presser as a `Bench`, for a re-zero that prints nothing.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
     """Calibrate a simulated sensor, change the sensor, and correct the calibration (re-zero).
 
-    Returns the lines of the corrected calibration.
+    Returns the text lines of the corrected calibration.
 
     Raises
     ------

@@ -24,7 +24,7 @@ _REQUEST_US = 2_000_000  # duration of a dark frame on request
 
 
 class Rig:
-    """A calibrated strip on the simulated stage. Use it in a ``with`` statement.
+    """A calibrated strip on a simulated stage (`stage.Stage`). Use it in a ``with`` statement.
 
     Parameters
     ----------
@@ -42,11 +42,11 @@ class Rig:
     Attributes
     ----------
     along : dict of int to Presses
-        By strain in ppm: the presses along the strip that the calibration uses.
+        Presses along the strip from which the calibration is made, by strain in ppm.
     noise : Noise
         Noise of the counts, estimated from the presses of the calibration.
     lines : tuple of str
-        Lines of the original calibration, without the corrections of `shift`.
+        Text lines of the original calibration, without the corrections of `shift`.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ class Rig:
 
     @property
     def shifted_lines(self) -> tuple[str, ...]:
-        """Lines of the calibration on the board, with the corrections of `shift`."""
+        """Text lines of the calibration on the board, with the corrections of `shift`."""
         return tuple(shifted(self.lines, *self._shift)) if self._shift else self.lines
 
     @property

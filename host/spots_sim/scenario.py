@@ -119,8 +119,8 @@ class Scenario:
         Returns
         -------
         bool
-            False in doubt: near the start or the end of a touch, and in every scenario with a
-            leak or with a pose that changes.
+            False if it is unsure: near the start or the end of a touch, and in every scenario
+            with a leak or with a pose that changes.
         """
         first_s = start_s % self.file.seconds - _NEAR_S
         i = bisect_right(self._edges, first_s)
@@ -212,7 +212,7 @@ def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float
     Parameters
     ----------
     lamp : Ambient or Surroundings
-        Lamp with frequency, depth and phase of its flicker.
+        Lamp with amplitude, frequency and phase of its flicker.
     start_s, end_s : float
         Start and end of the interval in seconds; `end_s` must be larger.
 

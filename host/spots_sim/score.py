@@ -30,7 +30,7 @@ class Score:
         self._scenario = scenario
         self._started_s = started_s
         self._position_um2 = self._force_mN2 = 0.0  # sums of squared errors
-        self._compared = self._pressed = 0  # readings of one finger: the trusted ones, and all
+        self._compared = self._pressed = 0  # trusted readings of one finger, and all of one finger
         self._errors_um: deque[float] = deque(maxlen=_RECENT)
         self._latencies_ms: deque[float] = deque(maxlen=_RECENT)
         self._touching = False

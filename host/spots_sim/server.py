@@ -1,4 +1,8 @@
-"""Answers the virtual board's requests from a simulated bus and USB host."""
+"""Answers the virtual board's requests from a simulated bus and USB host.
+
+The board sends a request for each I2C transfer, sleep and USB report, among others; `protocol` has
+their codes.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +42,12 @@ def is_reset(request: bytes) -> bool:
 
 
 def passes(request: bytes) -> tuple[int, int]:
-    """Return the number of loop passes whose processor time falls before and after a transfer.
+    """Return how many loop passes take their processor time before and after a transfer.
 
-    The transfer is that of `request`. Before: 1 for a read of the sensor's data registers. After:
-    the number of samples that a read of the sensor's FIFO returns, because each loop pass processes
-    one of them.
-
-    A read of the FIFO's level does not count, because another read follows in the same pass.
+    `request` requests the transfer. For a read of the sensor's data registers, the numbers are 1
+    and 0. For a read of the sensor's FIFO, they are 0 and the number of samples that it returns,
+    because each pass processes one sample. For all other requests, they are 0 and 0. A read of the
+    FIFO's level is one of these, because another read follows in the same pass.
     """
     if request[0] != protocol.READ or request[2] == _LEVEL:
         return 0, 0

@@ -8,7 +8,7 @@ which it was not made:
 ==========  =========================================  =======================================
 effect      ``model = "spectrum"``                     ``model = "power"``
 ==========  =========================================  =======================================
-creep       a Prony series: four time constants        a power law of time, as of fractional
+creep       a Prony series: four time constants        a power law of time, as in fractional
                                                        elements (Scott Blair, 1947)
 hysteresis  play operators (Prandtl-Ishlinskii)        Bouc-Wen (Wen, J. Eng. Mech. 102, 1976)
 softening   only at forces below the largest force so  at every force, by an amount that
@@ -117,7 +117,7 @@ class _Spectrum:
                 elif plays[i] > high_mN:
                     plays[i] = high_mN
         else:
-            self._plays = [0.0] * len(_PLAYS_MN)  # the guides separate
+            self._plays = [0.0] * len(_PLAYS_MN)  # the light guides separate
 
     def effective_mN(self) -> float:
         force_mN = self._force_mN
@@ -154,7 +154,7 @@ class _Power:
         way = math.copysign(1, step_mN)
         self._bent = way * (1 - (1 - way * self._bent) * math.exp(-abs(step_mN) / _WIDTH_MN))
         if force_mN <= 0:
-            self._bent = 0.0  # the guides separate
+            self._bent = 0.0  # the light guides separate
         last = self._count - 1
         if last >= 0 and self._now_s - self._steps[0, last] < _STEP_S:
             self._steps[1, last] += step_mN

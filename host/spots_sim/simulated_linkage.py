@@ -66,7 +66,7 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip, as it was before its change, and its joint.
+    """Calibrate a simulated strip, without the change in its sensor file, and its joint.
 
     Parameters
     ----------
@@ -77,8 +77,8 @@ def calibrated(
     exposure_us : int
         Integration time in us.
     rezeroed : bool, optional
-        Whether the calibration is corrected (re-zero) at the joint's stops, after the change that
-        the table ``[change]`` of the sensor file describes.
+        Whether the calibration is then corrected (re-zero) at the joint's stops, with the change
+        that the table ``[change]`` of the sensor file describes.
 
     Returns
     -------
@@ -278,7 +278,7 @@ class Endless:
 
 
 def start_s(sensor: SensorFile) -> float:
-    """Return the earliest start of a motion in s: the time after which the LED is warm."""
+    """Return the earliest start of a motion in s: by then, boards stream and the LED is warm."""
     return START_S + (WARM_S if sensor.temperature.led_K_per_mA else 0.0)
 
 
@@ -359,7 +359,7 @@ def visited(
             angle = encoders[joint].take(touch)
             if angle is None:
                 continue
-            # Only readings whose whole exposure lies within a stop.
+            # Use only readings whose whole exposure lies within a stop.
             i = int(np.searchsorted(motion.time_s, touch.time_s - half_s))
             if i % 2 and i < len(motion.time_s) and touch.time_s + half_s <= motion.time_s[i]:
                 read[joint][i // 2].append(angle)

@@ -209,7 +209,7 @@ def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, 
     Returns
     -------
     tuple of str
-        Lines of the calibration.
+        Text lines of the calibration.
 
     Raises
     ------
@@ -251,7 +251,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     Raises
     ------
     SpotsError
-        If a press is too dark or saturated. The text names the position of the press.
+        If a press is too dark or saturated. The message names the position of the press.
     """
     for presses, bad, trouble in (
         (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),
@@ -279,7 +279,10 @@ def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None
 
 
 def led_settings(sensor: SensorFile) -> str:
-    """Return the LED settings that `calibrate` used, for ``set``; empty for an LED on LDR."""
+    """Return the LED settings that `calibrate` used, as assignments for ``set``.
+
+    They are empty if the LED is on the chip's pin LDR.
+    """
     return "" if sensor.led.wired == "ldr" else _calibrated(sensor, None)[1]
 
 

@@ -12,13 +12,13 @@ import time
 from collections.abc import Callable
 
 _PARENT_EVERY_S = 0.5  # interval between two checks of the parent
-_END_S = 5.0  # time for the board to end cleanly after its parent
+_END_S = 5.0  # time that the board has to end cleanly after its parent has ended
 
 
 def report(message: dict) -> None:
     """Print one line of JSON without buffering: the ports of the board, or an error.
 
-    A closed pipe is no error: the parent may have ended, and then standard input closes too.
+    A closed pipe is not an error: the parent may have ended, and then standard input closes too.
 
     Parameters
     ----------

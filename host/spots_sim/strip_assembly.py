@@ -23,7 +23,7 @@ from .strip_shape import (
     StripShape,
 )
 
-_LEAST_WIDTH = 5.0  # a groove is narrower, a cavity wider
+_LEAST_WIDTH = 5.0  # grooves are narrower, cavities are wider
 
 
 def closed(tray, lid, depth: float):
@@ -45,7 +45,7 @@ def closed(tray, lid, depth: float):
 
 
 def castings(tray, lid, depth: float) -> list:
-    """Return the parts that a mould casts: the closed cavities, without the overflow grooves.
+    """Return the parts that are cast in a mould: its cavities, without the overflow grooves.
 
     Parameters
     ----------

@@ -60,8 +60,8 @@ _JUST_ABOVE = 0.1  # mm
 _MARGIN = 40.0
 _WIDTH = 1000.0
 _NOTE = (
-    f"All lengths in mm. Draft {DRAFT_DEG:g} deg: a width is that of the wide face. "
-    "The paper gives 3 x 12 and 8 x 1; all else is not tried."
+    f"All lengths in mm. Draft {DRAFT_DEG:g} deg; widths are those of the wide faces. The paper "
+    "gives 3 x 12 (strip) and 8 x 1 (guides); the other dimensions are not tried."
 )
 
 
@@ -237,7 +237,7 @@ def _assembled(shape: StripShape, placed: dict) -> _Sheet:
     view.across("length", -x, x, above, -20, "measured length")
     view.across("support_length", -end, end, below, 26, "support")
     view.across("guide_length", -end - BEYOND, end, below, 58, "dyed guide")
-    view.across("overall_length", low, high, below, 90, "all")
+    view.across("overall_length", low, high, below, 90, "overall")
     top = 80 + (above - below) * scale + 150
     top = _sensor_end(sheet, shape, placed, top)
     return sheet.end(_led_end(sheet, shape, placed, top))

@@ -208,7 +208,7 @@ def _tray(length: float, middles: list[float], width: float, depth: float):
     for y in beside:
         groove = _box(length, GROOVE_WIDTH, GROOVE_DEPTH + _CUT)
         block -= groove.translate((0, y, top - GROOVE_DEPTH))
-    # To lever the lid off.
+    # Slots to lever the lid off.
     for side in (-1, 1):
         slot = _box(10.0, 2.0, GROOVE_DEPTH + _CUT)
         block -= slot.translate((length / 4, side * wide / 2, top - GROOVE_DEPTH))
@@ -247,7 +247,7 @@ def _support_tray(shape: StripShape):
     length, depth = shape.support_mm, STRIP_THICKNESS
     tray = _tray(length, [0.0], STRIP_WIDTH, depth)
     tray -= _opened(STRIP_WIDTH, length, depth).translate((0, 0, FLOOR + depth))
-    # Cores: the pocket of the dyed guide, through both ends, and above it the air gap.
+    # Cores of the dyed guide's pocket, which is open at both ends, and of the air gap above it.
     pocket = _frustum(GUIDE_WIDTH, length + END_WALL, GUIDE_THICKNESS)
     gap_mm = depth - 2 * GUIDE_THICKNESS
     gap = _frustum(GAP_WIDTH, shape.length_mm, gap_mm).translate((0, 0, GUIDE_THICKNESS))
@@ -329,7 +329,7 @@ def _sensor_cap(shape: StripShape):
 
 def _sensor_lid(shape: StripShape):
     x, y = _pocket(shape)
-    x = -x[1], -x[0]  # it is turned over to close the cap
+    x = -x[1], -x[0]  # the lid is turned over to close the cap
     plate = _between(_grown(x, CAP_WALL), _grown(y, CAP_WALL), (0, LID_PLATE))
     plug = _between(_grown(x, -CLEARANCE), _grown(y, -CLEARANCE), (0, LID_PLATE + LID_PLUG))
     return plate + plug

@@ -1,7 +1,7 @@
 """Writes ``build.md``: which rubbers to mix, and in which order to cast a number of strips.
 
-Volumes are those of the mould's cavities (`strip_shape`). Beside each statement is its source, or
-*not tried*: nobody has cast a strip with these moulds yet.
+Volumes are those of the mould's cavities (`strip_shape`). Each statement has its source, or the
+words *not tried*: nobody has cast a strip with these moulds yet.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from .strip_shape import (
 )
 
 STRIPS_MAX = 100
-SPARE = 0.3  # of the cavities' volume: what flows over and what breaks; not tried
-CUP_ML = 2.0  # left in the cup; not tried
-LEAST_ML = 15.0  # a smaller amount is hard to stir and to weigh; not tried
+SPARE = 0.3  # share of the cavities' volume for overflow and for parts that break; not tried
+CUP_ML = 2.0  # rubber that stays in the cup; not tried
+LEAST_ML = 15.0  # smaller amounts are hard to stir and to weigh; not tried
 STEP_ML = 0.5
-TINT_SHARE = 1e-3  # pigment paste in the tint
+TINT_SHARE = 1e-3  # share of pigment paste in the tint
 TEST_DOSE = 2.0  # g of tint in 100 g, for the first test piece
 
 

@@ -29,10 +29,10 @@ LENGTHS_MM = 30.0, 200.0  # paper, section III.A
 
 # Not tried: everything below.
 GAP_WIDTH = 6.0  # leaves ledges of 1 mm under the guides
-END_LENGTH = 4.0  # of the support beyond the gap at each end; a cap covers it
+END_LENGTH = 4.0  # length of the support beyond the gap at each end; a cap covers it
 DRAFT_DEG = 1.0
-TEST_LENGTH = 60.0  # of the dye's test piece
-BED = 220.0
+TEST_LENGTH = 60.0  # length of the test piece for the dye
+BED = 220.0  # side of the printer's bed
 
 FLOOR, END_WALL, LID = 3.0, 3.0, 3.0
 LAND, GROOVE_WIDTH, GROOVE_DEPTH = 2.0, 2.0, 1.0  # the groove takes overflowing rubber
@@ -44,7 +44,7 @@ MIDDLE_WALL = 2 * LAND + GROOVE_WIDTH
 CLEARANCE = 0.2  # at each side of a part in a printed pocket
 CAP_WALL, SEPTUM = 2.0, 1.2
 PARTS_HEIGHT = 4.0  # room for the parts of a breakout; connectors are 3 mm high
-CHIP_HEIGHT, CHIP_GAP = 1.0, 0.5  # AS7341: 1 mm high; between it and the guide's end
+CHIP_HEIGHT, CHIP_GAP = 1.0, 0.5  # height of the AS7341, and gap between it and the guide's end
 NOSE_GAP = CHIP_HEIGHT + 0.6  # from board to nose; other parts near the chip are up to 1.5 mm high
 NOSE_WALL = 1.0
 POST = 5.0, 4.0  # the corners of the breakout rest on posts
@@ -135,7 +135,7 @@ class StripShape:
 
     @property
     def base_mm(self) -> float:
-        """Height of the strip's lower face above the table in mm; the sensor cap reaches lower."""
+        """Height in mm of the strip's lower face above the table, where the sensor cap stands."""
         return (
             self.board.window_mm[1]
             + CLEARANCE

@@ -332,7 +332,7 @@ def _read(sensor, linkage, places, *arguments, **condition):
 
 
 def _middle(angles: list[Angle]) -> list[Angle]:
-    # The first one may hold some of the movement if the board's clock is fast.
+    # The first reading may contain a part of the movement if the board's clock is fast.
     return angles[len(angles) // 2 :][:1]
 
 

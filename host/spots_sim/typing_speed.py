@@ -47,7 +47,7 @@ def typed(
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
-        Lines of the calibration to use; by default, the sensor is calibrated.
+        Text lines of the calibration to use; by default, the sensor is calibrated.
     layout : str, optional
         Key layout: a path or a name.
 
@@ -105,10 +105,10 @@ def main() -> None:
     parser.add_argument(
         "--touches", type=int, default=150, help="number of touches in each run (150)"
     )
-    parser.add_argument("--seeds", type=int, default=10, help="number of texts (10)")
-    parser.add_argument("--first-seed", type=int, default=0, help="seed of the first text (0)")
+    parser.add_argument("--seeds", type=int, default=10, help="number of runs (10)")
+    parser.add_argument("--first-seed", type=int, default=0, help="seed of the first run (0)")
     parser.add_argument(
-        "--exposure-us", type=int, help="exposure in us, in place of that of the sensor file"
+        "--exposure-us", type=int, help="exposure in us; by default, the board searches for one"
     )
     parser.add_argument("--layout", default="digits", help="a key layout: name or path (digits)")
     parser.add_argument("--sensor", default="default")

@@ -218,8 +218,9 @@ class Hands:
     force_mN, force_spread : float
         Median of the largest force of a touch in mN, and standard deviation of its natural
         logarithm. Source: Effects of key stiffness on force and the development of fatigue while
-        typing, Am. Ind. Hyg. Assoc. J. 57, 849, 1996, doi 10.1080/15428119691014549. People press
-        with 4.1 to 7.0 times the force of a 0.28 N key, and 2.2 to 3.5 times that of a 0.83 N key.
+        typing, Am. Ind. Hyg. Assoc. J. 57, 849, 1996, doi 10.1080/15428119691014549. People press a
+        key that needs 0.28 N with 4.1 to 7.0 times this force; a key that needs 0.83 N, with 2.2 to
+        3.5 times this force.
     ramp_s : tuple of float
         Shortest and longest time in which the force rises or falls, in seconds. This value and all
         values below are *assumed*.

@@ -34,7 +34,7 @@ class UsbHost:
             self._waiting.clear()
 
     def look(self) -> None:
-        """Raise an error if the host is asleep; to be called before a report is sent.
+        """Raise an error if the host is asleep. Call this before a report is sent.
 
         Raises
         ------

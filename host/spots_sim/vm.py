@@ -25,8 +25,8 @@ HEAP_BYTES = 384 * 1024
 _HEAP_OF_BOTH_BYTES = 576 * 1024
 # Modules that the virtual boards share.
 _COMMON = BOARDS / "_virtual"
-# Kills its process group, including MicroPython, when its standard input closes. That happens on
-# every exit path of this process.
+# A process that kills its process group, including MicroPython, when its standard input closes. The
+# input closes on every exit path of this process.
 _KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
 _EXIT_S = 10.0  # time for MicroPython to end after it has closed its pipes
 # Runs the main file with the processor time of a slow board.
@@ -207,7 +207,7 @@ class MicroPythonProcess:
         """Kill MicroPython and close the pipes."""
         if self._process is None:
             return
-        # Closed last, because a firmware that detects a closed pipe may send its last frames.
+        # The pipes are closed last: a firmware that detects a closed pipe may send its last frames.
         self._process.kill()
         self._process.wait()
         os.close(self.requests)

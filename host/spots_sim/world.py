@@ -15,12 +15,12 @@ from .optics import Optics
 from .scenario import flicker
 from .silicone import Memory
 
-# Longest step in which the movement of a finger is followed within one integration.
+# Longest time step within one integration; a finger counts as still during a step.
 _STEP_US = 2_500.0
-# Optics are computed for each hundredth of a kelvin of the LED: an error below 1 um.
+# The LED's temperature is rounded to this digit, so that optics can be cached: error below 1 um.
 _LED_K_DIGITS = 2
 _KEPT = 512
-_SENSORS = 4  # with cached optics
+_SENSORS = 4  # number of sensors whose optics are cached
 
 
 def coupling(contact: ContactFile, force_mN: float) -> float:
@@ -176,7 +176,7 @@ class World:
             )
 
     def _warm(self, end_us: float, led_mA: float) -> None:
-        # The LED approaches the temperature of its present power, even between two calls.
+        # The LED approaches its final temperature at the present current, also between two calls.
         warmth = self._sensor.temperature
         in_the_end_K = warmth.led_K_per_mA * led_mA
         if self._warm_start and in_the_end_K:

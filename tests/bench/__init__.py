@@ -33,7 +33,7 @@ def run() -> dict:
     published()
     micropython_command()
     sensor = load(SensorFile, "default")
-    _say("boards: what the firmware takes of each")
+    _say("boards: flash and heap that the firmware needs")
     calibration = firmware.for_canned_board(calibrate(sensor))
     boards = space.measure(calibration)
     _say("driver: our firmware and Adafruit's driver on the simulated sensor")

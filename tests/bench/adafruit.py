@@ -26,8 +26,7 @@ def published() -> ModuleType:
         import adafruit_as7341
     except ImportError:
         raise SpotsError(
-            "the benchmark runs Adafruit's driver beside ours: "
-            "pip install adafruit-circuitpython-as7341"
+            "the benchmark needs Adafruit's driver: pip install adafruit-circuitpython-as7341"
         ) from None
     return adafruit_as7341
 

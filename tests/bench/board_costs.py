@@ -102,7 +102,7 @@ strip.stream_touch = True
 run(600)
 print("reading", list(strip.decode.state)[:8], "free", gc.mem_free())
 
-# Transfers, which include the bus.
+# Transfers; their times include the time on the bus.
 sensor, framer, pacing = strip.sensor, app.framer, strip.sensor.pacing
 long, short = bytearray(14), bytearray(1)
 for name, call in (
@@ -265,7 +265,7 @@ def compensate():
 show("silicone.Compensation.take", mean_us(compensate))
 
 
-# Commands, without their garbage collections and transfers.
+# Commands, without garbage collections and transfers.
 class Later:
     """Replaces the module `gc`; collections are measured together with the commands."""
 

@@ -1,7 +1,7 @@
-"""Runs the firmware in MicroPython with a substitute for I2C bus, clock and serial port.
+"""Runs the firmware in MicroPython with substitutes for I2C bus, clock and serial port.
 
 The substitutes allocate nothing, so all memory that is allocated for a sample is the firmware's.
-Benchmark and tests use this module.
+The benchmark and tests use this module.
 """
 
 from spots_device.app import BoardApp
@@ -11,7 +11,7 @@ _AINT = 0x08
 _SP_EN = 0x02
 _DARK_WINDOW_US = 200_000
 _HALF = 1 << 29
-_MASK = _HALF - 1 + _HALF  # 2**30 itself is no small int on a 32-bit board
+_MASK = _HALF - 1 + _HALF  # computed without 2**30, which is not a small int on a 32-bit board
 
 
 class Clock:

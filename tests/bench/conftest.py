@@ -9,8 +9,8 @@ import pytest
 import bench
 from bench import firmware, host, linkage
 
-# Times need fewer rounds for a test than for a report: bytes do not depend on them. The arrays have
-# all rounds, because their ratio is near its limit.
+# A test needs fewer rounds than a report: numbers of bytes do not depend on the rounds. The arrays
+# have all rounds, because the ratio of their rate to that of JSON is near the test's limit.
 SHORT = {
     (firmware, "_ROUNDS"): 5,
     (host, "_ROUNDS"): 3,

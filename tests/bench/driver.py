@@ -1,11 +1,11 @@
 """Measures the time of a reading on a 400 kHz I2C bus: this firmware, and Adafruit's driver.
 
 Time is simulated: transfers, sleeps and the chip take time, the processor does not. A reading of
-this firmware has six channels, measured at once. A reading of Adafruit's ``all_channels`` has
-eight, measured in two passes.
+this firmware has six channels, measured at the same time. A reading of Adafruit's ``all_channels``
+has eight channels, measured in two passes.
 
 Adafruit's driver restarts the chip for each pass. No document says whether the chip then repeats
-its auto-zero of 15 ms. In the sensor file it does. The ratio of rates is also measured
+its auto-zero of 15 ms. In the sensor file, the chip repeats it. The ratio of rates is also measured
 without a repeated auto-zero.
 """
 
@@ -37,7 +37,7 @@ _LED_MA = 20
 # less than the 10 s after which the firmware takes a dark frame.
 _OUR_SETTLING = 300
 _OUR_READINGS = 512
-_LIMIT_S = 60.0  # of simulated time
+_LIMIT_S = 60.0  # timeout in simulated time
 _THEIR_SETTLING = 3
 _THEIR_READINGS = 50
 

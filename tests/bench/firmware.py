@@ -1,4 +1,4 @@
-"""Measures processor time and memory of a sample: integers of the firmware, and simple floats.
+"""Measures time and memory for a sample, with the firmware's integers and with simple floats.
 
 Both variants run in the same MicroPython, on the same simulated registers (module `canned`). The
 times favour the floats: this computer computes them in hardware, a microcontroller often in
@@ -42,7 +42,7 @@ _RATIOS = {
 
 
 def measure(sensor: SensorFile, calibration: list[str]) -> tuple[dict, bytes]:
-    """Measure the paths in MicroPython.
+    """Measure all ways to process a sample, in MicroPython.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def measure(sensor: SensorFile, calibration: list[str]) -> tuple[dict, bytes]:
         For each way to process a sample: bytes, times on this computer, and ratios to the firmware.
         Times are of a whole sample and of the part after its counts were read; for the firmware
         also of arithmetic and framing alone. ``spots_viper`` also has the speed-up by machine code.
-        Also: by how much the results differ for the same counts.
+        Also the largest difference between the positions that integers and floats give.
     stream : bytes
         Some hundred different TOUCH frames from the firmware.
 
@@ -145,7 +145,7 @@ def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
 
 
 def _ratio(slow: dict, fast: dict, name: str) -> float:
-    # Of the fastest rounds: other load on this computer only lengthens a time.
+    # Compares the fastest rounds, because other load on this computer only lengthens a time.
     return round(min(slow[name]) / min(fast[name]), 2)
 
 

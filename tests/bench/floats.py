@@ -1,7 +1,8 @@
 """Computes a reading with floats, in MicroPython, for comparison with the firmware's integers.
 
-It uses the same registers and calibration, and is written as most makers write such scripts. It has
-no check that the spectrum fits one press, no hysteresis of the touch, and no checksum.
+This module uses the same registers and calibration, and is written as most makers write such
+scripts. It does not check that the spectrum fits one press, and has no hysteresis of the touch and
+no checksum.
 """
 
 import json

@@ -19,7 +19,7 @@ from spots_device.kernel import process
 try:
     from spots_device_viper.app import BoardApp as ViperApp
     from spots_device_viper.kernel import process as viper_process
-except SyntaxError:  # this MicroPython makes no machine code
+except SyntaxError:  # this MicroPython cannot compile to machine code
     ViperApp = None
 
 _DARK_SAMPLES = 64

@@ -18,7 +18,7 @@ _FORCES_MN = (1500.0, 4000.0)
 _WIDTH_MM = 4.0
 _SETTLING = 3
 _DARK_WINDOW = 16
-_LIMIT_S = 60.0  # of simulated time
+_LIMIT_S = 60.0  # timeout in simulated time
 
 
 def counts_of_presses(sensor: SensorFile, samples: int) -> list[tuple[int, ...]]:

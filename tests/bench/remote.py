@@ -1,8 +1,9 @@
 """Measures processor time, latency and loss between boards and readers in other processes.
 
-``PYTHONPATH=tests .venv/bin/python -m bench.remote`` compares three ways: ``frames`` over Zenoh, as
-``spots.open("zenoh:…")`` reads them; ``samples``, JSON over Zenoh; and ``tcp``, lines of the same
-JSON over one TCP connection for each board and reader. Readers count all lost frames.
+``PYTHONPATH=tests .venv/bin/python -m bench.remote`` compares three ways to send readings:
+``frames`` over Zenoh, as ``spots.open("zenoh:…")`` reads them; ``samples``, JSON over Zenoh; and
+``tcp``, lines of the same JSON over one TCP connection for each board and reader. Readers count all
+lost frames.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ def _account(accounts: list, closed_at: dict[str, int], publishers_s: float) -> 
     latencies_us: list[int] = []
     for _, ledgers in accounts:
         for name, (first, end, came, gaps, late_us) in ledgers.items():
-            unclosed = end - closed_at[name]  # closing frames before the first received one
+            unclosed = end - closed_at[name]  # lost closing frames, before the first received one
             sent += closed_at[name] - first
             received += came
             lost += gaps - unclosed

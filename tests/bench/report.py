@@ -11,7 +11,7 @@ from rich.table import Table
 _WIDTH = 100
 _PATHS = {
     "spots": "spots, a TOUCH frame",
-    "spots_viper": "the same by viper",
+    "spots_viper": "the same, as machine code",
     "float_json": "floats, a line of JSON",
     "float_struct": "floats, a packed struct",
 }
@@ -70,8 +70,8 @@ def _driver(results: dict) -> Table:
                 f"{cost['integrating_fraction']:.1%}",
             )
         ratios.append(
-            f"At {at['integration_ms']:g} ms {at['rate_ratio']:.1f} times the rate; "
-            f"{at['rate_ratio_if_auto_zero_once']:.1f} times if the chip zeroes itself only once."
+            f"At {at['integration_ms']:g} ms, spots has {at['rate_ratio']:.1f} times the rate; "
+            f"{at['rate_ratio_if_auto_zero_once']:.1f} times if the chip does auto-zero only once."
         )
     table.caption = "\n".join(ratios)
     return table
@@ -85,15 +85,15 @@ def _firmware(results: dict) -> Table:
         "heap bytes",
         "bytes sent",
         "VM us",
-        "from counts on",
+        "after the read",
         "arithmetic, framing",
     )
     if "spots_viper" in results:
         ratio = results["spots_viper"]["vm_time_ratio_of_portable_from_sums"]
-        table.caption += f"\nArithmetic and framing are {ratio:.1f} times faster by viper."
+        table.caption += f"\nMachine code makes arithmetic and framing {ratio:.1f} times faster."
     for name, label in _PATHS.items():
         if name not in results:
-            continue  # this MicroPython makes no machine code
+            continue  # this MicroPython cannot compile to machine code
         cost = results[name]
         from_sums_us = cost.get("vm_us_per_sample_from_sums")
         table.add_row(
@@ -109,8 +109,8 @@ def _firmware(results: dict) -> Table:
 
 def _boards(results: dict) -> Table:
     table = _table(
-        "Boards: what the firmware takes",
-        "Heap once it runs, estimated for words of 32 bits.",
+        "Boards: memory that the firmware needs",
+        "Heap of the running firmware, estimated for words of 32 bits.",
         "board",
         ".mpy bytes",
         "heap bytes",
@@ -124,7 +124,7 @@ def _boards(results: dict) -> Table:
 def _host(results: dict) -> Table:
     table = _table(
         "Host: readings decoded on this machine",
-        f"{results['rate_ratio']:.2f} times the rate of JSON; arrays of a recording "
+        f"Frames have {results['rate_ratio']:.2f} times the rate of JSON, arrays of a recording "
         f"{results['arrays']['rate_ratio']:.0f} times.",
         "format",
         "bytes",
@@ -141,15 +141,15 @@ def _linkage(results: dict) -> Table:
     over = {name: results[f"rate_ratio_over_{name}"] for name in ("calls", "math")}
     table = _table(
         "Linkage: terminals from angles on this machine",
-        f"An array at once has {over['calls']:.0f} times the rate of a call a sample, and "
-        f"{over['math']:.0f} times that of the bare formula.",
+        f"One call with an array has {over['calls']:.0f} times the rate of one call for each "
+        f"sample, and {over['math']:.0f} times that of the bare formula.",
         "way",
         "terminals/s",
     )
     for name, label in {
-        "array": "a million at once",
-        "calls": "a call a sample",
-        "math": "the bare formula by math, a sample at a time",
+        "array": "one call for a million samples",
+        "calls": "one call for each sample",
+        "math": "the bare formula with math, for each sample",
     }.items():
         table.add_row(label, f"{results[name]['terminals_per_s']:,}")
     return table

@@ -2,13 +2,13 @@
 
 Flash is the size of the .mpy files. The heap is measured in MicroPython on this computer, while
 readings are streamed, without and with a calibration. Words have 64 bits here, 32 bits on a board.
-So code, constants and names are counted with their size in the .mpy files, and half of the other
-bytes are counted. Keyboard and gamepad are not loaded. The substitutes for bus, clock and port are
+So code, constants and names are counted with their size in the .mpy files, and all other bytes are
+counted half. Keyboard and gamepad are not loaded. The substitutes for bus, clock and port are
 included; the memory of MicroPython itself is not.
 
 The measured heap can include garbage. A module without constant objects has a pointer
 to the end of its table of names, of two bytes each. If that table fills whole blocks of 32 bytes,
-the pointer is also the address of the next block, and so MicroPython keeps what is there.
+the pointer is also the address of the next block, so MicroPython does not free that block.
 """
 
 from __future__ import annotations

@@ -176,6 +176,25 @@ def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
         room = Room(stage, Habits(slips=1.0))
         calibrate(room, path, "rough", steps.COUNTS["rough"][0])
     assert "press again" not in room.getvalue()
+    assert room.person.presses == len(Session(path).of("hand")) == 12
+
+
+def test_a_rough_session_requests_the_press_of_the_exposure_again_if_it_ended(
+    sensor, tmp_path, monkeypatch
+):
+    path = tmp_path / "a.jsonl"
+    with Stage(sensor, seed=3) as stage:
+        room, command = Room(stage, Habits(slips=0)), stage.board.command
+
+        def lifts(line, **options):
+            reply = command(line, **options)
+            if line == "auto":
+                room.move([])
+            return reply
+
+        monkeypatch.setattr(stage.board, "command", lifts)
+        calibrate(room, path, "rough", steps.COUNTS["rough"][0], plan=None)
+    assert re.findall(r"press at (.*) mm", room.getvalue())[:2] == ["2.0", "2.0"]
     assert room.person.presses == 1 + len(Session(path).of("hand")) == 12
 
 

@@ -68,7 +68,7 @@ def test_a_person_before_a_terminal_calibrates_in_twelve_presses(tmp_path):
     assert code == 0, text[-2000:]
     assert person.presses <= 12
     taken = Session(tmp_path / "calibration.jsonl").of("hand")
-    assert len(taken) == 11
+    assert len(taken) == 12
     made = file.load(tmp_path / "calibration.toml")
     assert "relative" in made.lines
     assert made.residuals[0].position_rms_um < 1000

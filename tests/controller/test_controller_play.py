@@ -377,7 +377,7 @@ def test_a_file_that_is_there_keeps_what_is_not_measured_and_comments_are_told_o
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"middle": (75.0, 2000.0)}, "must be between the ends, 5 % or more from each"),
+        ({"middle": (75.0, 2000.0)}, "must be between the ends at .*, and at least 5 % from each"),
         ({"as hard": (40.0, 750.0)}, "times the light"),
     ],
 )

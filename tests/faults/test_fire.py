@@ -93,7 +93,7 @@ def test_damage_on_the_way_does_not_change_what_the_board_sends(capsys, quiet_fi
 
 def test_a_soak_without_faults_is_refused(capsys):
     assert soak_main(["--faults", "demo"]) == 2
-    assert "has no [faults]; try 'fire'" in capsys.readouterr().err
+    assert "has no [faults] table: use 'fire'" in capsys.readouterr().err
 
 
 def test_the_table_is_for_people(capsys):

@@ -1,4 +1,7 @@
-"""Fuzzes a target: searches for bytes that make it fail, and stores bytes that reach new code."""
+"""Fuzzes a function of `targets`: searches for bytes that make it fail or reach new code.
+
+Bytes that reach new code are stored as inputs of the tests.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +56,8 @@ def _fuzz(target: str, seconds: int, seed: int) -> int:
         )
         tried = re.search(r"number_of_executed_units: (\d+)", told)
         found = re.findall(r"Test unit written to (\S+)", told)
-        print(f"{target}: {seconds} s, {tried[1] if tried else '?'} tried, {len(found)} found")
+        count = tried[1] if tried else "?"
+        print(f"{target}: {count} inputs tried in {seconds} s, {len(found)} failed")
         if found or tried is None:
             print(told[-4000:])
             print(f"run it again: {sys.executable} {HERE}/engine.py {target} {' '.join(found)}")

@@ -181,7 +181,7 @@ class Fingers:
 
     def key(self, page, usage, modifiers, pressed):
         key = page, usage, modifiers
-        assert pressed != (key in self.down), "a key goes down and up in turn"
+        assert pressed != (key in self.down), "a key must be pressed and released in turn"
         (self.down.add if pressed else self.down.remove)(key)
 
     def stuck(self):
@@ -208,7 +208,7 @@ class Fingers:
 
 
 def shrink(calibration):
-    """Replace all numbers of a calibration by a type that raises an error beyond 31 bits."""
+    """Convert the tables of a calibration to integers that raise an error beyond 31 bits."""
     calibration.tables = small(calibration.tables)
 
 

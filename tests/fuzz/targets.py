@@ -68,8 +68,8 @@ def _refusing():
 
 
 def _check_line(text: str) -> None:
-    assert text, "an error says something"
-    assert text.isprintable(), f"no line to print: {text!r}"
+    assert text, "an error has no text"
+    assert text.isprintable(), f"an error is not one printable line: {text!r}"
 
 
 def _stream(data: bytes) -> bytes:
@@ -174,7 +174,7 @@ def settings_file(data: bytes) -> None:
 
 
 def calibration_toml(data: bytes) -> None:
-    """Calibration file; if it starts with ``=``, a correct checksum is added."""
+    """Calibration file: a valid one can be saved and read again; ``=`` at its start adds a CRC."""
     if data.startswith(_SEALED):
         body = data[1:].replace(b"\r", b"")
         data = body + b'[end]\ncrc32 = "%08x"\n' % zlib.crc32(body)
@@ -227,7 +227,7 @@ def scenario_toml(data: bytes) -> None:
 
 
 def linkage_toml(data: bytes) -> None:
-    """File of a simulated linkage."""
+    """File of a simulated linkage: a valid one gives joint angles."""
     sensor = files.load(files.SensorFile, "default")
     with _refusing():
         made = linkage.Mechanism(files.load(files.LinkageFile, _file("l.toml", data)), sensor)
@@ -248,7 +248,7 @@ def mounted_toml(data: bytes) -> None:
 
 
 def points_csv(data: bytes) -> None:
-    """Table of the positions at which a linkage was measured."""
+    """Table of the positions at which a linkage was measured: a valid one has finite numbers."""
     with _refusing():
         rows, _ = twin_points._read(_file("points.csv", data))
         assert all(map(math.isfinite, rows.ravel()))
@@ -271,7 +271,7 @@ def controller_toml(data: bytes) -> None:
 
 
 def wearable_toml(data: bytes) -> None:
-    """File with the keys of gestures."""
+    """File with the keys of gestures: read, or refused with an error."""
     with _refusing():
         wearable.Mapping(_file("wearable.toml", data))
 
@@ -340,7 +340,7 @@ def guard(data: bytes) -> None:
     try:
         request = make_mocked_request("GET", path, headers=headers)
     except ValueError:
-        return  # the path and query are no valid address
+        return  # path and query are not a valid address
     chosen = _GUARDS.get(kind, _GUARDS[b"t"])
 
     async def handler(request):

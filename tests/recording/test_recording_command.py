@@ -197,8 +197,8 @@ def test_a_recording_of_a_board_of_another_protocol(tmp_path, capsys):
     header = headed(program="spots 9", info=info)
     path = bad(tmp_path, encoded(header) + stream(1)[0])
     assert (
-        "with protocol 7, but this program reads 2: use the program that wrote this file, spots 9"
-        in refused(capsys, "replay", path)
+        "with protocol 7, but this program reads 2: read the file with the program that wrote it, "
+        "spots 9" in refused(capsys, "replay", path)
     )
 
 

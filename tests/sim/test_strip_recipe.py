@@ -64,7 +64,7 @@ def test_each_batch_fills_its_cavities_with_spare(strips):
 
 def test_a_length_without_moulds_gets_the_other_files(tmp_path, capsys):
     assert written(tmp_path, 20) == 0
-    assert "no moulds: they are for strips of 30 to 200 mm" in capsys.readouterr().err
+    assert "no moulds were made: moulds are for strips of 30 to 200 mm" in capsys.readouterr().err
     assert {path.name for path in tmp_path.iterdir()} == {"sensor.toml", "resolution.png"}
 
 

@@ -85,7 +85,7 @@ GOOD = "seconds = 5.0\n[[touch]]\npoints = [[0, 1.0, 2.0], [1, 2.0, 3.0]]\n"
         (GOOD.replace("2.0]", "nan]"), "not a finite number"),
         (GOOD.replace("2.0]", "inf]"), "not a finite number"),
         (GOOD.replace("1.0, 2.0]", "-1.0, 2.0]"), "must be a number of at least 0"),
-        (GOOD.replace("[1, 2.0", "[6, 2.0"), "ends after the scenario's 5 seconds"),
+        (GOOD.replace("[1, 2.0", "[6, 2.0"), r"beyond the end of the scenario \(5 s\)"),
         (GOOD + "[ambient]\nsteps = [[1, 1.0], [1, 2.0]]", "must ascend"),
     ],
 )

@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=seed, default=0, help="random seed of noise and faults (0)")
     parser.add_argument(
         "--words-per-min", type=speed, metavar="SPEED",
-        help="fast typing, with overlapping touches, in place of the scenario's touches",
+        help="replace the scenario's touches by fast typing, with overlapping touches",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args(arguments)

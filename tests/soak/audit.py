@@ -1,4 +1,7 @@
-"""Checks of a soak test, in bounded memory: frames, recovery times, keys, memory."""
+"""Checks the frames, keys, recovery times and memory of a soak test; needs bounded memory itself.
+
+A fault (`spots_sim.faults`) can cause an outage: a time without readings.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,8 @@ _FROM_THE_BEGIN = ("i2c.sda_low", "power.sensor_resets")
 # Longest time from the start of a fault to the start of its outage.
 _ONSET_S = 0.15
 _OUTAGES_KEPT = 64
-# Longest time for which a key may stay down after its finger was lifted: 0.3 s without a reading on
-# the host, plus the recovery time of a board without power or sensor.
+# Longest time for which a key may stay down after its finger was lifted: 0.3 s until the host
+# releases a key without readings, plus the recovery time of a board without power or sensor.
 _LATE_S = 1.0
 
 
@@ -29,7 +32,7 @@ def _ignore(reading: Touch, now_s: float) -> None:
 
 
 class Audit:
-    """Compares the frames that were sent with the frames that arrived.
+    """Compares the frames that the board sent with the frames that arrived.
 
     Parameters
     ----------
@@ -46,11 +49,11 @@ class Audit:
     lost : collections.Counter
         Number of lost frames: ``damaged``, and ``undamaged``, which must be 0.
     wrong : int
-        Number of frames that arrived but were not sent, or were sent in another order.
+        Number of frames that arrived although they were not sent, or arrived in another order.
     wrong_frames : collections.deque of Frame
         The last wrong frames.
     crashes : list of str
-        The log lines with which the board reported a crash, as they were sent.
+        The log lines with which the board reported a crash, before damage.
     readings : int
         Number of readings for which `arrived` was called.
     """
@@ -135,7 +138,8 @@ class _Outage:
 class Recoveries:
     """Measures the time from the end of each fault until readings arrive again.
 
-    If a second fault starts before readings arrive, both times start when both faults have ended.
+    If a second fault starts before readings arrive, both times are counted from the moment at which
+    both faults have ended.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 """Measures calibrations by a simulated person, who knows only what a terminal or the web UI shows.
 
 The person reads places to ±0.5 mm and forces to ±5 %, forgets presses, makes them twice, lifts
-early, and mixes units. Prints one line of JSON for each strip and seed: for silicone with creep
-and hysteresis, also the error of the force with and without compensation. The exit code is 1 if
+early, and mixes units. Prints one line of JSON for each strip and seed. For silicone with creep and
+hysteresis, the line has the force errors without and with compensation, too. The exit code is 1 if
 a session took too many presses, or a calibration has too large an error or a wrong key in 100 taps.
 """
 
@@ -118,7 +118,7 @@ _FACES = {"page": _on_page, "terminal": _in_terminal}
 
 
 def _error_um(sensor, seed, made) -> float:
-    """Return the mean error of readings under 3 N at 37 places."""
+    """Return the mean position error in um of readings at 37 positions, with a force of 3 N."""
     decode, found = Decoded(), []
     decode.calibration = Calibration(made.lines)
     with Stage(sensor, seed) as stage:
@@ -135,14 +135,14 @@ def _error_um(sensor, seed, made) -> float:
 
 
 def _loop_error_mN(sensor, lines) -> int:
-    """Return the mean error of forces from 0.5 to 9 N, while the strip is loaded and unloaded."""
+    """Return the mean error in mN of forces from 0.5 to 9 N, while the force rises and falls."""
     _, force_mN, read_mN, *_ = record(sensor, lines, _LOADS)
     inside = (force_mN > 500) & (force_mN < 9000)
     return round(float(np.abs(read_mN - force_mN)[inside].mean()))
 
 
 def _right(sensor, seed, made) -> int:
-    """Return the number of right keys in 100 taps on ten keys."""
+    """Return the number of right keys in 100 taps on ten keys, minus wrong and extra presses."""
     layout = load_layout("digits")
     typist = Typist(layout, sensor.length_mm, np.random.default_rng(seed), start_s=8.0)
     typist.type("".join(map(str, np.random.default_rng((seed, 1)).integers(0, 10, _TAPS))))

@@ -1,9 +1,9 @@
-"""Counts touches of an untouched strip in a room, under lamps and on a moving arm.
+"""Counts touches that a board reports without a finger: in a room, under lamps, on a moving arm.
 
     python tests/soak/false_touches.py --hours 1
 
-Each scene lasts `--hours` of simulated time, without a finger. Prints one line of JSON for each
-scene: the number of begun touches, how long the longest lasted, and the number of pressed keys.
+Each scene lasts `--hours` of simulated time. Prints one line of JSON for each scene: the number of
+touches, the number of readings of the longest touch, and the number of pressed keys.
 `--touch-mN` replaces the forces of the calibration at which a touch begins and ends. The exit code
 is 1 if a key was pressed.
 """
@@ -28,7 +28,7 @@ from spots_sim.scenario import Scenario
 from spots_sim.stage import calibrate
 
 _PART_S = 300.0  # a scene is played in parts, each with another seed and another lamp
-_START_S = 4.0  # the strip is dark until the board is calibrated
+_START_S = 4.0  # the light does not change before this time, when the board has its calibration
 
 
 def _room(rng: np.random.Generator) -> ScenarioFile:
@@ -101,7 +101,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--scenes", default=",".join(_SCENES), help="scenes to play")
     parser.add_argument("--sensor", default="default", help="sensor file or name")
     parser.add_argument("--seed", type=int, default=0, help="random seed (0)")
-    parser.add_argument("--touch-mN", dest="touch_mN", help="BEGIN,END: other forces of touches")
+    parser.add_argument(
+        "--touch-mN", dest="touch_mN", help="BEGIN,END: forces in mN at which touches begin and end"
+    )
     options = parser.parse_args(arguments)
     sensor = load(SensorFile, options.sensor)
     lines = list(calibrate(sensor))

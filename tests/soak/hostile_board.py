@@ -3,9 +3,9 @@
     python tests/soak/hostile_board.py --minutes 60
 
 Each program has its own board, which changes its kind of misbehaviour, the *mood*, every few
-seconds. A program may end with an error message and exit code 2; it is then started again. It fails
-if it ends in another way, if a key stays down while the board is silent, or if its memory grows.
-The last line of the output is JSON. The exit code is 1 if a program failed.
+seconds. A program may end with an error message and exit code 2; it is then started again. A
+program fails if it ends in another way, a key stays down while its board is silent, or its memory
+grows. The last line of the output is JSON. The exit code is 1 if a program failed.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ class Hostile(Plug):
 
 
 class Program:
-    """One of the programs; it is restarted after it ended."""
+    """One of the programs; it is restarted after it ends."""
 
     def __init__(self, name: str, board: Hostile):
         self.name, self.board = name, board

@@ -1,9 +1,9 @@
 """Sends mutated messages to a real ``spots serve`` with all editors; by default 100,000.
 
-Half of the messages have the token. The others have none, a wrong one, or a foreign origin. Prints
-one line of JSON. The exit code is 1 if a message of the others was not refused, the server ended,
-its memory grew too much, an answer was an error of the server, a file is invalid, or there is a
-file that no option named.
+Half of the messages have the server's access token. The other half must be refused, because they
+have no token, a wrong token, or a foreign origin. Prints one line of JSON. The exit code is 1 if a
+message of the other half was not refused, the server ended, its memory grew too much, an answer was
+a server error (5xx except 503), a file is invalid, or there is a file that no option named.
 """
 
 from __future__ import annotations

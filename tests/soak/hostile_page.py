@@ -1,9 +1,10 @@
 """Runs hostile clients against a real ``spots serve --session`` of a virtual board.
 
-The attack takes ``--minutes``, and ends only when ``--messages`` were sent that must not start a
-calibration: without the token, from another website, or with the token but damaged. Prints one line
-of JSON at the end. The exit code is 1 if the server ended, its memory or its log grew too much, a
-well-behaved client got no readings, or such a message had an effect.
+The attack lasts ``--minutes``, or longer until ``--messages`` forbidden messages were sent. A
+forbidden message is a calibration command that has no valid token, comes from another website, or
+has invalid content. Prints one line of JSON at the end. The exit code is 1 if the server ended, its
+memory or its log grew too much, a well-behaved client got no readings, or a forbidden message had
+an effect.
 """
 
 from __future__ import annotations
@@ -116,7 +117,7 @@ def _damaged(choice: random.Random) -> bytes:
 
 
 async def _ordering(url: str, seed: int, number: int, statuses: dict) -> None:
-    """Send `number` requests that must be refused, because none has a valid token."""
+    """Send `number` requests that must be refused: each has a wrong token, origin or content."""
     choice = random.Random(seed)
     page, token = url.split("?token=")
     cookie = f"spots-token-{page.rstrip('/').rpartition(':')[2]}"

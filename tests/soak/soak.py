@@ -34,7 +34,7 @@ from spots_sim.typist import fast_typing
 from .audit import Audit, Keys, Memory, Recoveries, usages_of
 
 _TICK_S = 0.05
-# Layouts of ten keys for each strip, without a common key. A board without a layout uses the first.
+# Layout of ten keys for each strip; no key is in both. A board without a layout uses the first one.
 _LAYOUTS = [
     compiled(
         Path(name),
@@ -56,7 +56,7 @@ class Watch:
     board : board.Board
         Board with a calibration, connected through a link with faults.
     bare : spots_sim.lockstep.LockstepLink
-        Link to the same board, below the faults.
+        Link to the same board, before the faults are applied.
     faults : spots_sim.faults.Faults
         Faults of the run.
     file : spots_sim.files.ScenarioFile
@@ -207,7 +207,7 @@ def soak(
     """
     file, strip = load(ScenarioFile, scenario), load(SensorFile, sensor)
     if file.faults is None:
-        raise SpotsError(f"the scenario {scenario} has no [faults]; try 'fire'")
+        raise SpotsError(f"the scenario {scenario} has no [faults] table: use 'fire'")
     if words_per_min is not None:
         file = with_typing(file, words_per_min, strip.length_mm, seed)
     faults = Faults(file.faults, file.seconds, seed)

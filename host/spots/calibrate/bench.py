@@ -150,6 +150,19 @@ class Bench:
                 self.release()
         raise SpotsError(f"{trouble}; {given_up}")
 
+    def again(self, kind: str) -> Reading:
+        """Wait until the present press is steady after a change of the settings, and read it.
+
+        `kind` is the kind of the press, see `session.Wanted`.
+
+        Raises
+        ------
+        BadPressError
+            If the press is not valid.
+        """
+        self.trace, self.holds = [], []
+        return self._held(None, kind)
+
     def change(self, wanted: Wanted) -> None:
         """Ask for the second force of a press, without a release; wait until the press is steady.
 

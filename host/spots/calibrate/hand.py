@@ -30,10 +30,11 @@ _UNLOADED = 0.6  # largest ratio of the second force to the first one in an unlo
 # least size of the softening; its least ratio to its standard deviation.
 _NEAR_UM, _SOFTENED_MN, _SOFTENED_MIN_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 300.0, 0.05, 2.5
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
-_FIRST_ROUGH = [(share, 0.0) for share in (*MARKS, 0.02, 0.98, 0.3, 0.7)]
+_FIRST_ROUGH = [(share, 0.0) for share in (0.02, *MARKS, 0.98, 0.3, 0.7)]
 # Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
 # further such press replaces a press by hand, so a session has at most 12 or 45 presses in all.
-_OTHERS = {True: 1, False: 6}
+# A rough session stores the press of the exposure, too.
+_OTHERS = {True: 0, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
 _MISFIT_MAX = 50.0  # chi-squared of six channels; 1e-8 of good presses exceed it
 _REMOVALS = 0.2  # largest share of removed presses; above it, the model does not fit the strip

@@ -1,9 +1,10 @@
 """Shifts the tables of a calibration by the drift of the channels at known positions.
 
-Drift changes log2 of the counts of channel i by c_i(x), a polynomial through the shifts at the
-marks. A weighted sum of these logs in the tables changes by the sum of the c_i with its weights.
-These sums are the contrasts, the misfits, the brightness offsets, and the coarse contrast at the
-borders of segments. The weights do not change.
+Drift adds c_i(x) to log2 of the counts of channel i. c_i is a polynomial through the drift that was
+measured at the known positions, called marks. The tables contain weighted sums of these logs:
+contrasts, expected misfits, corrections of the brightness, and the coarse contrast at which each
+segment begins, see `spots_device.calibration`. A sum with the weights w_i changes by the sum of
+w_i c_i(x). The weights do not change.
 """
 
 from __future__ import annotations

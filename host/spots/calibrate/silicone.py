@@ -67,14 +67,14 @@ class Compensated(NamedTuple):
 
 
 def fit_session(points: list[Point], lines: list[str], force_share: float) -> Compensated | None:
-    """Fit the compensation to the presses by hand of a session.
+    """Fit the compensation of hysteresis and creep to the presses that a person made in a session.
 
     Parameters
     ----------
     points : list of Point
         Presses by hand.
     lines : list of str
-        Lines of the calibration without compensation.
+        Lines of the calibration, without the line ``silicone``.
     force_share : float
         Relative standard deviation of the forces of the presses.
 

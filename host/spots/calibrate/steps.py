@@ -15,7 +15,7 @@ from spots_device.settings import checksum
 from ..errors import SpotsError
 from ..link import lamps
 from . import calibration_file as file
-from .bench import Bench, judge_force, judge_place
+from .bench import BadPressError, Bench, judge_force, judge_place
 from .choose import choose, passes
 from .dialog import UndoError
 from .fit import PLACES_MIN
@@ -31,7 +31,7 @@ _RULER_UM = 100  # resolution of a ruler
 # By kind: default and least number of presses by hand, places, forces, or angles in each direction.
 COUNTS = {
     "fine": (39, PLACES_MIN),
-    "rough": (11, 8),
+    "rough": (12, 8),
     "position": (17, PLACES_MIN),
     "strain": (17, PLACES_MIN),
     "force": (16, 14),
@@ -184,9 +184,26 @@ class _Steps:
             bench.presser.release()
             bench.presser.dark(bench.reader.board)
         bench.reader.set_up()
-        bench.release()
+        if force_mN or kind == "always":
+            bench.release()
+        else:
+            self._exposed()
         led = f"{found['led_mA']} mA" if kind == "ldr" else kind
         bench.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
+
+    def _exposed(self) -> None:
+        """Store the press of the exposure as a press by hand, as it is with the new settings."""
+        bench = self.bench
+        try:
+            reading = bench.again("hand")
+        except BadPressError:  # `by_hand` requests a press at this position
+            bench.release()
+            return
+        bench.release()
+        wanted = Wanted(kind="hand", place_um=_SENSOR_END_UM, force_mN=0.0)
+        if read := bench.presser.read_off(wanted, bench.length_um):
+            self._add(read, reading, length_um=bench.length_um)
+            bench.spent -= 1
 
     def _choose(self, places: int) -> None:
         reader = self.bench.reader

@@ -24,7 +24,7 @@ _STEPS = {
     "rest": "hold a finger where the middle of the stick shall be",
     "near": "now hold the finger at the end of the stick that is nearer to the sensor",
     "far": "now hold the finger at the other end of the stick",
-    "light": "now touch the strip as lightly as by accident, and hold the finger there",
+    "light": "now touch the strip lightly, as if by accident, and hold the finger there",
     "hard": "now press as hard as for a full deflection, and hold the finger there",
 }
 
@@ -71,9 +71,8 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
     rest = percent["rest"]
     if not (low + _APART_PERCENT <= rest <= high - _APART_PERCENT):
         raise SpotsError(
-            f"the middle is at {rest:g} % of the strip, but must be between the ends, "
-            f"{_APART_PERCENT:g} % or more from each; these are at {low:g} % and {high:g} %: try "
-            "again"
+            f"the middle is at {rest:g} % of the strip, but must be between the ends at {low:g} % "
+            f"and {high:g} %, and at least {_APART_PERCENT:g} % from each: try again"
         )
     if force_mN["hard"] < _RATIO_LEAST * force_mN["light"]:
         raise SpotsError(

@@ -100,7 +100,7 @@ class Tree:
         return digest.hexdigest()
 
     def write(self, path: str, data: bytes) -> None:
-        """Write a file under a temporary name, and rename the file when the medium has stored it.
+        """Write a file under a temporary name, and rename the file when the disk has stored it.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class Tree:
 
 
 def settle(folder: int | None) -> None:
-    """Wait until the medium has stored all renames in the folder whose descriptor is `folder`.
+    """Wait until the disk has stored all renames in the folder whose descriptor is `folder`.
 
     With None (on Windows, where folders have no descriptors), do nothing.
     """

@@ -84,7 +84,10 @@ class Device(toml.Strict, kw_only=True):
         if self.viper and (self.runtime != "micropython" or self.march is None):
             raise ValueError("viper needs runtime = micropython, and the key march: add them")
         if not 1 <= len(self.strips) <= STRIPS_MAX:
-            raise ValueError(f"there must be 1 to {STRIPS_MAX} [[strips]] tables, or none")
+            raise ValueError(
+                f"there must be 1 to {STRIPS_MAX} [[strips]] tables; a board with one strip needs "
+                "none"
+            )
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(

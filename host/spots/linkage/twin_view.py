@@ -79,7 +79,7 @@ class TwinView:
         return text
 
     def _cells(self, *lines: np.ndarray) -> np.ndarray:
-        """Plot lines, each an array of points in mm; return the braille dots of each character."""
+        """Draw lines (arrays of points in mm); return each character's braille dots as bits."""
         dots = np.zeros(_LAST_DOT + 1, int)
         for points in lines:
             if len(points):

@@ -1,4 +1,4 @@
-"""A file to append to, whose content reaches the storage medium within a second."""
+"""A file to append to, whose content reaches the disk within a second."""
 
 import os
 import threading
@@ -13,10 +13,10 @@ _SYNC_EVERY_S = 1.0
 
 
 class Disk:
-    """A new file. Appended bytes reach the operating system at once, the medium within a second.
+    """A new file. Appended bytes reach the operating system at once, and the disk within a second.
 
     If the process is killed, no appended byte is lost; a power cut loses about the last second.
-    `append` does not wait for the medium; a separate thread waits.
+    `append` does not wait for the disk; a separate thread waits.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class Disk:
         self._syncer.start()
 
     def append(self, data: bytes) -> None:
-        """Append bytes; raise SpotsError if the medium is full. Earlier bytes stay in the file."""
+        """Append bytes; raise SpotsError if the disk is full. Earlier bytes stay in the file."""
         view = memoryview(data)
         try:
             while view:
@@ -63,13 +63,13 @@ class Disk:
             ) from None
 
     def close(self) -> None:
-        """Close the file as soon as all bytes are on the medium."""
+        """Close the file as soon as all bytes are on the disk."""
         self._closing.set()
         self._syncer.join()
         self._file.close()
 
     def _sync(self) -> None:
-        flush = Guarded(self._flush, f"writing {self.path} to its medium")
+        flush = Guarded(self._flush, f"writing {self.path} to the disk")
         while not self._closing.wait(_SYNC_EVERY_S):
             flush()
         flush()
@@ -77,6 +77,6 @@ class Disk:
     def _flush(self) -> None:
         written = self.bytes
         if self._synced != written:
-            with suppress(OSError):  # a pipe, or a removed medium: `append` reports it
+            with suppress(OSError):  # a pipe, or a removed disk: `append` reports it
                 os.fsync(self._file.fileno())
             self._synced = written

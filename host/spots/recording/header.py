@@ -137,6 +137,6 @@ def _parsed(path: Path, pieces: dict) -> Header:
     if protocol != PROTOCOL:
         raise SpotsError(
             f"{path} was recorded from a board with protocol {protocol}, but this program reads "
-            f"{PROTOCOL}: use the program that wrote this file, {header.program}"
+            f"{PROTOCOL}: read the file with the program that wrote it, {header.program}"
         )
     return msgspec.structs.replace(header, info=info)

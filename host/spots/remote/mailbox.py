@@ -39,7 +39,7 @@ class Mailbox:
         label : str or bytes
             Label of the message.
         data : bytes or zenoh.ZBytes
-            Content of the message. A message that is too long is dropped without a copy.
+            Content of the message. A message that is too long is dropped before it is copied.
         """
         with self.changed:
             if len(data) > MESSAGE_BYTES_MAX:

@@ -84,9 +84,9 @@ export function editor(root) {
     make("div", "fields", field(layerName), field(gap), ...swipes.map(([, one]) => one.root)), make("div", "buttons", removeLayer));
   const tuning = make("details", "tuning", make("summary", "", "Tuning"), make("div", "fields"));
   const trial = make("div", "trial"), trialWords = make("p", "place"), points = [];
-  const force = make("figure", "", make("figcaption", "", "Force of the last seconds, with the limits of this draft")), paintForce = canvas(force, FORCE_HEIGHT);
+  const force = make("figure", "", make("figcaption", "", "Force of the last seconds, with the force and time limits of this draft")), paintForce = canvas(force, FORCE_HEIGHT);
   force.role = "img";
-  force.ariaLabel = "Force of the last seconds, with the limits of this draft";
+  force.ariaLabel = "Force of the last seconds, with the force and time limits of this draft";
   tuning.firstChild.after(force);
   engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), head: "", others: 0 }); }));
   root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
