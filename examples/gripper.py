@@ -8,7 +8,7 @@ import argparse
 import spots
 
 OPEN_MM, STEP_MM = 80.0, 1.0
-LIGHT_N, FIRM_N = 0.5, 5.0  # forces at which the gripper starts to close, and is closed
+LIGHT_N, FIRM_N = 0.5, 5.0  # the gripper starts to close at LIGHT_N, and is closed at FIRM_N
 
 
 def opening_mm(force_N: float) -> float:

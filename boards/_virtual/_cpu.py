@@ -23,8 +23,8 @@ def _kind_of_sample(strip):
     return "any" if strip._rare or strip._uses.active else "reading"
 
 
-# Functions whose time is not always the same: each returns the kind of a call that has ended. The
-# kind "" stands for all others.
+# By name of a function whose time varies: a function that returns the kind of a call that has
+# ended. The kind "" stands for all other kinds.
 _KINDS = {
     "strip.Strip.take": _kind_of_sample,
     "contact.ContactTracker.take": _kind_of_contact,
@@ -42,9 +42,10 @@ class _Collector:
 def slow_down(package, times_us, spend_us):
     """Make functions of the firmware take additional time at the end of each call.
 
-    `package` is the name of the firmware's package. `times_us` has the time of each function in
-    whole us, by its name in the package, or a dict of times by kind; ``gc.collect`` stands for the
-    collections of all modules. ``spend_us(us)`` lets this time pass on the board's clock.
+    `package` is the name of the firmware's package. `times_us` has the time of a call in whole
+    us by the function's name in the package; or a dict of times by the kind of the call, for the
+    functions in `_KINDS`. The name ``gc.collect`` stands for the collections of all modules.
+    ``spend_us(us)`` lets this time pass on the board's clock.
     """
     for name in times_us:
         time_us = times_us[name]

@@ -115,7 +115,7 @@ def _report_busy():
 
 
 def _report_memory():
-    # Not part of a reply: free memory differs between runs, and the stream must not.
+    # Not part of a reply: free memory differs between runs, but the board's stream must not.
     global _looks
     _looks += 1
     if _looks % _memory_every == 0:

@@ -1,15 +1,16 @@
 """Accurate times of samples on a board with several strips, whose polls are often late.
 
-The driver reads a sample after its end, and the loop may be busy with another strip. So the time of
-a poll is no measure of the sample's end; it only limits the end. A poll that finds the sample gives
-an upper limit, a poll that is too early gives a lower one. `AlignedPacing` combines the limits of
-all polls: the end of the next sample is within `_end` +- `_half`. `_half` grows with each sample by
-the uncertainty of the period, until polls on time halve it: such a poll is at `_end`. All other
-polls are after the latest possible end. They find the sample, even if they are late.
+A poll asks the sensor for a new sample. Polls may be late, because the loop may be busy with
+another strip. So the time of a poll only limits the end of the sample: a poll that finds the sample
+gives an upper limit, and a poll that is too early gives a lower limit. `AlignedPacing` combines the
+limits of all polls: the end of the next sample is within `_end` +- `_half`. `_half` grows with each
+sample by the uncertainty of the period. If `_half` becomes too large, a poll bisects: it is on time
+at `_end`, and halves `_half`. All other polls are after the latest possible end, so they find the
+sample even if they are late.
 
-This bisection needs one or two polls in about 15 samples, so `several.SeveralApp` can give each
-strip priority for them. After a start, the period is uncertain by 6 %, and the times are accurate
-after a second at 10 ms or less. Integers only; allocates nothing.
+The bisection needs one or two polls in about 15 samples, so `several.SeveralApp` can give each
+strip priority for them. After a start, the period is uncertain by 6 %. With exposures of at most
+10 ms, the times are accurate after a second. Integers only; allocates nothing.
 """
 
 from micropython import const
@@ -42,7 +43,7 @@ class AlignedPacing(Pacing):
         self._exact = self._chip_us << _Q  # estimate of the period, Q8 us
         # Error of `_exact`, Q8 us: 1/16, or 1/256 if the oscillator is known.
         self._unsure = period_us if self._off else period_us << 4
-        # The oscillator drifts: at least 30 ppm of `_unsure` remain.
+        # The oscillator drifts: `_unsure` remains at least 30 ppm of the period.
         self._drift = (period_us >> 7) + 1
         self._half = 0  # Q8 us
         self._run = 0  # bisections with the same result: positive if they found the sample
@@ -164,7 +165,8 @@ class AlignedPacing(Pacing):
         self._set_period(self._exact - unsure >> _Q)
 
     def _begin_span(self, taken):
-        # The period is computed from this sample on, the measurement if it is better known.
+        # Compute the period from this sample on. Restart the measurement, too, if the end of this
+        # sample is known much better than that of its first sample, or if it is too long.
         if taken and (
             self._half < self._first_half >> 2 or self._diff(self._end, self._first) > LONG_US
         ):

@@ -18,7 +18,7 @@ _LAST_US = const(100_000)  # at the end: longest wait until the host has read th
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
-_SKIPPED = const(3)  # bursts; the mean starts with the last of them, because earlier ones are late
+_SKIPPED = const(3)  # FIFO reads; the mean starts with the last one, because earlier ones are late
 _COUNTED = const(16)  # least number of passes in the mean
 
 
@@ -243,7 +243,7 @@ class BoardApp:
             self._take()
 
     def measure(self):
-        """Start to measure the loop time of each sample, which makes the loop slightly slower."""
+        """Start to measure the loop time of each sample; this makes the loop slightly slower."""
         self.meter.restart()
         self._pass = self._measured_pass
 
@@ -350,10 +350,7 @@ class BoardApp:
         return "; ".join(filter(None, notes)) or None
 
     def use_stored(self):
-        """Use the stored calibration if it is valid at the present settings.
-
-        Else return the reason.
-        """
+        """Use the stored calibration if it is valid for the settings; otherwise return why not."""
         if self.reconnect.lost:
             found = why_not = None
             if self.calibration.lines:
@@ -409,7 +406,7 @@ class BoardApp:
         return 1_000_000_000 // (max(s["exposure_us"], self.meter.busy_us) * s["average"])
 
     def release_keys(self):
-        """Release all keys; called when no readings may arrive for a while."""
+        """Release all keys; called before a pause of the readings."""
         self._time.update()
         self.uses.release()
 

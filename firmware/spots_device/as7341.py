@@ -56,7 +56,8 @@ _FIFO_CLR = const(0x02)
 _SIX_COUNTS = const(0x7E)
 
 _ENTRIES = const(6)  # entries of the FIFO for a sample
-# Entries in the FIFO; with more, the chip may drop a part of the sample that it stores next.
+# Largest usable number of entries in the FIFO; with more, the chip may drop a part of the sample
+# that it stores next.
 _FULL = const(120)
 _SAMPLE = const(12)  # bytes
 _COUNTS = const(2)  # index in the buffer, after STATUS and ASTATUS
@@ -106,7 +107,7 @@ class AS7341:
         self._views = [view[:_FIFO_DATA]]
         for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
             self._views.append(view[_FIFO_DATA:end])
-        self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the search after a start
+        self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the test after a start
         self.waits = 0  # samples in the buffer that `poll` has not returned yet
         self._led_code = 0
         self.led = "ldr"  # one of `light.LEDS`
@@ -241,7 +242,7 @@ class AS7341:
         return self._clock.ticks_diff(self.pacing.due, self._clock.ticks_us())
 
     def poll(self):
-        """Return a new sample, if there is one. Allocates nothing.
+        """Fetch a new sample, if there is one. Allocates nothing.
 
         One transfer reads all samples in the FIFO; this call returns the first one, and the next
         calls return the others. Without the FIFO, each transfer reads one sample. AVALID cannot
@@ -400,7 +401,7 @@ class AS7341:
     def _configure(self, atime, astep, gain, led_mA):
         """Write exposure (registers `atime` and `astep`), gain code and LED current to the chip.
 
-        The chip is powered and does not sample.
+        Called while the chip is powered and does not sample.
         """
         self._write(_ATIME, atime)
         self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))

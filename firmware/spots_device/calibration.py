@@ -93,8 +93,8 @@ class Calibration:
         are views of this array; on the host, views.py adds views of the other parts.
     drift_max : int
         Keys work until the misfit has shifted by this much since the calibration. The misfit shows
-        how far a spectrum is from that of a single press, in log2 units, Q12. An LED whose drift
-        shifts it by this much shifts positions by 3 to 4 % of the strip's length.
+        how far a spectrum is from that of a single press, in log2 units, Q12. A drift of the LED
+        that shifts the misfit by this much shifts positions by 3 to 4 % of the strip's length.
     decay : int
         Decay of the light by the dye in log2 units per um, times 2**24. This integer is limited to
         1000.

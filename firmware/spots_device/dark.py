@@ -35,7 +35,7 @@ IDLE_US = 1_000_000  # time without a touch before the LED may be switched off
 _WINDOW_SAMPLES = const(4)
 _WINDOWS = const(16)
 _WEIGHT = const(8)  # after the first 16 windows, a window has the weight 1/8
-# A dark window takes six samples, so windows must be rare.
+# A dark window and the switching of the LED take six samples, so windows must be rare.
 _DARK_EVERY_US = const(10_000_000)
 _DARK_EVERY_SAMPLES = const(100)
 _REQUEST_US = const(2_000_000)  # longest duration of a requested dark frame
@@ -61,8 +61,8 @@ class Dark:
     Parameters
     ----------
     state : array of int
-        State of the strip, see decode.py; contains the mean dark counts, which windows are wanted
-        and when.
+        State of the strip, see decode.py; contains the mean dark counts, and which windows are
+        wanted and when.
 
     Attributes
     ----------

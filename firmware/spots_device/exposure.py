@@ -66,5 +66,5 @@ def led_code(led_mA):
 
 
 def actual_mA(led_mA):
-    """Return the possible current in mA for a wanted current `led_mA`; 0 means off."""
+    """Return the current in mA that the chip sets for a wanted current `led_mA`; 0 means off."""
     return LED_MIN_MA + 2 * led_code(led_mA) if led_mA else 0

@@ -100,7 +100,7 @@ class Framer:
     encoded : memoryview
         The encoded frame.
     dropped : int
-        Frames that were not sent.
+        Number of frames that were not sent.
     """
 
     def __init__(self, serial, time):

@@ -129,8 +129,8 @@ def process(state, tables, counts, flags, head, payload, encoded):
     Returns
     -------
     int
-        Length of the encoded frame, 0 for none; and `decode.COMPLETE` if the reading is complete,
-        `ODD` if the ambient light has changed, `DUE` if a dark window must begin.
+        Length of the encoded frame, 0 for none; plus the bits `decode.COMPLETE` if the reading is
+        complete, `ODD` if the ambient light has changed, `DUE` if a dark window must begin.
     """
     done = 0
     if flags & READ:
@@ -299,8 +299,8 @@ def _judge(state, touching):
     if not touching:
         least_mN = state[TOUCH_ON_MN]
         if flags == MISFIT:
-            # A lamp or two fingers: light that fits no press begins a touch at the force from which
-            # the drift is learned, and only if it remains after a dark window.
+            # The light fits no press, so it may be a lamp or two fingers. It begins a touch only at
+            # the force from which the drift is learned, and only if it remains after a dark window.
             least_mN <<= 2
             if force_mN >= least_mN and state[LEVEL] and state[AGE_STEP_US]:
                 state[WANTED] |= CHECK

@@ -1,14 +1,14 @@
 """Schedules the polls of the sensor, so that each poll finds one new sample.
 
-The chip has its own oscillator, which deviates from the board's clock by some per cent. A sample
-ends between a poll that is too early and the next poll, which finds the sample. Two such pairs of
-polls, n samples apart, give a lower bound of the sample period. Each poll is scheduled slightly
-earlier than this bound predicts: no poll is late, and about one in twenty is early. Integers only;
-allocates nothing.
+The chip has its own oscillator, which deviates from the board's clock by some per cent. A poll asks
+the sensor for a new sample. A poll that is too early and the next poll, which finds the sample,
+bracket the end of the sample. Two brackets, n samples apart, give a lower bound of the sample
+period. Each poll is scheduled slightly earlier than this bound predicts: no poll is late, and about
+one in twenty is early. Integers only; allocates nothing.
 
-A loop that is slower than the sensor never polls early, so it has no such pairs of polls. The
-sample that it finds ended within the last period; the sample is used with this uncertainty of its
-time. Missed samples are counted with the last measured period of the chip, scaled to the exposure.
+A loop that is slower than the sensor never polls early, so it has no brackets. The sample that it
+finds ended within the last period; the sample is used with this uncertainty of its time. Missed
+samples are counted with the last measured period of the chip, scaled to the exposure.
 
 Samples in the chip's FIFO are not lost while the loop stalls.
 
@@ -34,7 +34,8 @@ _FRESH = const(64)  # samples after which a bound may replace a higher one
 # to follow temperature.
 _SHARE = const(11)
 LONG_US = const(60_000_000)
-# Samples after which the reference moves on, to follow temperature; at 1 s, ticks must not wrap.
+# Samples after which the bound gets a new reference, to follow temperature; with samples of 1 s,
+# ticks must not wrap.
 _RENEW = const(224)
 # The chip latches what a poll reads this long after its beginning: START and 3 bytes at 400 kHz.
 LATCH_US = const(75)
@@ -56,9 +57,9 @@ class Pacing:
     due : int
         Time of the next poll in ticks.
     exposure_us, period_us : int
-        Nominal period, and lower bound of the period.
+        Nominal period, and lower bound of the measured period, in us.
     missed : int
-        Samples that were not read, or whose time is unknown.
+        Number of samples that were not read, or whose time is unknown.
     slack_us : int
         Uncertainty: the last sample ended at its estimated time, or up to this time earlier.
     sampled, lasted_us, longest_us : int

@@ -28,17 +28,17 @@ class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
     The search changes the gain first (factors of 2), then the LED current. If both are at their
-    maximum, it sets a longer exposure of at least 182 ms, because full scale does not grow above
-    182 ms.
+    maximum, it sets a longer exposure of at least 182 ms, because above 182 ms full scale does not
+    grow with the exposure.
 
     Parameters
     ----------
     gain : int
-        First gain, as register code 0 to 10.
+        Gain at the start, as register code 0 to 10.
     led_mA : int
-        First LED current in mA.
+        LED current at the start, in mA.
     exposure_us : int
-        First exposure in us.
+        Exposure at the start, in us.
     led_max_mA : int
         Largest LED current in mA; 0 if the current cannot be set. The search then changes only
         gain, in coarse steps, and exposure; it ends at 43-90 % of full scale.

@@ -1,4 +1,6 @@
-"""Estimates the second of two fingers from two readings, or whether the first one can rest.
+"""Estimates the second of two fingers from two readings; checks whether the first one can rest.
+
+A finger rests if neither its position nor its force changes.
 
 The light of both fingers, l = l1 + l2, appears to come from one position between the fingers. Let d
 be the distance between the fingers. This position has the distance f d from the first finger, with
@@ -28,7 +30,7 @@ _STEP_UM = const(2000)
 def _part(decay, off_um, brightness, away_um):
     """Return the light of the first of two fingers in a reading, in counts times 16.
 
-    `decay` is as in `locate`, and `brightness` is that of the reading in Q20 of log2.
+    `decay` is as in `locate`; `brightness` is that of the reading, in Q20 of log2.
 
     `off_um` is the distance from the first finger to the position of the reading, `away_um` the
     distance from the first finger to the second finger.

@@ -22,12 +22,13 @@ _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
 # Priority of a strip whose sample times are unknown, as if it were late by this time.
 _UNKNOWN_US = const(2_500)
-# Priority of a strip whose next poll must be on time, because it bisects: half the error of its
-# times in Q8 us, which is 128 times the error. For each other strip, the largest priority grows by
-# this value, the time to process a sample.
+# Priority of a strip whose next poll bisects (see aligned.py) and so must be on time: 128 times the
+# error of its sample times, but for each other strip at most this value, the time to process a
+# sample.
 _AHEAD_US = const(2_500)
-# Further priority after a poll that was too early: first for the strip of the last poll. Without
-# it, two strips with unknown sample times would be polled in turn, each with polls too far apart.
+# Further priority of a strip with unknown sample times after a poll that was too early, and still
+# more if the last poll of the loop was of this strip. Otherwise two such strips would be polled in
+# turn, and the polls of each would be too far apart.
 _PUNCTUAL_US = const(500)
 _STAYS_US = const(4_000)
 _PREFIX = "sensor="
@@ -219,7 +220,7 @@ class SeveralApp(StripApp):
         StripApp._attach(self, open_sensor, board, usb)
 
     def handle(self, line):
-        """Execute a command for the strip that ``sensor=N`` at the end of `line` names; default 0.
+        """Execute a command for strip N if `line` ends with ``sensor=N``, else for strip 0.
 
         All lines of an upload belong to the sensor of its first line. The result is that of
         `command.Commands.handle`.

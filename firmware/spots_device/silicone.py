@@ -1,4 +1,4 @@
-"""Compensates hysteresis and creep of the silicone, which change the light that a force couples.
+"""Compensates hysteresis and creep of the silicone, which change the light at a given force.
 
 Hysteresis is a weighted sum of play operators (Prandtl-Ishlinskii). Only its difference from a
 first load is subtracted, because the force table was measured with first loads. Creep follows the

@@ -173,7 +173,7 @@ class Strip:
         self._choose()
 
     def streams(self):
-        """Return the kinds of frames streamed now, of ``contact``, ``spectrum`` and ``touch``."""
+        """Return which of ``contact``, ``spectrum`` and ``touch`` are streamed now."""
         names = []
         if self._uses.streams_contacts:
             names.append("contact")

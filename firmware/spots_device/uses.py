@@ -20,7 +20,7 @@ def check_layout(lines):
 
 
 class Uses:
-    """Passes readings to keypad, contacts and gamepad, and their events and reports to the host.
+    """Passes readings to keypad, contacts and gamepad; sends their events and reports to the host.
 
     Parameters
     ----------

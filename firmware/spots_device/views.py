@@ -91,7 +91,7 @@ class Decoded(Decode):
         samples : int
             Samples in the reading, 1 to `AVERAGE_MAX`.
         dark : sequence of int
-            Six sums over the number of dark samples set with `scale`; zeros without a dark frame.
+            Six sums over as many dark samples as `scale` has set; zeros without a dark frame.
         flags : int
             Flag bits that apply to `sums`: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
         """

@@ -105,7 +105,7 @@ def test_a_hello_to_a_second_strip_is_refused_as_a_command(net):
     with (
         publishing(net.hub, stand_in()),
         spots.open("zenoh:") as board,
-        pytest.raises(CommandError, match="first sensor"),
+        pytest.raises(CommandError, match="only for sensor 0"),
     ):
         board.command("hello sensor=1")
 

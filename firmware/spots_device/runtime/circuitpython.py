@@ -346,8 +346,8 @@ class CircuitUsb:
 def boot():
     """Set up USB after a reset; does nothing if the board's button is pressed.
 
-    It makes the drive writable for the board, so that the command ``save`` works, and read-only
-    for the host.
+    It makes the drive read-only for the host and writable for the board, so that the command
+    ``save`` works.
     """
     import board_config
 

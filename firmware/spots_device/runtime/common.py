@@ -16,7 +16,7 @@ _SAFE_BOOT_STEP_MS = 20
 
 
 def free_bus(scl, sda, is_high, put):
-    """Free an I2C bus: send clocks until the chip releases SDA, then a STOP.
+    """Free an I2C bus: send clock pulses until the chip releases SDA, then a STOP.
 
     A chip can hold SDA low after a transfer that stopped in the middle of a byte. Source: UM10204,
     section 3.1.16.

@@ -1,4 +1,9 @@
-"""The class `Board`: connects to a SPOTS board, sends commands and receives frames."""
+"""The class `Board`: connects to a SPOTS board, sends commands and receives frames.
+
+A frame is one message of a board, such as a reading (`frames.Touch`). A stream is a kind of frame
+that the board sends by itself after the command ``stream``. A board with several strips has one
+sensor for each strip; sensors are numbered from 0.
+"""
 
 import asyncio
 import re
@@ -43,11 +48,11 @@ _STREAMS: dict[type, tuple[str, ...]] = {
     Contact: ("contact", "touch"),
 }
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
-_SENSORS_MAX = 16  # a frame's number of the sensor has four bits
+_SENSORS_MAX = 16  # the number of the sensor has four bits in a frame
 
 
 _OF_ALL = "save", "reboot", "sync"  # commands for the whole board
-# A line of an upload belongs to the sensor that its first line names.
+# The first line of an upload names the sensor for all of its lines.
 _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
 
 
@@ -203,7 +208,7 @@ class Board:
     def rate_hz(self) -> float:
         """Mean rate of the last 64 readings by the board's clock; NaN before the second reading.
 
-        For a board with several strips, the rate of its first sensor.
+        On a board with several strips, this is the rate of sensor 0.
         """
         times_us = self._times_us
         if len(times_us) < 2:
@@ -423,7 +428,7 @@ class Board:
         return self._start(seconds, Key)
 
     def contacts(self, seconds: float | None = None) -> FrameIterator[Contact]:
-        """Iterate over contacts: in each reading, one frame for each finger; see `touches`.
+        """Iterate over contacts, one frame for each finger in each reading; see `touches`.
 
         This also starts the stream of readings: no contacts arrive while no finger touches, so
         contacts alone do not show that the board still works.
@@ -622,7 +627,7 @@ class Board:
     def record(
         self, path: str | Path, *, rotate_bytes: int | None = None
     ) -> AbstractContextManager[Any]:
-        """Start to record in a file all bytes that arrive from now on.
+        """Start a recording: a file with all bytes that arrive from now on.
 
         Frames that have already arrived are not recorded, even if they are still unread.
 
@@ -712,7 +717,7 @@ class Board:
         if version != PROTOCOL:
             raise SpotsError(
                 f"the board on {self.port} has protocol {version}, but the program has {PROTOCOL}: "
-                "update the older one of firmware and program"
+                "update the firmware or the program, whichever is older"
             )
         return cast("Hello", self._validated(reply))
 
@@ -819,7 +824,7 @@ class Board:
         if known["stream"] != [] and not self._stopped:
             return  # it still streams, or its firmware does not report its streams
         if not self._stopped:
-            # The reply may answer any of the questions asked since the first one.
+            # This reply may answer any query since the first one.
             self._restarted(loss.first_asked_s, known["t_us"])
         for _ in range(_STREAM_TRIES):
             try:

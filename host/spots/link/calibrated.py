@@ -1,4 +1,7 @@
-"""Functions for applications that need a calibrated board: length, rate, baseline, readings."""
+"""Checks that a board is calibrated and fast enough; feeds its readings to an application's engine.
+
+An engine turns readings into results, such as key events.
+"""
 
 import contextlib
 import math
@@ -17,7 +20,7 @@ _FOLLOW = "set baseline=1"
 
 
 def hello_calibrated(board: Board) -> Hello:
-    """Return the reply to ``hello`` of a board, which must be calibrated.
+    """Return the reply to ``hello`` of a calibrated board.
 
     Raises
     ------
@@ -40,7 +43,7 @@ def next_step(info: Hello) -> str | None:
 def hello_often(
     board: Board, within_s: float, remedy: str = "set a shorter exposure_us or a smaller average"
 ) -> Hello:
-    """Return the reply to ``hello`` of a board, which must be calibrated and fast enough.
+    """Return the reply to ``hello`` of a board that is calibrated and fast enough.
 
     Parameters
     ----------
@@ -75,11 +78,11 @@ def fed(
 ) -> Iterator[tuple[Touch | None, Any]]:
     """Feed the readings of a board to an engine, such as a `KeyEngine`; yield its results.
 
-    The board's baseline tracking is turned on. The setting ``baseline=1`` is sent again after a
+    The setting ``baseline=1`` turns on the board's baseline tracking; it is sent again after a
     restart of the board. When this process is resumed after Ctrl-Z, older readings are dropped, and
     the engine releases the present touch. When all readings become untrusted, the cause is printed
-    on stderr. If the engine detects an object that is not a finger, the board takes the present
-    light as its baseline, the light of the untouched strip.
+    on stderr. If the engine detects an object that is not a finger, the present light becomes the
+    board's baseline (the light of the untouched strip).
 
     Parameters
     ----------
@@ -87,7 +90,7 @@ def fed(
         The board to read.
     engine : object
         Has ``take(touch, now_s)``, ``tick(now_s)``, ``release()`` and ``rests``, the number of
-        times that it has detected such an object; this function sets it to 0.
+        detected objects that are not fingers; this function sets ``rests`` to 0.
     seconds : float or None
         Duration, in seconds by the clock of `Board.now_s`; no limit if None. The end of a
         recording also ends the iteration.
@@ -97,7 +100,7 @@ def fed(
     Yields
     ------
     touch : frames.Touch or None
-        Reading of the board's first sensor; None at the end of a tick.
+        Reading of sensor 0; None if `result` is that of ``tick``.
     result : object
         What the engine returned for the reading or the tick.
     """

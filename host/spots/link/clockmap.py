@@ -25,8 +25,8 @@ class ClockMap:
     A query is sent at host time a, answered at board time t, and the reply arrives at host time
     b. So the host time of t lies between a and b: each round trip bounds the offset between the
     clocks from both sides. All bounds together are tighter than those of the shortest round trip.
-    Because clocks drift, the offset is a linear function of time. Its slope is that for which the
-    gap between the upper and the lower bounds of the latest round trips is largest.
+    Because clocks drift, the offset is a linear function of time. Its slope is chosen so that
+    the gap between the lower and the upper bounds of the latest round trips is largest.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class ClockMap:
         return self.last_us
 
     def state(self) -> dict[str, float]:
-        """Return constructor arguments; a copy made with them returns exactly the same times."""
+        """Return the constructor arguments of a copy that returns exactly the same times."""
         return asdict(self)
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:

@@ -104,9 +104,10 @@ def find() -> tuple[list[Board], list[str]]:
 
 
 def survey() -> list[dict[str, str]]:
-    """Try to open a board on each USB serial port; return ports, USB devices and answers.
+    """Try to open a board on each USB serial port; return a row for each port.
 
-    An answer is a line of text: board, firmware, runtime and id, or the error message.
+    A row has the name of the port, the USB device, and the answer: a line with board, firmware,
+    runtime and id, or the error message.
     """
     rows: list[dict[str, str]] = []
     for port in usb_ports():
@@ -162,8 +163,8 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     Raises
     ------
     SpotsError
-        If the calibration is invalid, or was made on another board or at other settings. The board
-        then keeps its old calibration.
+        If the calibration is invalid, or was made on another board or with other settings. The
+        board then keeps its old calibration.
     """
     made = _checked(calibration)
     i: Any = board.command(of_sensor("hello", sensor))

@@ -1,4 +1,7 @@
-"""Finds fingers in readings on the host, with the firmware's code."""
+"""Finds fingers in readings on the host, with the firmware's code.
+
+A contact is one finger in one reading.
+"""
 
 import math
 from typing import Any
@@ -10,7 +13,7 @@ from spots_device.layout import Layout, default_lines
 
 from .frames import Contact, Touch
 
-TYPICAL_DECAY = 289  # for boards that do not report the decay
+TYPICAL_DECAY = 289  # log2 units per um, times 2**24; for boards that do not report the decay
 
 
 def tracker_arguments(touch: Touch) -> tuple[int, int, int, int, int]:
@@ -30,7 +33,8 @@ class ContactFinder:
     length_um : int
         Length of the strip in um, from the board's reply to ``hello``.
     decay : int, optional
-        Decay of the strip's dye, from the board's reply to ``hello``; a typical decay if not given.
+        Decay of the light by the dye, from the board's reply to ``hello``; a typical decay if not
+        given.
     """
 
     def __init__(self, length_um: int, decay: int | None = None):

@@ -118,12 +118,15 @@ class Touch(NamedTuple):
 
     @property
     def contrast(self) -> float:
-        """Weighted sum of log2 counts that depends on the position only; NaN if unknown."""
+        """Weighted sum of log2 counts that depends only on the position; NaN if unknown."""
         return _log2(self.contrast_q20, self.flags)
 
     @property
     def brightness(self) -> float:
-        """Weighted sum of log2 counts that depends on the coupled light only; NaN if unknown."""
+        """Weighted sum of log2 counts that depends only on the coupled light; NaN if unknown.
+
+        The coupled light is the light that a press lets into the dyed guide.
+        """
         return _log2(self.brightness_q20, self.flags)
 
 
@@ -200,7 +203,7 @@ class Contact(NamedTuple):
         this finger was `CONFIRMED`.
     position_um : float
         Distance from the sensor's end of the strip, in um: measured while the finger is alone,
-        otherwise estimated. In the last frame, the last known position.
+        otherwise estimated. The last frame has the last known position.
     sigma_um : float
         Standard deviation of the position due to noise, in um.
     force_mN : float
@@ -339,7 +342,7 @@ class Decoder:
         return self._rest
 
     def forget(self) -> None:
-        """Start again in the middle of a stream: accept any sequence number next."""
+        """Drop the incomplete frame, and accept any sequence number next."""
         self._rest, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:

@@ -15,7 +15,8 @@ _EXPOSURES_US = 2_780, 3_200
 _SECONDS = 0.5  # at each exposure
 _MAINS_HZ = 50, 60
 _OFF_HZ = np.linspace(-1, 1, 5)  # deviation of the flicker's frequency, which is within 1 %
-# Power of the flicker over that of the noise. Noise alone exceeds it in one of 10^7 measurements.
+# Least power of a flicker, relative to the noise. Noise alone exceeds this limit in one of 10^7
+# measurements.
 _LEAST = 20.0
 _SAMPLES_MIN = 30
 _ROUNDING = 1 / 12  # variance of a count

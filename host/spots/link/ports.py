@@ -15,8 +15,8 @@ and may have
     Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. ``made`` is the
     session of ``spots calibrate``, or the calibration file that ``spots rezero`` corrects.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
-    Returns a `linkage.twin_source.DrivenLinkage`: a linkage that opens its boards itself. `path`,
-    `seed` and `exposure_us` must have defaults.
+    Returns a `linkage.twin_source.DrivenLinkage`: a five-bar linkage that opens its boards itself.
+    `path`, `seed` and `exposure_us` must have defaults.
 ``run_linkage(options)``
     Runs ``spots twin`` with a simulated linkage, and compares the twin with the true positions.
 ``flash_place(device)``

@@ -8,7 +8,7 @@ from spots_device.smux import CHANNELS
 
 from ..errors import printable
 
-# A reply has up to `frame.TEXT_MAX` bytes on the wire, a published sample less than twice that.
+# A reply has up to `frame.TEXT_MAX` bytes on the wire; a published sample has less than twice that.
 JSON_BYTES_MAX = 4096
 _NESTING_MAX = 64
 

@@ -18,7 +18,7 @@ except ImportError:  # Windows has none
 _FAILURES = (serial.SerialException, OSError, *([termios.error] if termios else []))
 
 WRITE_TIMEOUT_S = 2.0
-_CHUNK = 4096  # bytes of a socket at once
+_CHUNK = 4096  # most bytes of one read from a socket
 
 
 def takes_nothing(port: str) -> str:
@@ -194,7 +194,10 @@ def _usb_numbers() -> dict[str, str | None]:
 
 
 def usb_boards() -> list[list[str]]:
-    """Return the port names of each USB device: the prompt's port first, the frames' port last."""
+    """Return the port names of each USB device.
+
+    On a board with two ports, the first one is the prompt, and the last one sends the frames.
+    """
     boards: dict[str, list[str]] = {}
     for port in usb_ports():
         boards.setdefault(port.serial_number or port.device, []).append(port.device)

@@ -104,7 +104,7 @@ class LinkLoss:
         now_s : float
             Present time by the link's clock, in seconds.
         least_s : float
-            Smallest time without a reading, in seconds; see `silent_s`.
+            Time in seconds after which a reading is late; longer for a slow board, see `silent_s`.
 
         Returns
         -------

@@ -7,9 +7,9 @@ from spots_device.contact import TWO_FIT
 
 from .frames import Touch
 
-# Applications accept up to 0.3 s between readings: the message comes within a second.
+# Applications need a reading every 0.3 s at least, so the message comes within a second.
 _UNTRUSTED_S = 0.7
-# By flags; the first flags that are all set give the cause.
+# Causes by flags; the first entry whose flags are all set applies.
 _CAUSES = {
     decode.NOT_CALIBRATED: ("the board has no calibration for its settings; next: spots calibrate"),
     decode.SATURATED: (

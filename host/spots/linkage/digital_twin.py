@@ -1,4 +1,7 @@
-"""The digital twin of a five-bar linkage: end point from two encoders (paper, Fig. 7D)."""
+"""The digital twin of a five-bar linkage: computes its end point from both joint encoders.
+
+See Fig. 7D of the paper. The encoder of a joint is a strip, see `encoder`.
+"""
 
 import math
 from collections import deque

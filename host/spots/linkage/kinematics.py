@@ -32,8 +32,11 @@ NAMES = LENGTHS + tuple(_PRIORS)
 STANDARD = LENGTHS + MOUNTING + FRAME
 _ROBUST = 2.0  # above this number of standard errors, a residual is weighted less
 _OUTLIER = 5.0  # above this number of standard errors, a point is an outlier
-_KNOWN = 0.5  # a combination is determined if its error is below this share of its prior
-_NAMED = 0.3  # a combination's parameters: coefficients of at least this share of the largest
+# A linear combination of parameters is determined if its error is below this share of its prior.
+_KNOWN = 0.5
+# A combination is reported with the parameters whose coefficients are at least this share of the
+# largest one.
+_NAMED = 0.3
 _ROUNDS = 4  # number of fits; each uses weights and outliers of the previous fit
 _NONSENSE = 0.02  # a fit with residuals above this share of a bar length is refused
 
@@ -300,7 +303,7 @@ class _Fit:
 
 
 def _slopes(function, at, step):
-    """Return the derivatives of `function` at the array `at`, by each element of the array.
+    """Return the derivatives of `function` at `at`, with respect to each element of this array.
 
     They are central differences with the step `step`.
     """

@@ -20,7 +20,7 @@ from .twin_source import Source
 
 COLUMNS = ("x_mm", "y_mm", "joint1_deg", "joint2_deg", "sigma1_deg", "sigma2_deg")
 LASTS_S = 1.0  # duration of a measurement
-_LEAST = 3  # readings of each joint
+_LEAST = 3  # least number of readings of each joint
 
 
 def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) -> str:

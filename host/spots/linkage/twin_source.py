@@ -56,7 +56,7 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the one or two boards of a linkage file; use it in a ``with`` block.
 
-    Each joint's calibration must be of the joint's board, and is uploaded to this board.
+    The calibration of a joint must be from the joint's board, and is uploaded to this board.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
 
 
 class DrivenLinkage(Protocol):
-    """A linkage that opens the boards of its joints itself, such as a simulated linkage.
+    """A linkage that itself opens the boards of its joints, such as a simulated linkage.
 
     Attributes
     ----------

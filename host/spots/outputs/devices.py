@@ -122,8 +122,8 @@ class Keyboard(Output):
             Modifier keys, as bits of a USB keyboard report. They are pressed before the key, and
             released with the key unless another key needs them. Ignored if `pressed` is false.
         pressed : bool
-            True to press, False to release. A press of a pressed key has no effect, and
-            neither has a release of a released key.
+            True to press, False to release. To press a pressed key, or to release a released
+            key, has no effect.
 
         Raises
         ------

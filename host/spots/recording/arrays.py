@@ -70,13 +70,13 @@ class _Table:
 
 
 _TABLES = {kind: _Table(*layout) for kind, layout in LAYOUTS.items()}
-# Bytes of an encoded frame, by kind; a note without content is of the smallest size.
+# Bytes of an encoded frame, by kind; a note without content has the smallest size.
 _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
     NOTE: frame.HEADER_SIZE + CRC_SIZE + _COBS_SIZE
 }
 
 
-# By kind: numbers of the pieces, and the bytes of their payloads, a column for each piece.
+# By kind: indices of the pieces, and the bytes of their payloads, a column for each piece.
 _Groups = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
@@ -163,9 +163,9 @@ class _BlockDecoder(Decoder):
 class Arrays:
     """Frames of a recording, or of a block of a recording, as structured arrays.
 
-    Integers are those of the frames: an unknown position or force is 0, not NaN as in `Touch`. The
-    column ``flags`` (bits of `spots_device.decode`) shows which values are unknown. Rows are in the
-    order of arrival. The first columns of the four arrays are the same:
+    Values are the integers of the frames: an unknown position or force is 0, not NaN as in `Touch`.
+    The column ``flags`` (bits of `spots_device.decode`) shows which values are unknown. Rows are in
+    the order of arrival. The first columns of the four arrays are the same:
 
     ========== === =============================================================
     time_s     f8  time of the measurement on the host's monotonic clock, in s;

@@ -14,9 +14,9 @@ from ..link.frames import Decoder, Note, note
 from ..link.replies import validated
 
 VERSION = 1
-_PIECE = 200  # characters of the header in a note; escapes may double its length
+_PIECE = 200  # characters of the header in a note; JSON's escapes may double their number
 _COPIES = 2
-# Two headers with the longest calibration of a board, and some reserve.
+# Both copies of a header with the longest calibration of a board, and some reserve.
 _SEARCHED_BYTES = 1 << 17
 
 # Seconds since the start of a clock; at 1e9 s a float still resolves 1e-6 s.

@@ -11,12 +11,12 @@ from ..link.frames import LinkStats
 from .recorder import Recorder
 from .recording import Recording
 
-# Frames at once; a board's log has room for more, so none is dropped.
+# Frames to read at once; the log of a board has room for more, so none is dropped.
 _PUMPED_FRAMES = 1000
 
 
 class _Player:
-    """The link of a replayed board; its clock is the playback's, on the recording's time scale."""
+    """The link of a replayed board; its clock is that of the playback, see `Replay`."""
 
     def __init__(self, recording: Recording, speed: float):
         self.name = str(recording.path)
@@ -47,8 +47,8 @@ class Replay(Board):
 
     Programs read this object like any other board. Iterators end with the recording. All commands
     except ``hello`` and ``stream`` are refused, and ``stream`` has no effect: all recorded frames
-    are returned. `now_s` returns the present time of the playback, on the time
-    scale of the recording.
+    are returned. `now_s` returns the present time of the playback, on the time scale of the
+    recording.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ _PARAMETERS_MAX = 256  # characters; SPOTS itself sends none
 class Answers:
     """Collects queries of remote readers, and answers them with the board's replies.
 
-    All waiting queries for the same command get the same reply, at most a second old.
+    All waiting queries for the same command get the same reply, which is at most a second old.
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ class Remote(Board):
             # A publisher sends the frames of all sensors.
             reply = self._stream([word for word in words if word not in sensor])
         elif sensor:
-            reply = {"error": "a remote board replies for its first sensor: leave sensor= out"}
+            reply = {"error": "a remote board replies only for sensor 0: leave sensor= out"}
         elif name in READ_ONLY:
             reply = self._far.ask(name, timeout_s)
         else:
@@ -59,7 +59,7 @@ class Remote(Board):
             return {"error": "the arguments of stream are touch, spectrum, contact, or off"}
         on = kinds != ["off"]
         if on and not self._listening:
-            # Frames from before the subscription are not lost: any sequence number may come.
+            # Frames sent before the subscription do not count as lost: accept any sequence number.
             self._decoder.forget()
         self._listening = kinds if on else []
         self._far.listen(on)

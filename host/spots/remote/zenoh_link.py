@@ -30,7 +30,7 @@ class ZenohLink(Link):
         self.name = f"zenoh:{board_id}"
         self._session, self._id = session, board_id
         self._mail = Mailbox()
-        self._alive = True  # it was found a moment ago
+        self._alive = True  # the board was found a moment ago
         self._frames: zenoh.Subscriber | None = None
         self._run: bytes | None = None
         token = key(board_id, "alive")

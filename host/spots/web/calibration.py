@@ -28,7 +28,7 @@ _SAID = 4  # number of messages that are shown
 _PASSING = "touch nothing"  # end of a message that holds only during its step
 _PLACES_MIN = 3  # positions needed to know how the colour changes along the strip
 _ALONG = "hand", "position", "force", "mark"
-_MORE = 6  # presses to add if a complete session is continued
+_MORE = 6  # presses to add if a finished session is continued
 # Phases of a session, for the web UI.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 REZERO = "rezero"  # kind of a session that corrects the drift of a calibration

@@ -1,6 +1,7 @@
 """Editors: validate the TOML files that browsers edit, and store them.
 
-A key layout is stored on the board and in a file, settings of controller and gestures in a file.
+A key layout is stored on the board and in a file. Settings of controller and gestures are stored
+only in a file.
 """
 
 from collections.abc import Callable
@@ -117,9 +118,9 @@ class FileEditor(Orders):
 
 
 class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=True):
-    """Request of a browser: replace the layout with checksum `base`.
+    """Request of a browser: replace the layout whose checksum is `base`.
 
-    `loses` lists the actions that the new layout may lack.
+    `loses` lists the actions of the present layout that the new layout may lack.
     """
 
     text: Text
@@ -188,7 +189,8 @@ class LayoutEditor(FileEditor):
         note = keys.push(board, layout)
         self._use(layout)
         self._show(board.command("hello"))
-        write_text(layout.text, self._path)  # last: errors must not hide the board's layout
+        # Last, so that the web UI shows the layout of the board even if the file cannot be written.
+        write_text(layout.text, self._path)
         return {"loses": [], "note": note}
 
     def _lost(self, layout: KeyLayout) -> list[str]:
@@ -204,7 +206,7 @@ class LayoutEditor(FileEditor):
 
 
 class Save(msgspec.Struct, tag_field="do", tag="save", forbid_unknown_fields=True):
-    """Request of a browser: replace the text of the file with checksum `base`."""
+    """Request of a browser: replace the text of the file; `base` is the old text's checksum."""
 
     text: Text
     base: Base
@@ -220,7 +222,7 @@ class Kind(NamedTuple):
     usual : Path
         File to begin with if the user's file does not exist.
     table : type
-        Struct that describes the file; its bounds are sent to browsers.
+        Struct that describes the file; the bounds of its fields are sent to browsers.
     read : callable
         ``read(text, path)`` returns the settings of a text, or raises SpotsError.
     more : dict

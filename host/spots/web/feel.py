@@ -41,8 +41,8 @@ class Feel:
     controller : ControllerSettings, optional
         Settings of the gamepad; by default those of the package.
     draft : callable
-        Returns a key layout to try beside `layout`, or None. A key that this layout would press is
-        shown as an event ``tried``.
+        Returns a draft: a key layout to try beside `layout`; or None. A key that the draft would
+        press is shown as an event ``tried``.
     gestures : Mapping, optional
         Keys of the gestures; each gesture is shown with the name of the key that it presses.
     """
@@ -129,7 +129,7 @@ class Feel:
         self._show()
 
     def silence(self, sentence: str) -> None:
-        """Show `sentence`, why no readings arrive from the strip, until the next reading."""
+        """Until the next reading, show `sentence`, which says why no readings arrive."""
         if not self._silent:
             self.release()
             self._silent = sentence

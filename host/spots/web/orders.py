@@ -19,8 +19,8 @@ _WAITING_MAX = 8
 class Orders:
     """Queue of requests from browsers with the access token; a subclass handles them.
 
-    A subclass has the method ``_handle(board, request)``, which returns the answer, or its own
-    `attend`.
+    A subclass has its own `attend`, or the method ``_handle(board, request)``, which returns the
+    answer.
 
     Attributes
     ----------

@@ -23,8 +23,8 @@ from .state import PageState
 _WORDS = {"start": 0, "stop": 0, "live": 0, "play": 1, "list": 0, "compare": 2}
 _SHOWN_PER_S = 2
 _LISTED = 100  # newest recordings
-_READ_MAX = 200_000  # readings of a compared recording
-_POINTS = 1500  # of its curve
+_READ_MAX = 200_000  # most readings of a compared recording
+_POINTS = 1500  # most points of its curve
 _UNKNOWN = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
@@ -59,10 +59,12 @@ class Recordings(Orders):
         self._put({"on": False, "file": None, "playing": None})
 
     def decode(self, body: bytes) -> str:
-        """Return the request in a browser's message: a word, and names on further lines."""
+        """Return the request of a browser: a word, then a line for each name of a recording."""
         word, *names = body.decode().split("\n")
         if _WORDS.get(word) != len(names):
-            raise ValueError(f"the body must be one of {', '.join(_WORDS)}, and names of files")
+            raise ValueError(
+                f"the body must be one of {', '.join(_WORDS)}; then a line for each file name"
+            )
         return body.decode()
 
     def submit(self, request: str) -> Future:
@@ -74,7 +76,7 @@ class Recordings(Orders):
         if self._reading and not self._reading.done():
             answer.set_exception(SpotsError("recordings are being read: wait a moment"))
             return answer
-        answer.set_running_or_notify_cancel()  # a client that no longer waits changes nothing
+        answer.set_running_or_notify_cancel()  # the client cannot cancel it any more
         self._reading = answer
         self._thread.submit(self._answer, answer, getattr(self, f"_{word}"), *names)
         return answer

@@ -136,8 +136,8 @@ def serve_command(options: argparse.Namespace) -> None:
         raise SpotsError("--record-to and --session exclude each other: use only one of them")
     if options.session and ports and offered(ports[0], "calibration_setup"):
         raise SpotsError(
-            "--session needs a person who presses the strip, which a virtual board does not have: "
-            f"'spots calibrate --port {ports[0]}' calibrates it with a simulated stage"
+            "--session needs a person who presses the strip, and nobody can press a virtual board: "
+            f"use 'spots calibrate --port {ports[0]}', which simulates the presses"
         )
     if options.linkage is None:
         if len(ports) > 1:

@@ -18,7 +18,7 @@ class HIDInterface:
     def desc_cfg(self, desc, itf_num, ep_num, strs):
         desc.interface(itf_num, 1, _HID, 1 if self.protocol else 0, self.protocol)
         self._index = itf_num
-        # After this, `protocol` is the host's choice: 0 boot reports, 1 those of the descriptor.
+        # From now on the host chooses `protocol`: 0: boot reports, 1: those of the descriptor.
         self.protocol = 1
 
     def on_open(self):

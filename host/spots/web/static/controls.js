@@ -27,7 +27,7 @@ export function field(input, words = input.ariaLabel) {
   return make("label", "", make("span", "", words), input);
 }
 
-// Shows a value in a field, but not over what is being typed.
+// Shows a value in a field, unless somebody is typing in the field.
 export function put(input, value, always = false) {
   if (always || input.value === value) input.value = value;
   else if (document.activeElement !== input || !input.matches(":focus-visible")) input.value = value;

@@ -11,8 +11,8 @@ export function fill(bar, share) {
   bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
 }
 
-// Whether a reading has the position of one finger; this is null without a calibration, and while the
-// LED is off.
+// Whether a reading has the position of one finger. The position is null without a calibration, and
+// while the LED is off.
 export function placed(touch) {
   return Boolean(touch?.touching) && touch.position_um !== null && !several(touch);
 }
@@ -30,7 +30,8 @@ export function list(root, pairs) {
 }
 
 // A canvas with the resolution of the screen; `draw(context, width, height)` uses CSS pixels. Without
-// a height, the style sheet sets the height. With a key, the canvas is drawn only after a change of the key, of the canvas size or of the colours.
+// a height, the style sheet sets the height. With a key, the canvas is drawn only after a change of
+// the key, of the canvas size or of the colours.
 export function canvas(root, height) {
   const element = root.appendChild(make("canvas"));
   if (height) element.style.height = `${height}px`;

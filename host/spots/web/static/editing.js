@@ -1,6 +1,5 @@
-// A TOML file that this window edits: the draft with undo, the checks of the server, questions before
-// something is lost, import and export. Only a browser with the token has it; the server checks and
-// stores each text.
+// Editor of a TOML file: draft with undo, checks by the server, questions before something is lost,
+// import and export. Only a browser with the token shows it. The server checks and stores each text.
 import { button } from "./controls.js";
 import { make } from "./dom.js";
 import { makeDraft } from "./layout/draft.js";
@@ -8,10 +7,11 @@ import { request } from "./request.js";
 
 const CHECK_MS = 250;
 
-// `path`: of the requests. `opener`: the button that opens the panel. `begin(text, content)`: a draft.
-// `written(value, it)`: {text, lost}, the text of a draft and the number of comments that it loses.
-// `forget(value)`: a draft that has lost them. `words(it, loses)`: the state of the draft. `refresh`:
-// draws the draft. `paused`: whether a check must wait. `first(it)`: called once.
+// `path`: path of the requests. `opener`: the button that opens the panel. `it`: what the server sent.
+// `begin(text, content)` returns a draft. `written(value, it)` returns {text, lost}: the text of a
+// draft, and the number of comments that this text loses. `forget(value)` returns a draft without
+// them. `state(it, changed, loses)` returns the state of the draft in words. `refresh` draws the
+// draft. `paused` returns whether a check must wait. `first(it)` is called once.
 export function editing(root, opener, { path, store, words, begin, written, forget, refresh, first, state: stateOf, same, differs = () => {}, paused = () => false, shown = () => {} }) {
   const OPEN = `spots-editing-${path}`, closed = opener.textContent;
   let it = null, may = false, open = false, problem = "", news = "", loses = [];
@@ -106,7 +106,7 @@ export function editing(root, opener, { path, store, words, begin, written, forg
     showState();
   }
 
-  // One is asked before any comments are lost.
+  // Asks the user before comments are lost.
   async function mayLose(go) {
     const value = draft.value, { lost } = written(value, it);
     if (!lost) return true;
@@ -172,7 +172,7 @@ export function editing(root, opener, { path, store, words, begin, written, forg
     get changed() { return changed; },
     say: (text) => { news = text; showState(); },
     fail: (text) => { problem = text; showState(); },
-    // Takes what the server sent.
+    // Uses a new state of the file from the server.
     take: (part, allowed) => {
       const begins = !it;
       it = part ?? null;

@@ -2,8 +2,9 @@
 
 const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 5000;
 
-// onNews(parts) for each message, onState("connecting" | "live") as the connection opens and closes.
-// Returns a function that stores the last message; its result acknowledges this message later.
+// Calls onNews(parts) for each message, and onState("live" | "connecting") when the connection opens
+// or closes. Returns a function that stores the number of the last message, and returns a function
+// that acknowledges this message.
 export function connect(onNews, onState) {
   let socket, wait = FIRST_WAIT_MS, number = 0, acknowledged = 0;
 

@@ -21,8 +21,8 @@ import { recording } from "./panels/recording.js";
 import { next } from "./panels/next.js";
 import { link } from "./panels/link.js";
 
-// Largest drawing rate of each panel, per second: every frame for panels that follow the finger,
-// less often for charts, least often for text. And the parts that a panel shows.
+// Each panel, its largest drawing rate per second, and the parts that it shows. Panels that follow
+// the finger are drawn in every frame, charts less often, and text least often.
 const ANSWER = Infinity, LOOK = 15, READ = 5;
 const PANELS = [
   [strip, ANSWER, "board", "touch"],

@@ -9,7 +9,7 @@ export function makeDraft(STORED, onChange) {
     try {
       if (text.length < STORED_MAX) sessionStorage.setItem(STORED, text);
       else sessionStorage.removeItem(STORED);
-    } catch { /* a browser that stores nothing forgets it on a reload */ }
+    } catch { /* the browser stores nothing: a reload loses the draft */ }
   };
   const move = (from, to) => {
     if (!from.length) return;
@@ -20,7 +20,7 @@ export function makeDraft(STORED, onChange) {
   };
   try {
     ({ past, now, future, base } = JSON.parse(sessionStorage.getItem(STORED)) ?? { past, now, future, base });
-  } catch { /* the same */ }
+  } catch { /* as above */ }
 
   return {
     get value() { return now === null ? null : JSON.parse(now); },
@@ -29,7 +29,7 @@ export function makeDraft(STORED, onChange) {
     set base(value) { base = value; keep(); },
     get canUndo() { return past.length > 0; },
     get canRedo() { return future.length > 0; },
-    // With `replace`, no step of its own: for a border that moves with the pointer.
+    // With `replace`, this is not a new step of undo: for a border that moves with the pointer.
     set(value, replace = false) {
       const text = JSON.stringify(value);
       if (text === now) return;

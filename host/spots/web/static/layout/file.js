@@ -61,7 +61,7 @@ function rounded(width) {
   return Math.max(Number(width.toFixed(4)), 0.0001);
 }
 
-// Calls back with each table and name that can have an action.
+// Calls `visit(table, name)` for each action of a layout.
 function eachAction(content, visit) {
   for (const layer of content.layer) {
     for (const name of Object.keys(SWIPES)) if (layer[name]) visit(layer, name);
@@ -72,7 +72,7 @@ function eachAction(content, visit) {
   }
 }
 
-// Gives a layer another name, and removes its actions if the name is empty.
+// Renames a layer. With an empty name, removes the layer and all actions that switch to it.
 export function renameLayer(content, index, name) {
   const before = content.layer[index].name;
   eachAction(content, (where, slot) => {

@@ -1,4 +1,4 @@
-// A calibration session by hand: where to press, how steady, what was wrong, and the residuals.
+// A calibration session by hand: where to press, how steady the press is, faults, and residuals.
 // Only a browser with the token has the controls; all others watch.
 import { canvas, colours, fill, make } from "../dom.js";
 import { request } from "../request.js";

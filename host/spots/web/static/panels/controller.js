@@ -60,7 +60,7 @@ export function controller(root) {
         fields[0].show(axis);
         fields[1].show(axis.smooth);
       },
-      // The reading through the draft.
+      // Adds a reading and the draft's value of the axis.
       take: (axis, touch) => {
         const { name: field, rest, low, high } = range(axis, length_um);
         if (!placed(touch) || touch[field] === null) {
@@ -175,7 +175,7 @@ function y(v) {
 function curve(c, width, axis, { rest, low, high }, end, ends, raw, out) {
   frame(c, width, ...ends);
   const x = (value) => (width * Math.min(Math.max(value, 0), end)) / end;
-  // The deadband, as the values of the strip that give 0.
+  // The deadband: the values of the strip at which the axis is 0.
   const from = Number.isFinite(low) ? rest - axis.deadband * (rest - low) : 0, to = rest + axis.deadband * (high - rest);
   c.fillStyle = colours.faint;
   c.fillRect(x(from), y(1), Math.max(x(to) - x(from), 1), y(-1) - y(1));

@@ -1,4 +1,4 @@
-// The layout editor: zones over the living strip, their actions, and the way to the board.
+// The layout editor: zones over the live strip, their actions, and the button that stores them.
 // Only a browser with the token has it; the server checks and stores each layout.
 import { button, field, number, put, sliderField, text } from "../controls.js";
 import { canvas, colours, make, placed } from "../dom.js";
@@ -132,7 +132,7 @@ export function editor(root) {
     engine.say(refused ?? "the board has its default layout again; Undo restores your layout in this editor");
   });
 
-  // Zones and borders. Tab reaches the zone that is shown below and its borders; arrows do the rest.
+  // Zones and borders. Tab reaches the chosen zone and its borders; arrows choose and move.
   const zoneElements = [], borders = [];
   function zoneElement(i) {
     return zoneElements[i] ??= (() => {
@@ -287,7 +287,7 @@ export function editor(root) {
         c.stroke();
         c.fillText(`${text}, ${mN} mN`, 4, y(mN) - 3);
       }
-      // From the begin of the last touch.
+      // From the beginning of the last touch.
       const from = points.findLastIndex(([, mN], i) => mN && !points[i - 1]?.[1]);
       if (from >= 0) for (const [text, ms] of times) {
         const at = x(points[from][0] + ms / 1000);

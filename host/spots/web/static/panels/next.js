@@ -1,4 +1,4 @@
-// Why there is no valid reading of the strip, and the next step; empty if there is one.
+// Why the strip has no valid reading, and the next step; empty while readings are valid.
 import { several } from "../dom.js";
 
 export function next(root) {

@@ -1,4 +1,4 @@
-// The recordings of the folder: a list, one that is played instead of the board, and two as curves.
+// Lists the recordings in the folder, plays one instead of the board, and compares two as curves.
 import { button } from "../controls.js";
 import { FULL_FORCE_MN, canvas, colours, make } from "../dom.js";
 import { request } from "../request.js";
@@ -44,7 +44,7 @@ export function recordings(root) {
       box.type = "checkbox";
       box.ariaLabel = `Compare ${name}`;
       box.checked = chosen.includes(name);
-      // The last two stay chosen.
+      // At most two are chosen: the last two.
       box.addEventListener("change", () => {
         chosen = [...chosen.filter((one) => one !== name), ...(box.checked ? [name] : [])].slice(-2);
         for (const one of list.querySelectorAll("input")) one.checked = chosen.includes(one.value);

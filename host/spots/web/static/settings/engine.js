@@ -14,7 +14,7 @@ export function settingsEditing(root, opener, path, chooser, options) {
       return { text, lost: value.agreed ? 0 : Math.max(count(value.text) - count(text), 0) };
     },
     forget: (value) => ({ ...value, agreed: true }),
-    // A text that the server reads in another way is written as a whole.
+    // If the server reads other values from the patched text, the whole file is written anew.
     differs: (value, { content }) => {
       if (content && !value.whole && !same(content, value.content)) engine.draft.set({ ...value, whole: true }, true);
     },

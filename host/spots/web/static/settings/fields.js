@@ -4,7 +4,7 @@ import { make } from "../dom.js";
 
 // Words, unit, end of the slider and its step.
 const NUMBERS = {
-  hold_ms: ["Keep the last state without readings for", "ms", 1000, 5], release_ms: ["A touch ends without light after", "ms", 200, 1],
+  hold_ms: ["Without readings, keep the last state for", "ms", 1000, 5], release_ms: ["Without light, a touch ends after", "ms", 200, 1],
   rate_hz: ["States per second", "Hz", 500, 5],
   rest_percent: ["Rest", "% of the strip", 100, 0.5], min_percent: ["Low end", "% of the strip", 100, 0.5], max_percent: ["High end", "% of the strip", 100, 0.5],
   rest_mN: ["No deflection up to", "mN", 12000, 50], max_mN: ["Full deflection from", "mN", 12000, 50],
@@ -13,7 +13,7 @@ const NUMBERS = {
   derivative_cutoff_hz: ["Filter: cutoff of the speed", "Hz", 50, 0.5],
   number: ["Number", "", 16, 1], from_percent: ["Zone from", "% of the strip", 100, 0.5], to_percent: ["Zone to", "% of the strip", 100, 0.5],
   press_mN: ["Press from", "mN", 12000, 50], release_mN: ["Release below", "mN", 12000, 50],
-  longest_ms: ["Longest touch", "ms", 1000, 5], pulse_ms: ["Down for", "ms", 500, 5],
+  longest_ms: ["Longest touch", "ms", 1000, 5], pulse_ms: ["Button is down for", "ms", 500, 5],
   least_confidence: ["Least confidence that presses a key", "", 1, 0.01],
 };
 
