@@ -5,7 +5,7 @@ Runs in MicroPython and, for a board without MicroPython, in CPython.
 
 import sys
 
-_TAKEN = 66  # decode.TAKEN
+_TAKEN = 27  # decode.TAKEN
 
 
 def _kind_of_contact(tracker, *_):

@@ -59,6 +59,7 @@ from .contact_state import (
     CALM,
     DECAY,
     DETECT,
+    DOWN,
     DRIFTS,
     EVEN,
     FALLS,
@@ -75,6 +76,7 @@ from .contact_state import (
     HIGH_MN,
     HIGH_UM,
     HINT_UM,
+    IGNORED,
     IS_CALM,
     IS_EVEN,
     JUMP_UM,
@@ -91,6 +93,7 @@ from .contact_state import (
     LOW_UM,
     MORE,
     NEAR_UM,
+    NEVER,
     NOISE_PRODUCT,
     ODD,
     PAIR,
@@ -109,6 +112,7 @@ from .contact_state import (
     SIZE,
     SLACK_GUESS_UM,
     SOON,
+    SPENT,
     STATE,
     STEP_UM,
     STILL,
@@ -116,6 +120,8 @@ from .contact_state import (
     T_NOW,
     THIRD,
     TICKS,
+    TWO,
+    UP,
     X_BEFORE_UM,
     X_GUESS_UM,
     X_NOW_UM,
@@ -140,9 +146,11 @@ from .evidence import (
     has_left,
     recalls,
     remains,
+    slack_um,
     slides,
 )
 from .locate import noise
+from .steady import stays
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
@@ -150,11 +158,6 @@ DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
 TWO_FIT = MISFIT | TOO_DARK
 _BLIND = NOT_CALIBRATED | SATURATED
 TICK_US = 1024  # see `TICKS`
-
-_UP = const(0)
-_DOWN = const(1)
-_SPENT = const(2)  # the finger or object must be lifted before the next touch
-_TWO = const(3)
 
 # Product of the light in counts and the standard deviation of the position in um by ADC noise, at
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
@@ -171,7 +174,6 @@ _FALLEN = const(772_000)  # 0.6
 # Share of the estimate's uncertainty that must be inside a key, in eighths; `SOON`: about two
 # standard deviations; `_LATER`: about one, because the key would be lost otherwise.
 _LATER = const(4)
-_NEVER = const(1 << 29)
 _FALL_T = const(34)  # longest time in which a finger lifts
 # Limits for the detection of a third finger.
 _GROWN = const(116_000)  # 1.08
@@ -195,7 +197,8 @@ class ContactTracker:
     sink : object
         Receiver with these methods; `t` is the time in ticks of `TICK_US`, `x_um` a position in um:
         ``down(x_um, t)``: a finger touches. ``at(x_um, t)``: new position of this finger, while it
-        is alone. ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
+        is alone; if the method returns true, the tracker may stop to report the positions of this
+        finger. ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
         ``up(t)``: the finger has left. ``next(x_um, t)``: the finger has left, and another one
         touches. ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger. If
         the strip length is known, also these methods: ``second(x_um, slack_um, t) -> bool``: a
@@ -208,30 +211,35 @@ class ContactTracker:
     def __init__(self, sink):
         self.sink = sink
         self._layout = None
-        self._s = s = array("i", bytes(4 * SIZE))
-        s[STATE] = _SPENT
-        s[FIRM_MN] = _NEVER
+        self.state = s = array("i", bytes(4 * SIZE))
+        s[STATE] = SPENT
+        s[FIRM_MN] = NEVER
+
+    def report_to(self, sink):
+        """Use another receiver; it gets the positions of a finger that already touches."""
+        self.sink = sink
+        self.state[IGNORED] = False
 
     @property
     def x_um(self):
         """Position of the first finger in um."""
-        return self._s[X_UM]
+        return self.state[X_UM]
 
     @property
     def force_mN(self):
         """Force of the last reading that fits one press, in mN."""
-        return self._s[FORCE_MN]
+        return self.state[FORCE_MN]
 
     @property
     def touched(self):
         """Whether a finger with a known position touches the strip."""
-        s = self._s
-        return s[STATE] == _DOWN or (s[STATE] == _TWO and s[KNOWN])
+        s = self.state
+        return s[STATE] == DOWN or (s[STATE] == TWO and s[KNOWN])
 
     @property
     def two(self):
         """Whether more than one finger may touch the strip."""
-        return self._s[STATE] == _TWO
+        return self.state[STATE] == TWO
 
     def set_layout(self, layout, length_um=0, decay=0):
         """Set the limits and the strip length; a finger that touches is ignored until it lifts.
@@ -246,7 +254,7 @@ class ContactTracker:
         decay : int
             Decay of the light by the dye, see `locate.locate`.
         """
-        s = self._s
+        s = self.state
         self._layout = layout
         s[RELEASE_MN] = layout.release_mN
         s[PRESS_MN] = layout.press_mN
@@ -265,8 +273,8 @@ class ContactTracker:
 
     def spend(self):
         """End the present touch; the finger must be lifted before a new touch can begin."""
-        s = self._s
-        s[STATE] = _SPENT
+        s = self.state
+        s[STATE] = SPENT
         s[SEEN] = 0
         s[LEAVING] = False
 
@@ -286,19 +294,23 @@ class ContactTracker:
         """
         # The call frames of this function and of most that it calls have at most 11 words, see
         # strip.py: the reading is in the state.
-        s = self._s
+        s = self.state
         if flags & LED_OFF:
             return  # with the LED off, a touch cannot be detected
         s[X_NOW_UM] = position_um
         s[FORCE_NOW_MN] = force_mN
         s[B_NOW] = brightness
         s[T_NOW] = t
+        if s[STATE] == DOWN and stays(s, flags):
+            if not s[IGNORED] and self.sink.at(position_um, t):
+                s[IGNORED] = True
+            return
         if not flags & TOUCHING or (force_mN < s[RELEASE_MN] and not flags & DOUBTFUL):
-            if s[STATE] != _UP:
+            if s[STATE] != UP:
                 self._lift(t)
             else:
                 s[SEEN] = 0
-            if force_mN and not flags & MISFIT and s[STATE] == _UP:
+            if force_mN and not flags & MISFIT and s[STATE] == UP:
                 self._approach()
             return
         if s[LEAVING]:
@@ -311,32 +323,32 @@ class ContactTracker:
         if s[FITS]:
             s[FORCE_MN] = force_mN
             if s[STUCK_T] and s[STATE] and self._rests():
-                s[STATE] = _SPENT
+                s[STATE] = SPENT
                 self.sink.stuck()
                 return
         elif not s[LENGTH_UM]:
             return
-        if s[STATE] == _DOWN:
+        if s[STATE] == DOWN:
             self._follow()
-        elif s[STATE] == _UP:
+        elif s[STATE] == UP:
             self._press()
-        elif s[STATE] == _TWO:
+        elif s[STATE] == TWO:
             self._part()
-        if s[STATE] == _DOWN:
+        if s[STATE] == DOWN:
             s[DRIFTS] = flags & MISFIT
         s[T] = t
 
     def _lift(self, t):
-        s = self._s
+        s = self.state
         if not s[LEAVING]:
             s[LEAVING] = True
             s[LEFT] = s[T]
         if elapsed(s[LEFT], t) < s[RELEASE_T]:
             return
         s[LEAVING] = False
-        if s[STATE] == _TWO and has_almost_left(s):
+        if s[STATE] == TWO and has_almost_left(s):
             self.sink.next(s[X_SEEN_UM], t)
-        down, s[STATE] = self.touched, _UP
+        down, s[STATE] = self.touched, UP
         s[SEEN] = 0
         if down:
             self.sink.up(t)
@@ -345,7 +357,7 @@ class ContactTracker:
 
     def _approach(self):
         """Record a reading that may be the first reading of a touch."""
-        s = self._s
+        s = self.state
         s[BEGAN] = s[SINCE] = s[T_NOW]
         s[X_UM] = s[X_SEEN_UM] = s[X_NOW_UM]
         s[B_SEEN] = s[B_NOW]
@@ -353,7 +365,7 @@ class ContactTracker:
         s[SEEN] = 1
 
     def _press(self):
-        s = self._s
+        s = self.state
         if s[FORCE_NOW_MN] < s[PRESS_MN]:
             s[SEEN] = 0
             if s[FITS]:
@@ -366,11 +378,11 @@ class ContactTracker:
         elif (
             s[FITS]
             and s[SEEN] > 0
-            and abs(moved_um) < (self._slack_um() * 5 >> 2 if s[LENGTH_UM] else s[JUMP_UM])
+            and abs(moved_um) < (slack_um(s, s[B_SEEN]) * 5 >> 2 if s[LENGTH_UM] else s[JUMP_UM])
         ):
             s[SEEN] += 1
         else:
-            steady = s[STEP_UM] and abs(moved_um - s[STEP_UM]) < self._slack_um()
+            steady = s[STEP_UM] and abs(moved_um - s[STEP_UM]) < slack_um(s, s[B_SEEN])
             if s[FITS] and steady and abs(moved_um) <= s[JUMP_UM]:
                 s[SEEN] = s[DETECT]  # the finger slides already
             else:
@@ -396,11 +408,11 @@ class ContactTracker:
     # State DOWN.
 
     def _begin(self, x_um, brightness):
-        s = self._s
-        s[STATE] = _DOWN
+        s = self.state
+        s[STATE] = DOWN
         s[SEEN] = 0
         s[LOOSE] = False
-        s[HAS_DIPPED] = False
+        s[HAS_DIPPED] = s[IGNORED] = False
         s[X_UM] = s[X_BEFORE_UM] = x_um
         s[B] = s[B_BEFORE] = brightness
         s[B_OLDEST] = 0
@@ -409,7 +421,7 @@ class ContactTracker:
         self._rest(x_um)
 
     def _follow(self):
-        s = self._s
+        s = self.state
         x_um = s[X_NOW_UM]
         off_um = x_um - s[X_UM]
         if s[FITS] and -SAME_UM < off_um < SAME_UM:
@@ -436,7 +448,7 @@ class ContactTracker:
 
         `off_um` is the distance of the reading from the finger, in um.
         """
-        s = self._s
+        s = self.state
         brightness = s[B_NOW]
         if s[FITS] and not s[HAS_DIPPED]:
             if abs(off_um) < 4 * self.noise_um(brightness):
@@ -470,18 +482,18 @@ class ContactTracker:
     # State TWO.
 
     def _mix(self):
-        s = self._s
-        s[STATE] = _TWO
+        s = self.state
+        s[STATE] = TWO
         s[BEGAN] = s[T_NOW]
         s[ODD] = s[SECOND] = s[THIRD] = False
         s[RESTED] = s[GUESSED] = s[PAIR] = False
         s[B_BOTH] = 0
-        s[HINT_UM] = -_NEVER
+        s[HINT_UM] = -NEVER
         s[PEAK] = s[LEAST] = s[LOW] = s[B_NOW]
         s[X_PEAK_UM] = s[X_NOW_UM]
 
     def _part(self):
-        s = self._s
+        s = self.state
         # While the first finger lifts, the light is lost. More light: another finger arrives.
         if (
             s[B_NOW] > s[B_SEEN] + RISEN
@@ -496,7 +508,7 @@ class ContactTracker:
         # The light of two fingers was lost and grows again: a third finger.
         if s[LOW] < s[PEAK] - LOST and s[B_NOW] > s[LOW] + _GROWN and s[PEAK] > s[B] + _BOTH:
             s[THIRD] = True
-        compare(s, self._slack_um())
+        compare(s)
         if not s[FITS]:
             s[ODD] = True
         how = 0
@@ -523,7 +535,7 @@ class ContactTracker:
             self._remain(how)
 
     def _guess(self):
-        s = self._s
+        s = self.state
         if guess(s) if s[IS_EVEN] else s[RISES] and s[PAIR] and guess_both(s):
             s[SECOND] = self.sink.second(s[X_GUESS_UM], s[SLACK_GUESS_UM] * SOON >> 3, s[T_NOW])
             s[X_SECOND_UM] = s[X_GUESS_UM]
@@ -534,7 +546,7 @@ class ContactTracker:
 
     def _remain(self, how):
         # Only one finger seems to touch. `how`: the result of `evidence.remains`, or 0.
-        s = self._s
+        s = self.state
         x_um = s[X_NOW_UM]
         t = s[T_NOW]
         if not s[KNOWN]:
@@ -581,7 +593,7 @@ class ContactTracker:
 
     def _resolve(self):
         """Update the light of two known fingers; return whether one of them has left."""
-        s = self._s
+        s = self.state
         if s[IS_EVEN]:
             self._resolve_even()
             return True
@@ -621,7 +633,7 @@ class ContactTracker:
         return True
 
     def _resolve_even(self):
-        s = self._s
+        s = self.state
         if beside(s):
             near = abs(s[FOUND_UM] - s[X_SECOND_UM]) < NEAR_UM
             if near and s[B_NOW] == s[PEAK]:
@@ -642,7 +654,7 @@ class ContactTracker:
 
     def _recall(self):
         """Report a second finger that was not found while two fingers touched."""
-        s = self._s
+        s = self.state
         if recalls(s) and self.sink.second(s[FOUND_UM], s[FOUND_SLACK_UM] * _LATER >> 3, s[T_NOW]):
             self.sink.left(True, s[T_NOW])
 
@@ -651,21 +663,16 @@ class ContactTracker:
 
         `brightness` is that of the reading, in Q20 of log2.
         """
-        return noise(self._s[NOISE_PRODUCT], brightness)
-
-    def _slack_um(self):
-        s = self._s
-        # Largest difference of two readings of a resting finger, by the noise of the darker one.
-        return max(REST_UM, noise(s[NOISE_PRODUCT], min(s[B_NOW], s[B_SEEN])) * 7 >> 1)
+        return noise(self.state[NOISE_PRODUCT], brightness)
 
     def _harden(self):
-        s = self._s
-        if s[FORCE_NOW_MN] >= s[FIRM_MN] and s[STATE] == _DOWN:
-            s[FIRM_MN] = _NEVER
+        s = self.state
+        if s[FORCE_NOW_MN] >= s[FIRM_MN] and s[STATE] == DOWN:
+            s[FIRM_MN] = NEVER
             self.sink.firm(s[T_NOW])
 
     def _rests(self):
-        s = self._s
+        s = self.state
         if not (
             s[LOW_UM] <= s[X_NOW_UM] <= s[HIGH_UM] and s[LOW_MN] <= s[FORCE_NOW_MN] <= s[HIGH_MN]
         ):
@@ -677,7 +684,7 @@ class ContactTracker:
         return True
 
     def _rest(self, x_um):
-        s = self._s
+        s = self.state
         off_um = self._layout.slide_um >> 1
         force_mN = s[FORCE_NOW_MN]
         s[LOW_UM] = x_um - off_um

@@ -35,23 +35,24 @@ SAMPLES, FLOOR_SAMPLES, LOG_SAMPLES = range(5, 8)
 TOUCH_ON_MN, TOUCH_OFF_MN, DRIFT_MAX = range(8, 11)
 # Sum of the six sums of counts. kernel.py defines the elements before and after it.
 LIGHT = 14
+# Time without a touch in us. Change of the ambient light, see dark.py: light without a touch plus
+# 1, or 0 from a dark window to the next reading without a touch; duration in us.
+IDLE_US, LEVEL, ODD_US = range(20, 23)
+# Dark frame: its age and largest age in us, us that a sample adds, and whether one is wanted (0, 1,
+# or `CHECK`: a window for the present mean).
+AGE_US, EVERY_US, AGE_STEP_US, WANTED = range(23, 27)
+CHECK = 2
+# Samples of the present reading; its flags; exposure; `DROPPED` if samples are missing before it;
+# its flags before keys and contacts changed them; byte 0 of its TOUCH frame, or 0 if it is not
+# streamed.
+TAKEN, PENDING, EXPOSURE_US, MISSING, ESTIMATED, STREAMED = range(27, 33)
+# Whether the baseline is tracked: 0, 1, or 2 if the next reading becomes the baseline. Samples of a
+# complete reading. Time without a touch before the next dark frame. Right shift from Q12 to the
+# floor. Whether the baseline has been measured.
+FOLLOWS, AVERAGE, IDLE_MIN_US, SHIFT, FOLLOWED = range(33, 38)
 # Six elements each: sums of counts; sum of dark frame and baseline (`floor`), as sums over
 # `FLOOR_SAMPLES`; baseline, and mean of the dark frame, both counts in Q12.
-SUMS, FLOOR, REST, DARK = range(30, 54, 6)
-# Right shift from Q12 to the floor. Whether the baseline is tracked: 0, 1, or 2 if the next reading
-# becomes the baseline; whether it has been measured. Time without a touch in us.
-SHIFT, FOLLOWS, FOLLOWED, IDLE_US = range(54, 58)
-# Change of the ambient light, see dark.py: light without a touch plus 1, or 0 from a dark window to
-# the next reading without a touch; duration in us.
-LEVEL, ODD_US = 58, 59
-# Dark frame: its age and largest age in us, us that a sample adds, whether one is wanted (0, 1, or
-# `CHECK`: a window for the present mean), and the time without a touch before the next one.
-AGE_US, EVERY_US, AGE_STEP_US, WANTED, IDLE_MIN_US = range(60, 65)
-CHECK = 2
-# Samples of a complete reading, and of the present one; its flags; exposure; `DROPPED` if samples
-# are missing before it; its flags before keys and contacts changed them; byte 0 of its TOUCH
-# frame, or 0 if it is not streamed.
-AVERAGE, TAKEN, PENDING, EXPOSURE_US, MISSING, ESTIMATED, STREAMED = range(65, 72)
+SUMS, FLOOR, REST, DARK = range(48, 72, 6)
 STATE_SIZE = 72
 
 # Indices of the array `head`, the header of a frame: kind and sensor, sequence number, low and high

@@ -45,6 +45,7 @@ from .contact_state import (
     LOW,
     MORE,
     NEAR_UM,
+    NOISE_PRODUCT,
     PEAK,
     REST_UM,
     RESTED,
@@ -72,7 +73,7 @@ from .contact_state import (
     B,
     T,
 )
-from .locate import estimate, power
+from .locate import estimate, noise, power
 from .second import may_rest, weigh
 
 SINGLE = 1  # results of `remains`
@@ -90,12 +91,11 @@ _OTHER = const(150_000)  # 1.1
 _SINGLE = const(419_000)  # 1.32
 
 
-def compare(s, slack_um):
+def compare(s):
     """Compare the present reading with the readings before, while there may be two fingers.
 
     Updates elements of the state `s` of a `contact.ContactTracker`: the extremes of the brightness,
-    the rest of the position, the last reading and the present one. `slack_um` is the largest
-    distance between two readings of a resting position, in um.
+    the rest of the position, the last reading and the present one.
     """
     x_um = s[X_NOW_UM]
     brightness = s[B_NOW]
@@ -107,15 +107,15 @@ def compare(s, slack_um):
     if brightness < s[LEAST]:
         s[LEAST] = brightness
     s[X_LAST_UM] = x_last_um = s[X_SEEN_UM]
-    s[B_LAST] = s[B_SEEN]
+    s[B_LAST] = b_last = s[B_SEEN]
     s[X_SEEN_UM] = x_um
     s[B_SEEN] = brightness
-    steady = abs(x_um - x_last_um) < slack_um
-    if brightness > s[B_LAST] + RISEN:
+    steady = -REST_UM < x_um - x_last_um < REST_UM or abs(x_um - x_last_um) < slack_um(s, b_last)
+    if brightness > b_last + RISEN:
         s[B_BOTH] = 0
     elif s[RESTED] and not steady:
         s[X_BOTH_UM] = x_last_um
-        s[B_BOTH] = s[B_LAST]
+        s[B_BOTH] = b_last
         s[FIT_BOTH] = s[FIT_SEEN]
     s[RESTED] = steady
     s[FIT_SEEN] = s[FITS]
@@ -127,6 +127,14 @@ def compare(s, slack_um):
         s[B_SINCE] = brightness
     s[STEP_LAST_UM] = s[STEP_UM]
     s[STEP_UM] = abs(x_um - s[X_UM]) - abs(x_last_um - s[X_UM])
+
+
+def slack_um(s, b_last):
+    """Return the largest distance between two readings of a resting finger, in um.
+
+    These are the present reading and one of the brightness `b_last`. The darker one has more noise.
+    """
+    return max(REST_UM, noise(s[NOISE_PRODUCT], min(s[B_NOW], b_last)) * 7 >> 1)
 
 
 def beside(s):
@@ -335,25 +343,24 @@ def remains(s):
 
     `SINGLE`: the light changed, but not the position. `ENDS`: the first finger has almost left.
     """
-    moved_um = abs(s[X_NOW_UM] - s[X_LAST_UM])
-    # With two fingers, this change of light would move the position.
+    # At most 11 words in the call frame, see strip.py. With two fingers, this change of light would
+    # move the position.
     change = abs(s[B_NOW] - s[B_LAST])
     how = 0
-    if change > _CHANGED and moved_um < max(
-        REST_UM, (change >> 12) * min(abs(s[X_NOW_UM] - s[X_UM]), 100_000) >> 12
+    if change > _CHANGED and abs(s[X_NOW_UM] - s[X_LAST_UM]) < max(
+        REST_UM, min(abs(s[X_NOW_UM] - s[X_UM]), 100_000) * (change >> 12) >> 12
     ):
         how = SINGLE
     # While the first finger lifts, the position approaches the second finger, in ever smaller
     # steps. The remaining distance is about the square of a step divided by the step before.
     # Or the second finger was estimated here before.
-    step_um = s[STEP_UM]
-    if (abs(s[X_NOW_UM] - s[HINT_UM]) < NEAR_UM and s[B_NOW] < s[PEAK] - EVEN) or (
+    if (-NEAR_UM < s[X_NOW_UM] - s[HINT_UM] < NEAR_UM and s[B_NOW] < s[PEAK] - EVEN) or (
         s[FALLS]
         and not s[THIRD]
         and (s[T_NOW] - s[FELL]) & (TICKS - 1) >= LIFTS_T
         and s[B_NOW] > s[B_LAST] - LOST
-        and 0 < step_um < _FAST_UM
-        and step_um * step_um < s[STEP_LAST_UM] * _REMAINS_UM
+        and 0 < s[STEP_UM] < _FAST_UM
+        and s[STEP_UM] * s[STEP_UM] < s[STEP_LAST_UM] * _REMAINS_UM
     ):
         how |= ENDS
     return how

@@ -47,7 +47,7 @@ class Fingers:
         """
         self._tracker = tracker
         self._sink = sink
-        tracker.sink = self
+        tracker.report_to(self)
 
     def send(self, sensor, reading):
         """Send a frame for each finger of a reading that the tracker has already processed.

@@ -76,7 +76,7 @@ from .smux import CHANNELS
 # logarithms (Q20); up to three values that `look_up` returns.
 DRIFT, LEARNS, SEEN = range(11, 14)
 MISFIT_Q12, TOLERANCE_Q12 = 15, 16
-LOGS, FOUND = 17, 27
+FOUND, LOGS = 17, 42
 
 IDLE_US_MAX = 1_000_000  # the time without a touch stops here
 # The ambient light has changed if a touch does not fit one press for `ODD_US_MAX`, or if the sum of

@@ -60,12 +60,13 @@ def process(
 ) -> int:
     # state: 0 FLAGS, 1 CONTRAST, 2 BRIGHTNESS, 3 POSITION_UM, 4 FORCE_MN, 5 SAMPLES,
     # 6 FLOOR_SAMPLES, 7 LOG_SAMPLES, 8 TOUCH_ON_MN, 9 TOUCH_OFF_MN, 10 DRIFT_MAX, 11 DRIFT,
-    # 12 LEARNS, 13 SEEN, 14 LIGHT, 15 MISFIT_Q12, 16 TOLERANCE_Q12, 17 to 22 LOGS, 23 to 26 sums
-    # of weights times LOGS (coarse contrast, misfit, contrast, brightness), 27 to 29 FOUND,
-    # 30 SUMS, 36 FLOOR, 42 REST, 48 DARK, 54 SHIFT, 55 FOLLOWS, 56 FOLLOWED, 57 IDLE_US, 58 LEVEL,
-    # 59 ODD_US, 60 AGE_US, 61 EVERY_US, 62 AGE_STEP_US, 63 WANTED, 64 IDLE_MIN_US, 65 AVERAGE,
-    # 66 TAKEN, 67 PENDING, 68 EXPOSURE_US, 69 MISSING, 70 ESTIMATED, 71 STREAMED.
-    # Element 27 is scratch too: storing truncates a sum to 32 bits.
+    # 12 LEARNS, 13 SEEN, 14 LIGHT, 15 MISFIT_Q12, 16 TOLERANCE_Q12, 17 to 19 FOUND, 20 IDLE_US,
+    # 21 LEVEL, 22 ODD_US, 23 AGE_US, 24 EVERY_US, 25 AGE_STEP_US, 26 WANTED, 27 TAKEN, 28 PENDING,
+    # 29 EXPOSURE_US, 30 MISSING, 31 ESTIMATED, 32 STREAMED, 33 FOLLOWS, 34 AVERAGE,
+    # 35 IDLE_MIN_US, 36 SHIFT, 37 FOLLOWED, 38 to 41 sums of weights times LOGS (coarse contrast,
+    # misfit, contrast, brightness), 42 to 47 LOGS, 48 SUMS, 54 FLOOR, 60 REST, 66 DARK.
+    # Element 17 is scratch too: storing truncates a sum to 32 bits.
+    # Machine code for an element above 31 is longer.
     # tables: 0 SEGMENTS, 1 FORCES, 2 WEIGHTS, 14 BOUNDS; the last bound is at 12 + 2 * segments.
     # flags: 1 TOUCHING, 4 TOO_DARK, 16 MISFIT, 64 NOT_CALIBRATED, 128 LED_OFF, 256 READ, 512 SEND,
     # 1024 TWO. WANTED: 2 CHECK. Result: 4096 COMPLETE, 8192 ODD, 16384 DUE; 28672 is their sum.
@@ -79,19 +80,19 @@ def process(
     parts = flags
     size = flags >> 16
     if parts & 256:
-        taken = state[66]
-        state[66] = taken + 1
+        taken = state[27]
+        state[27] = taken + 1
         for i in range(6):
             n = counts[i]
             if taken:
-                n += state[30 + i]
-            state[30 + i] = n
-        flags = (flags & 255) | state[67]
-        state[67] = flags
-        if state[60] < state[61]:
-            state[60] = state[60] + state[62]
-        if taken + 1 < state[65] and flags & 128 == 0:
-            if state[63]:
+                n += state[48 + i]
+            state[48 + i] = n
+        flags = (flags & 255) | state[28]
+        state[28] = flags
+        if state[23] < state[24]:
+            state[23] = state[23] + state[25]
+        if taken + 1 < state[34] and flags & 128 == 0:
+            if state[26]:
                 done = 16384
             return done
         done = 4096
@@ -110,9 +111,9 @@ def process(
         is_dark = 0
         table = ptr32(TABLE)
         for i in range(6):
-            n = state[30 + i]
+            n = state[48 + i]
             light += n
-            n = n * state[6] - state[5] * state[36 + i]
+            n = n * state[6] - state[5] * state[54 + i]
             if n <= 0:
                 is_dark = 4
                 continue
@@ -127,7 +128,7 @@ def process(
             step = (n >> 14) & 511
             low = table[step]
             low += ((n & 16383) * (table[step + 1] - low)) >> 14
-            state[17 + i] = (exponent << 20) + ((low + 8) >> 4)
+            state[42 + i] = (exponent << 20) + ((low + 8) >> 4)
         state[14] = light
         flags |= is_dark
         if flags & 68:
@@ -138,7 +139,7 @@ def process(
         first = 2
         for row in range(4):
             if row == 2:
-                at = (state[23] ^ sign) - sign
+                at = (state[38] ^ sign) - sign
                 state[1] = at
                 first = 12 + 2 * tables[0]
                 while first > 14 and at < (tables[first] ^ sign) - sign:
@@ -148,15 +149,15 @@ def process(
             low = 0
             for i in range(6):
                 weight = tables[first]
-                n = state[17 + i]
+                n = state[42 + i]
                 high += weight * (n >> 13)
                 low += weight * (n & 8191)
                 first += 1
-            state[27] = low
-            state[23 + row] = high + (((state[27] ^ sign) - sign) >> 13)
+            state[17] = low
+            state[38 + row] = high + (((state[17] ^ sign) - sign) >> 13)
 
         # Row 0: the segment's table of positions; row 1: the table of forces.
-        at = (state[25] ^ sign) - sign
+        at = (state[40] ^ sign) - sign
         for row in range(2):
             knots = tables[first]
             low = first + 1
@@ -178,21 +179,21 @@ def process(
             for i in range(3 - row):
                 low += knots
                 n = tables[low]
-                state[27 + i] = tables[low + 1] - n
-                state[27 + i] = n + (at * ((state[27 + i] ^ sign) - sign) + half) // width
+                state[17 + i] = tables[low + 1] - n
+                state[17 + i] = n + (at * ((state[17 + i] ^ sign) - sign) + half) // width
             if row == 0:
-                state[2] = state[26] - state[7] - state[29]
+                state[2] = state[41] - state[7] - state[19]
                 at = (state[2] ^ sign) - sign
                 first = tables[1]
                 if at < (tables[first + 1] ^ sign) - sign:
                     flags |= 4
                     break
-                state[3] = state[27]
-                state[15] = (((state[24] ^ sign) - sign) >> 8) - state[28]
+                state[3] = state[17]
+                state[15] = (((state[39] ^ sign) - sign) >> 8) - state[18]
         if flags & 4:
             break
-        state[4] = state[27]
-        tolerance = (state[28] ^ sign) - sign
+        state[4] = state[17]
+        tolerance = (state[18] ^ sign) - sign
         state[16] = tolerance
 
         misfit = (state[15] ^ sign) - sign
@@ -207,8 +208,8 @@ def process(
             least_mN = state[8]
             if flags & 16 and uint(off + tolerance) > most:
                 least_mN <<= 2
-                if force_mN >= least_mN and state[58] and state[62]:
-                    state[63] = state[63] | 2
+                if force_mN >= least_mN and state[21] and state[25]:
+                    state[26] = state[26] | 2
                     break
             state[12] = 3
         if force_mN and force_mN >= least_mN:
@@ -231,61 +232,61 @@ def process(
         break
     if done:
         state[0] = flags
-        state[70] = flags
-        half = (state[66] * state[68]) >> 1
-        state[27] = head[2] + head[5] - half
+        state[31] = flags
+        half = (state[27] * state[29]) >> 1
+        state[17] = head[2] + head[5] - half
         head[5] = half
-        n = (state[27] ^ sign) - sign
+        n = (state[17] ^ sign) - sign
         head[3] = (head[3] + (n >> 16)) & 0xFFFF
         head[2] = n & 0xFFFF
     if parts & 512:
-        flags = state[70]
-        us = state[66] * state[68]
-        state[66] = 0
-        state[67] = 0
-        n = state[57]
+        flags = state[31]
+        us = state[27] * state[29]
+        state[27] = 0
+        state[28] = 0
+        n = state[20]
         if flags & 1:
             n = 0
         elif n < 1_000_000:
             n += us
-        state[57] = n
+        state[20] = n
         if flags & 64 == 0:
             # 24: ODD_COUNTS, 300_000: ODD_US_MAX, 2_000_000: ODD_EVERY_US.
             if flags & 129:
                 step = flags & 16
             else:
                 n = state[14] // state[5] + 1
-                if state[58] == 0:
-                    state[58] = n
-                n -= state[58]
+                if state[21] == 0:
+                    state[21] = n
+                n -= state[21]
                 step = 0
                 if n > 24 or n + 24 < 0:
                     step = 1
             n = 0
             if step:
-                n = state[59]
+                n = state[22]
                 if n < 300_000:
                     if parts & 1024:
                         us >>= 3
                     n += us
-                elif state[60] >= 2_000_000:
+                elif state[23] >= 2_000_000:
                     done |= 8192
-            state[59] = n
-        n = state[55]
+            state[22] = n
+        n = state[33]
         if n and flags & 128 == 0:
             # 200_000: SETTLED_US, 10: UP, 6: DOWN.
             low = 0
-            if n == 1 and state[57] >= 200_000:
+            if n == 1 and state[20] >= 200_000:
                 low = 6
             if n > 1 or low:
-                state[55] = 1
-                state[56] = 1
-                step = state[54]
+                state[33] = 1
+                state[37] = 1
+                step = state[36]
                 half = (1 << step) >> 1
                 for i in range(6):
-                    at = state[48 + i]
-                    rest = state[42 + i]
-                    n = state[30 + i] * 4
+                    at = state[66 + i]
+                    rest = state[60 + i]
+                    n = state[48 + i] * 4
                     if state[5] > 1:
                         n = n // state[5]
                     n = (n << 10) - at - rest
@@ -294,14 +295,14 @@ def process(
                     n += rest
                     if n < 0:
                         n = 0
-                    state[42 + i] = n
-                    state[36 + i] = (at + n + half) >> step
-        if state[63] or (state[60] >= state[61] and state[57] >= state[64]):
+                    state[60 + i] = n
+                    state[54 + i] = (at + n + half) >> step
+        if state[26] or (state[23] >= state[24] and state[20] >= state[35]):
             done |= 16384
-        if state[71]:
-            head[0] = state[71]
-            head[4] = head[4] | state[69]
-            state[69] = 0
+        if state[32]:
+            head[0] = state[32]
+            head[4] = head[4] | state[30]
+            state[30] = 0
             payload[7] = state[0] | head[4]
             words = ptr32(payload)
             for i in range(1, 4):

@@ -131,7 +131,11 @@ class Keypad:
     def at(self, x_um, t):
         self._third = _NONE  # a finger that is alone
         if self._state == _PRESSED and self._row >= 0:
-            return
+            return True
+        self._move(x_um, t)
+        return False
+
+    def _move(self, x_um, t):
         layout = self._layout
         if self._row < 0:
             if self._state == _OPEN:

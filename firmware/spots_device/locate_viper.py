@@ -29,13 +29,13 @@ def noise(product, brightness):
 
 @micropython.viper
 def estimate(s, x1_um: int, first: int, x_um: int, brightness: int, fits: int) -> bool:
-    # s: 0 FOUND_UM, 1 FOUND_SLACK_UM, 2 FOUND_B, 44 DRIFTS, 66 LENGTH_UM, 67 DECAY,
-    # 68 NOISE_PRODUCT. 18: FAR_LOG2. 4500: APART_UM. 45000: _FIT. 12000: _MISFIT. 2000: NEAR_UM.
+    # s: 0 FOUND_UM, 1 FOUND_SLACK_UM, 2 FOUND_B, 30 DRIFTS, 31 LENGTH_UM, 56 NOISE_PRODUCT,
+    # 70 DECAY. 18: FAR_LOG2. 4500: APART_UM. 45000: _FIT. 12000: _MISFIT. 2000: NEAR_UM.
     state = ptr32(s)
-    limit_um = state[66]
+    limit_um = state[31]
     if limit_um == 0:
         return False
-    decay = state[67]
+    decay = state[70]
     off_um = x_um - x1_um
     alone = int(power(first)) >> 6
     away_um = off_um
@@ -72,9 +72,9 @@ def estimate(s, x1_um: int, first: int, x_um: int, brightness: int, fits: int) -
     if apart_um < 4500 or apart_um >> 18:
         return False
     # 12000 <= lost, or lost <= 45000 if the reading fits.
-    if fits >= 0 and state[44] == 0 and lost - 12000 + fits * (57000 - 2 * lost) < 0:
+    if fits >= 0 and state[30] == 0 and lost - 12000 + fits * (57000 - 2 * lost) < 0:
         return False
-    slack_um = int(noise(state[68], brightness))
+    slack_um = int(noise(state[56], brightness))
     ratio += 1024
     slack_um = (slack_um * ratio) >> 10
     slack_um += ((apart_um >> 5) * (((256 - 262144 // ratio) * (alone + other)) // other)) // 540

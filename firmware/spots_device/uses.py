@@ -4,6 +4,7 @@ A board without USB HID sends keys as frames only. Modules of disabled functions
 which saves memory.
 """
 
+from .contact_state import STATE, TWO
 from .decode import BRIGHTNESS, FLAGS, FORCE_MN, MISFIT, POSITION_UM, TOO_DARK, TOUCHING
 
 # Name of each USB interface, and the setting that enables it.
@@ -182,7 +183,7 @@ class Uses:
             if self._fingers is not None:
                 self._fingers.send(sensor, state)
             flags = state[FLAGS]
-            if flags & TOUCHING and self._tracker.two:
+            if flags & TOUCHING and self._tracker.state[STATE] == TWO:
                 self.two = True
                 # A spectrum that fits one press gets both bits, see contact.TWO_FIT.
                 state[FLAGS] = flags | (MISFIT if flags & MISFIT else MISFIT | TOO_DARK)
@@ -259,7 +260,7 @@ class Uses:
         tracker = None
         if keypad:
             tracker = keypad.contact
-            tracker.sink = keypad
+            tracker.report_to(keypad)
         self._tracker = tracker
         self._fingers = None
         self._activate()

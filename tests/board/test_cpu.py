@@ -41,9 +41,9 @@ BUSY = [
     (["stream touch contact"], [], 1941),  # earlier
     (["stream touch contact"], ONE, 2412),  # earlier
     (["stream touch contact"], TWO, 3379),  # earlier; less 715 us as with keys
-    (["stream touch", "keys on"], [], 1887),
-    (["stream touch", "keys on"], ONE, 2066),
-    (["stream touch", "keys on"], TWO, 2418),
+    (["stream touch", "keys on"], [], 1751),
+    (["stream touch", "keys on"], ONE, 1812),
+    (["stream touch", "keys on"], TWO, 2303),
     (["stream spectrum", "set baseline=1"], [], 1631),  # earlier; the baseline in machine code
     (["stream touch", "set average=2"], ONE, 1112),  # earlier
 ]

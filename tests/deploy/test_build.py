@@ -18,7 +18,7 @@ from spots.deploy.constants import inline
 from spots.deploy.staging import board_names, device_of, stage
 from spots_sim.vm import micropython_command
 
-MACHINE_CODE = {"spots_device/kernel.mpy", "spots_device/locate.mpy"}
+MACHINE_CODE = {f"spots_device/{name}.mpy" for name in ("kernel", "locate", "steady")}
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -47,7 +47,7 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
     ("board", "viper"),
     [("pico", True), ("pico2", True), ("xiao_esp32s3", True), ("virtual", False)],
 )
-@pytest.mark.parametrize("module", ["kernel", "locate"])
+@pytest.mark.parametrize("module", ["kernel", "locate", "steady"])
 def test_a_board_has_one_form_of_a_module_by_one_name(board, viper, module, tmp_path):
     assert device_of(board).viper is viper
     stage(board, tmp_path)
@@ -92,8 +92,9 @@ def test_a_traceback_names_file_and_function(tmp_path):
     assert place == ("runtime/common", "run")
 
 
-def test_boards_get_machine_code_without_any_correction_of_signs():
-    text = (Path(spots_device.__file__).parent / "kernel_viper.py").read_text(encoding="utf-8")
+@pytest.mark.parametrize("module", ["kernel", "steady"])
+def test_boards_get_machine_code_without_any_correction_of_signs(module):
+    text = (Path(spots_device.__file__).parent / f"{module}_viper.py").read_text(encoding="utf-8")
     code = text.split('"""')[2]
     assert code.count("^ sign") == code.count(builder._SIGN[0]) > 0
     assert "^ sign" not in code.replace(*builder._SIGN)
@@ -247,11 +248,16 @@ def test_constants_become_numbers_and_their_definitions_and_imports_vanish(tmp_p
         "from .. import PROTOCOL, one\nfrom ..one import BOTH as C, TWICE, WORDS\n\n\n"
         "def f(x):\n    from ..one import B\n    return x[C] + B * one.SEEN + TWICE\n"
     )
+    both = "try:\n    from micropython import const\nexcept ImportError:\n    const = int\n"
+    (tmp_path / "three.py").write_text(both + "\n_X = const(3)\n")
+    (tmp_path / "four.py").write_text("from .five import const, g\n_Y = const(4)\n")
     inline(tmp_path)
     assert (tmp_path / "__init__.py").read_text() == "PROTOCOL = 3\n"
     assert (tmp_path / "one.py").read_text().split("\n")[:2] == ["pass", "pass"]
     assert "SEEN = 7" in (tmp_path / "one.py").read_text()
     assert "TWICE = 2" in (tmp_path / "one.py").read_text()
+    assert (tmp_path / "three.py").read_text() == "pass\n\n_X = const(3)\n"
+    assert (tmp_path / "four.py").read_text() == "from .five import g\n_Y = const(4)\n"
     two = (tmp_path / "part" / "two.py").read_text()
     assert "from ..one import TWICE, WORDS\n" in two
     assert two.endswith("    pass\n    return x[(16)] + (1) * one.SEEN + TWICE\n")

@@ -6,10 +6,11 @@ one value passes 31 bits. Arguments go to the ends of what calibration and chip 
 
 import itertools
 import random
+from functools import partial
 
 import pytest
 
-from spots_device import contact
+from spots_device import contact, contact_state
 from spots_device.calibration import (
     KNOTS_MAX,
     ONE_Q13,
@@ -263,6 +264,40 @@ def test_estimate_of_a_second_finger(compare, rng):
     compare("second_finger", cases, width=4)
 
 
+def one_of(rng, share, often, seldom):
+    return seldom if rng.random() < share else often
+
+
+def test_a_finger_that_rests(compare, rng):
+    cases = []
+    for _ in range(120):
+        s = [rng.randint(-(1 << 24), 1 << 24) for _ in range(contact_state.SIZE)]
+        x_um, force_mN, t = (
+            rng.randint(*ends) for ends in ((-2000, 85_000), (300, 5000), (0, TICKS))
+        )
+        # Each value lets the finger rest, or, seldom, does not.
+        near = partial(one_of, rng, rng.choice((0, 0.1, 0.2, 0.3)))
+
+        s[contact_state.X_UM] = x_um + near(rng.randint(-449, 449), rng.choice((-450, 450, 9000)))
+        s[contact_state.LOW_UM] = x_um - near(rng.choice((0, 2000)), -1)
+        s[contact_state.HIGH_UM] = x_um + near(rng.choice((0, 2000)), -1)
+        s[contact_state.LOW_MN] = force_mN - near(rng.choice((0, 300)), -1)
+        s[contact_state.HIGH_MN] = force_mN + near(rng.choice((0, 300)), -1)
+        s[contact_state.RELEASE_MN] = force_mN - near(rng.choice((0, 300)), -1)
+        s[contact_state.FIRM_MN] = force_mN + near(rng.choice((1, 1 << 28)), 0)
+        s[contact_state.STUCK_T] = stuck_t = rng.choice((0, 0, 10_000))
+        since = t - near(rng.choice((0, stuck_t - 1)), stuck_t)
+        s[contact_state.STILL] = since % contact_state.TICKS
+        s[contact_state.LEAVING] = near(0, 1)
+        s[contact_state.X_NOW_UM] = x_um
+        s[contact_state.FORCE_NOW_MN] = force_mN
+        s[contact_state.T_NOW] = t % contact_state.TICKS
+        flags = near(rng.choice((1, 9, 21, 29, 33)), rng.choice((0, 3, 5, 17, 65, 129, 255)))
+        cases.append([flags, *s])
+    for some in (cases[::2], cases[1::2]):  # the results of all would not fit the heap
+        compare("rest", some, width=1 + contact_state.SIZE)
+
+
 def a_finger(rng):
     """Return readings of random taps, holds, slides, firm presses and touches of two fingers."""
     t = rng.randint(0, contact.TICKS - 1)
@@ -321,8 +356,8 @@ def messages(rng):
 
 def test_frame(compare, rng):
     every = list(messages(rng))
-    for cases in (every[::2], every[1::2]):  # the results of all would not fit the heap
-        compare("frame", cases, width=WIDTH)
+    for part in range(3):  # the results of all would not fit the heap
+        compare("frame", every[part::3], width=WIDTH)
 
 
 def test_touch(compare, rng):

@@ -1,7 +1,8 @@
 """Writes values in place of the names of integer constants, in a copy of the firmware's package.
 
 On a board, the name of a constant takes 10 to 30 bytes of flash and heap in each module that uses
-it, and each look-up takes 2 us. MicroPython's own ``const`` works in one module only.
+it, and each look-up takes 2 us. MicroPython's own ``const`` works in one module only. The compiler
+evaluates each ``const(...)`` and needs no import of it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections import Counter
 from pathlib import Path
 
 _NAME = re.compile(r"[A-Z][A-Z0-9_]*")
+_CONST = "from micropython import const"
 
 
 def inline(package: Path) -> None:
@@ -59,6 +61,7 @@ class _Module:
                 self._imports.append(node)
         stored = Counter(node.id for node in self._names if isinstance(node.ctx, ast.Store))
         self._once = {name for name, times in stored.items() if times == 1}
+        self._remove_const()
 
     def evaluate(self, name: str, modules: dict[str, _Module], kept: set[str]) -> None:
         for node in self._imports:
@@ -91,7 +94,7 @@ class _Module:
                 self._removed[node] = "pass"
 
     def _import(self, node: ast.ImportFrom, values: dict[str, int]) -> None:
-        left = [alias for alias in node.names if alias.name not in values]
+        left = [alias for alias in node.names if alias.name not in values and alias.name != "const"]
         for alias in node.names:
             if alias.name in values:
                 self._imported[alias.asname or alias.name] = values[alias.name]
@@ -99,6 +102,13 @@ class _Module:
             self._removed[node] = (
                 ast.unparse(ast.ImportFrom(node.module, left, node.level)) if left else "pass"
             )
+
+    def _remove_const(self) -> None:
+        for node in self._tree.body:
+            if isinstance(node, ast.Try) and ast.unparse(node.body) == _CONST:
+                self._removed[node] = "pass"
+            elif isinstance(node, ast.ImportFrom):
+                self._import(node, {})
 
     def write(self) -> None:
         """Write the module with its constants replaced."""

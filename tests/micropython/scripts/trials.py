@@ -50,6 +50,7 @@ from spots_device.locate import estimate as estimate_second
 from spots_device.locate import power as power_of_two
 from spots_device.log2 import log2_q20
 from spots_device.pacing import Pacing
+from spots_device.steady import stays
 
 _BURST_US = 390
 _CLEAR_US = 73
@@ -335,6 +336,22 @@ def pacing(cases, results):
 def power(cases, results):
     for i in range(len(cases)):
         results[i] = power_of_two(cases[i])
+
+
+def prepare_rest(cases):
+    return _arrays(cases)
+
+
+def rest(cases, results):
+    s = _tracked
+    width = SIZE + 1
+    for i in range(len(cases)):
+        case = cases[i]
+        for j in range(SIZE):
+            s[j] = case[1 + j]
+        results[i * width] = 1 if stays(s, case[0]) else 0
+        for j in range(SIZE):
+            results[i * width + 1 + j] = s[j]
 
 
 def prepare_second_finger(cases):
