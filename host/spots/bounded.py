@@ -13,7 +13,7 @@ POINTS_MAX_BYTES = 1 << 20  # about 15,000 points of a linkage
 SESSION_MAX_BYTES = 16 << 20  # about 30,000 presses
 ZENOH_MAX_BYTES = 1 << 20
 
-# Without blocking. Windows has neither flag, and no named pipes among its files.
+# To open without blocking. Windows has neither flag, and no named pipes among its files.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 
 

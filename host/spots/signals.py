@@ -1,9 +1,9 @@
 """Releases all keys and buttons of open outputs before a signal ends or stops the process.
 
-An output is open inside its own ``with`` block. It applies each change inside a second block,
-``with SECTION``. A signal during the second block is deferred to the end of this block, so each
-change is completed. After a signal, outputs press nothing until the loop that feeds them has called
-`resumed`.
+An output (a keyboard or gamepad of this computer) is open inside its own ``with`` block. It applies
+each change inside a second block, ``with SECTION``. A signal during the second block is deferred to
+the end of this block, so each change is completed. After a signal, outputs press nothing until the
+loop that feeds them has called `resumed`.
 
 SIGKILL, SIGSTOP and a crash in C cannot be handled.
 """
@@ -70,7 +70,7 @@ class _Section:
     def resumed(self) -> bool:
         """Return whether the process was suspended (as by Ctrl-Z) since the last call.
 
-        If so, its keyboards and gamepads can send presses again.
+        If so, its keyboards and gamepads may send presses again.
         """
         if not self._stopped:
             return False
@@ -80,8 +80,8 @@ class _Section:
         return True
 
     def _act(self) -> None:
-        # A signal may interrupt this between any two lines: its handler then takes all pending
-        # signals, or leaves them to this call.
+        # A signal may interrupt this function between any two lines: its handler then takes all
+        # pending signals, or leaves them to this call.
         while self._pending and not self._depth:
             self._depth += 1
             try:

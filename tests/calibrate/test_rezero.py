@@ -424,7 +424,7 @@ def test_a_joint_uses_its_stops(full, sensor, tmp_path, monkeypatch):
 def test_a_file_without_marks_of_a_joint_says_what_to_do(made, sensor, tmp_path):
     with (
         Drifted(sensor, made, tmp_path / "a.toml") as strip,
-        pytest.raises(SpotsError, match=r"no \[joint_marks\].*spots calibrate joint"),
+        pytest.raises(SpotsError, match=r"no section \[joint_marks\].*spots calibrate joint"),
     ):
         rezero(strip.bench, made, joint=True)
 
@@ -512,7 +512,7 @@ def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
     bare = msgspec.structs.replace(made, marks=None)
     with (
         Drifted(sensor, bare, tmp_path / "a.toml") as strip,
-        pytest.raises(SpotsError, match=r"a\.toml has no \[marks\].*calibrate again"),
+        pytest.raises(SpotsError, match=r"a\.toml has no section \[marks\].*calibrate again"),
     ):
         rezero(strip.bench, bare)
 

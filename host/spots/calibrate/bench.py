@@ -1,4 +1,7 @@
-"""Reads presses of a strip: waits until a press is steady, then reads and validates its counts."""
+"""Measures presses of a strip: waits until a press is steady, then reads and validates its counts.
+
+A presser (a person or a machine) presses on request. A press with two forces has two holds.
+"""
 
 from __future__ import annotations
 
@@ -74,11 +77,11 @@ class Bench:
         Calibration file of the strip.
     spent : int
         Number of requested presses that the session does not store as presses by hand, such as
-        refused presses. They count towards the limit of a session by hand.
+        refused presses. A session by hand (see `session`) then asks for fewer presses.
     trace : list of tuple of float
         All readings of the present press: time in s, then the six counts.
     holds : list of (float, float)
-        Start and end of each hold of the present press, in s.
+        Start and end of each hold of the present press, in s; one hold for each of its forces.
     """
 
     reader: SpectrumReader
@@ -105,7 +108,7 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = CONTINUES,
     ) -> Reading:
-        """Repeat the request for a press until it is valid; on return, the strip is still pressed.
+        """Ask for a press until one is valid; on return, the strip is still pressed.
 
         Parameters
         ----------
@@ -151,7 +154,7 @@ class Bench:
         raise SpotsError(f"{trouble}; {given_up}")
 
     def again(self, kind: str) -> Reading:
-        """Wait until the present press is steady after a change of the settings, and read it.
+        """Return a reading of the present press after a change of settings, once steady.
 
         `kind` is the kind of the press, see `session.Wanted`.
 
@@ -219,7 +222,7 @@ class Bench:
         self.holds.append((begin_s, end_s))
 
     def _held(self, noise: Noise | None, kind: str, before: float | None = None) -> Reading:
-        """Wait for a steady press and return its reading; raise `BadPressError` if invalid.
+        """Wait for a steady press and return its reading; raise `BadPressError` if there is none.
 
         `noise` is the noise of the sensor, if known; `kind` is the kind of the press, see
         `session.Wanted`. `before` is the sum of the counts before a change of the force; None

@@ -47,7 +47,7 @@ def calibrate_command(options: argparse.Namespace) -> None:
 def opened(
     options: argparse.Namespace, made: Session | CalibrationFile, path: Path
 ) -> Iterator[Bench]:
-    """Open the board that `options` selects, with the person or machine that presses its strip.
+    """Open the board that `options` selects; a person or a machine will press its strip.
 
     Parameters
     ----------

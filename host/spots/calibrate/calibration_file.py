@@ -1,7 +1,8 @@
-"""The calibration file: a board's calibration lines, and residuals, marks and re-zeros.
+"""The calibration file: the text lines that a board uses, and how they were measured.
 
-The file is TOML. The section ``[end]`` has a CRC-32 of all text before it, so that `load` detects a
-file that was cut short or changed.
+Residuals are the errors that remain at the presses of the calibration. Marks are positions that a
+re-zero presses again, to measure and correct drift. The file is TOML. The section ``[end]`` has a
+CRC-32 of all text before it, so that `load` detects a file that was cut short or changed.
 """
 
 from __future__ import annotations
@@ -79,13 +80,14 @@ class Joint(_Struct, kw_only=True):
     resolution_deg : float
         Standard deviation of the angle while the joint does not move, in degrees.
     accuracy_deg : float
-        Mean absolute error of the angle in degrees, at points that were not used for the fit.
+        Mean absolute error of the angle in degrees, at half of the points, if the line is fitted to
+        the other half.
     backlash_deg : float
         Mean difference of the angle between the two directions of turning, in degrees.
     low, high : tuple of (float, float) or None
         Lowest and highest calibrated position in um, each with the standard deviation of the angle
         at this position, in degrees. Between these two positions, the logarithm of the standard
-        deviation is linear in the position.
+        deviation is linear in the position. None in files of older versions.
     """
 
     zero_deg: float
@@ -120,7 +122,7 @@ class Marks(_Struct, kw_only=True):
 
 
 class Rezero(_Struct, kw_only=True):
-    """Result of a re-zero.
+    """Result of a re-zero: the drift that presses at the marks showed.
 
     Attributes
     ----------
@@ -287,9 +289,7 @@ def _checked(path: Path, body: str) -> CalibrationFile:
     except (msgspec.ValidationError, CalibrationError, KeyError) as error:
         raise SpotsError(f"{path} is not a calibration ({error}): {_AGAIN}") from None
     if made.conditions != found.conditions:
-        raise SpotsError(
-            f"the calibration lines in {path} do not match the settings in it: {_AGAIN}"
-        )
+        raise SpotsError(f"the calibration lines in {path} do not match its settings: {_AGAIN}")
     return found
 
 

@@ -1,7 +1,8 @@
 """Chooses the six of the sensor's nine diodes that give the least noise of the position.
 
-The board reads six diodes at a time, so two passes along the strip read all nine. Three diodes are
-read in both passes; they show how much the force differs between the passes.
+A plan is a choice of six diodes, one for each channel of the board. Two passes along the strip,
+with different plans, read all nine diodes. Three diodes are read in both passes; they show how much
+the force differs between the passes.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _PLACES = 41
 
 @dataclass(frozen=True)
 class Choice:
-    """The best plan (choice of six channels), and the expected noise of the position.
+    """The best plan (choice of six diodes), and the expected noise of the position.
 
     Attributes
     ----------
@@ -36,7 +37,7 @@ class Choice:
         Least possible standard deviation of the position from one sample with this plan, in um,
         averaged over the strip.
     present_sigma_um : float
-        The same with the first plan of `passes`; infinite if one of its channels is unusable.
+        The same with the plan of the first pass; infinite if one of its channels is unusable.
     """
 
     plan: tuple[str, ...]
@@ -63,8 +64,8 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     plans : pair of tuple of str
         Plans of the two passes, see `passes`.
     measured : pair of Presses
-        Readings of the two passes. Both contain presses with one firm force at the same positions,
-        and one press with the full force.
+        Readings of the two passes. Each pass has presses with one firm force, at the same positions
+        as the other pass, and one press with the full force.
     full_scale : float
         Largest count that a channel can have.
 
@@ -131,10 +132,10 @@ def _merge(plans, measured, full_scale):
 
 
 def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the smallest possible standard deviation at each of n positions, in um, shape (n,).
+    """Return the least possible standard deviation of n positions, in um, shape (n,).
 
-    `slopes` are the derivatives of the logarithms of the channels with respect to position, in
-    1/um; `variance` contains the variances of these logarithms. Both have shape (n, c).
+    `slopes` are the derivatives of log2(counts) of c channels with respect to position, in 1/um;
+    `variance` contains the variances of log2(counts). Both have shape (n, c).
     """
     weight = 1 / variance
     a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)

@@ -1,4 +1,7 @@
-"""Interface of a calibration session to a person, who uses a terminal or a browser."""
+"""Interface of a calibration session to a person, who uses a terminal or a browser.
+
+In a session *by hand*, the person reads positions off a ruler, and forces off a scale.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from .spectra import Reading
 
 
 class UndoError(Exception):
-    """Raised by `watch` and `ask` if the person wants to drop the last press and repeat it."""
+    """Raised by methods of `Dialog` if the person wants to drop the last press and repeat it."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class Progress:
 
 
 class Dialog(Protocol):
-    """Interface of a session to a person; the session calls it from the session's own thread.
+    """Methods that a session calls, in its own thread, to show messages and to ask questions.
 
     `watch` and `ask` may raise `UndoError`. They may raise `SpotsError` to end the session. Presses
     taken so far are stored; a later session with the same file continues after these presses.
@@ -71,7 +74,11 @@ class Dialog(Protocol):
         """Show where to press next."""
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
-        """Show a reading, why the press is unsteady (`trouble`), and the steady share (0 to 1)."""
+        """Show a reading of the present press.
+
+        `trouble` is the reason why the press is not steady, or None. `steady` is the number of
+        steady readings so far, divided by the number that a press needs (0 to 1).
+        """
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
         """Show that the press `wanted` was taken; `reading` has its counts."""

@@ -1,7 +1,8 @@
 """Reports the probable causes of a drift: a redder LED, a paler dye, more blue light.
 
-Different causes can change the channels alike. A shift of the filters looks like a shift of the LED
-in the opposite direction; a tilted coupling looks like a small shift of the LED.
+The drift is measured at marks, positions that a re-zero presses again. Different causes can change
+the channels alike. A shift of the sensor's filters looks like a shift of the LED in the opposite
+direction. Coupling that favours one end of the spectrum looks like a small shift of the LED.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from .choose import DIODES
 _CENTRE_NM = dict(zip(DIODES, (415, 445, 480, 515, 555, 590, 630, 680)))
 _BLUE_NM = 500  # above this wavelength, the phosphor emits the light of a white LED
 _PHOSPHOR_FWHM_NM = 130.0  # of usual white LEDs
-# Least change that is reported, and its text. The change shifts positions on an 85 mm strip by
+# Least change that is reported, and its text. Such a change shifts positions on an 85 mm strip by
 # about 0.1 mm.
 _WORDS = (
     (0.25, "dye {:.1f} % paler", "dye {:.1f} % darker"),

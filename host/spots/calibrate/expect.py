@@ -1,9 +1,10 @@
 """Computes the spectrum of a press at each position from a calibration.
 
-At knots along the strip, the calibration lines contain three weighted sums of log2(counts): for the
-position, the force and the misfit. Three sums do not determine six channels at one position. But
-the weights differ between segments, and one smooth curve per channel must match the sums of all
-segments. Weak regularisation towards straight curves makes the solution unique.
+For points along the strip (knots), the calibration lines contain three weighted sums of
+log2(counts): for the position, for the force, and for the misfit, the distance of a spectrum from
+that of one press. Three sums do not determine six channels at one position. But the weights differ
+between segments of the strip, and one smooth curve per channel must match the sums of all segments.
+Weak regularisation towards straight curves makes the solution unique.
 """
 
 from __future__ import annotations

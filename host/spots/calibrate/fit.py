@@ -1,9 +1,10 @@
 """Fits a calibration to presses at known positions and with known forces.
 
-L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper, L_i is locally linear
-in the position and in the logarithm of the brightness. Generalised least squares with the noise
-of each channel gives the best linear estimates of these two quantities. In each segment of the
-strip, the estimate of each quantity is a weighted sum of the L_i.
+L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper (docs/paper.md), L_i
+is locally linear in the position and in the logarithm of the brightness. Generalised least squares
+with the noise of each channel gives the best linear estimates of these two quantities. In each
+segment of the strip, the estimate of each quantity is a weighted sum of the L_i. One more weighted
+sum, the misfit, shows how far a spectrum is from that of one press.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ PLACES_MIN = 12
 FORCES_MIN = 10
 _NOISE_PLACES = 21
 # A touch begins at the least force at which no position has a standard deviation above the limit.
-# The limit is a share of the length: each of ten keys in a row is then over three deviations wide.
+# The share of the length makes each of ten keys in a row more than three deviations wide.
 _TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 36
 _TOUCH_ABOVE_DARK = 1.15  # a touch begins at least at this multiple of the dead zone
 _TOUCH_HYSTERESIS = 0.7
 _MISFIT_SIGMAS = 6.0
 _PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; bends and strain need the rest
-_TOLERANCE_MIN = 12  # Q12; the LED cools by 1 or 2 K in a dark frame: 10 um on 85 mm
-_TOLERANCE_MAX = 600  # Q12; dimmer light cannot show a second press
+_TOLERANCE_MIN = 12  # Q12; the LED cools by 1 or 2 K in a dark frame: errors of 10 um on 85 mm
+_TOLERANCE_MAX = 600  # Q12; light that needs more is too dim to show a second press
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 ONE_Q12 = 1 << 12
 
@@ -62,8 +63,8 @@ def fit(
     conditions : Conditions
         Board and settings of the presses.
     misfit : numpy.ndarray, shape (n, 6), optional
-        Measured minus fitted log2 of the counts of n presses. The larger these errors, the larger
-        the errors that the board tolerates. If not given, the errors of `along` at strain 0.
+        Measured minus fitted log2 of the counts of n presses; of `along` at strain 0 if not given.
+        The larger these errors, the larger the errors that the board tolerates.
 
     Returns
     -------
@@ -145,7 +146,7 @@ class Curves:
         return np.stack([curve(np.asarray(x_um, float)) for curve in self._curves], axis=-1)
 
     def slopes(self, x_um) -> np.ndarray:
-        """Return the derivatives of log2(counts) by position, in 1/um, at positions `x_um`."""
+        """Return the derivatives of log2(counts) with respect to position, in 1/um, at `x_um`."""
         return np.stack([curve.deriv()(x_um) for curve in self._curves], axis=-1)
 
 
@@ -173,8 +174,8 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
 def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
     """Return the channel weights for the position and those for the force, in one segment.
 
-    `curve` has log2 of the counts along the strip, `noise` is that of the sensor, and `part` are
-    start and end of the segment in um.
+    `curve` has log2 of the counts along the strip, `noise` is that of the sensor, and `part` is the
+    pair of start and end of the segment, in um.
     """
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
     # With the mean slope of the part, the mean error of the force in the part is 0.
@@ -183,12 +184,12 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
     force, position = estimators(design, information)
     position *= 2 / np.abs(position).sum()
     # If all channels decay nearly alike, weights that cancel the decay are large. Weights at the
-    # board's limit cancel a part of it, and the table of offsets corrects the rest.
+    # board's limit cancel a part of it; the brightness correction of each knot cancels the rest.
     brightest, size = information / information.sum(), np.abs(force).sum()
     if size > _FORCE_SUM_MAX:
         force = brightest + (force - brightest) * (_FORCE_SUM_MAX - 1) / (size - 1)
     # The board multiplies a step of the contrast by a step of the position. A smaller contrast
-    # keeps the product within 31 bits; its resolution is still high enough.
+    # keeps the product within 31 bits; the contrast's resolution is still high enough.
     knot_um = np.ptp(part) * (1 + 2 * _OVERLAP) / (_KNOTS - 1)
     step_q20 = abs(slope @ position) / np.ptp(part) * knot_um * ONE_Q20
     position *= min(1.0, _PRODUCT_MAX / (step_q20 * knot_um))
@@ -250,7 +251,7 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
         raise SpotsError(
             f"the colour near {np.mean(part) / 1000:.0f} mm is not monotone along the strip: check "
-            "the positions of the presses near it, and that the dye suits the strip's length"
+            "the positions of the presses there, and that the dye suits the strip's length"
         )
     rows = np.stack([contrast, x, fits, offset], axis=1)[order]
     return [_statement("x", row) for row in rows]
@@ -276,9 +277,10 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
         raise SpotsError(
             "the brightness does not rise with the force: check the strip, its LED and the gain"
         )
-    # A least-squares spline of straight lines: its errors are balanced, but chords would all have
-    # errors of one sign. Half of the knots are evenly spaced in brightness, for the start of a
-    # touch. The density of the other knots suits the curvature, so all spans have the same error.
+    # The table is a least-squares spline of straight lines, with errors of both signs; the errors
+    # of chords would all have one sign. Half of the knots are evenly spaced in brightness, for the
+    # start of a touch. The density of the other knots suits the curvature, so all spans have the
+    # same error.
     fine = np.geomspace(forces[0], forces[-1], _FORCE_STEPS)
     curve = monotone(np.log(forces), means, np.log(fine))
     even = np.linspace(curve[0], curve[-1], _FORCE_STEPS // 10)

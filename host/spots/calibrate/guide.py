@@ -1,4 +1,4 @@
-"""Shows a calibration session: where to press next, and whether the press is steady."""
+"""Shows a calibration session on a terminal: where to press, and whether the press is steady."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _LOW = 24  # lines of a terminal that has room for one message
 
 
 class Guide:
-    """A `Dialog` that draws a picture on a terminal, else prints lines; use it in a ``with`` block.
+    """A `Dialog` that draws on a terminal, or prints lines to a file; use it in a ``with`` block.
 
     Parameters
     ----------

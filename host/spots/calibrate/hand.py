@@ -1,4 +1,8 @@
-"""Calibration by hand: asks a person for the presses that improve the fit most."""
+"""Calibration by hand: asks a person for the presses that improve the fit most.
+
+The person presses with an indenter, and reads position and force off a ruler and a scale. In a
+rough session, the person presses with a finger and has no scale.
+"""
 
 from __future__ import annotations
 
@@ -23,27 +27,27 @@ _LOADS = (
     (2000.0, 800.0, 0.0),
     (4500.0, 1000.0, 0.0),
 )
-_LOADS_FROM = 12  # presses; then it is known which forces light the strip
+_LOADS_FROM = 12  # presses; after these it is known which forces light the strip
 _UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
-# Softening: largest distance of presses at one place; how far below the earlier force a force
-# shows most of the softening; least force, because creep of earlier presses changes weaker forces;
-# least size of the softening; its least ratio to its standard deviation.
-_NEAR_UM, _SOFTENED_MN, _SOFTENED_MIN_MN, _SOFTER, _SOFTER_SIGMAS = 3000.0, 4000.0, 300.0, 0.05, 2.5
+_NEAR_UM = 3000.0  # presses nearer to each other than this are on the same softened place
+_SOFTENED_MN = 4000.0  # a force this far below an earlier one shows most of the softening
+_SOFTENED_MIN_MN = 300.0  # creep of earlier presses changes weaker forces too much
+_SOFTER, _SOFTER_SIGMAS = 0.05, 2.5  # least softening to report, as a share and in deviations
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (0.02, *MARKS, 0.98, 0.3, 0.7)]
-# Presses that are not stored, by `rough`: for exposure, choice of channels, and repeats. Each
-# further such press replaces a press by hand, so a session has at most 12 or 45 presses in all.
-# A rough session stores the press of the exposure, too.
+# By `rough`: number of presses that are not stored (for exposure, choice of channels, repeats).
+# Each further such press replaces a press by hand, so a rough session has at most 12 presses, a
+# fine one 45. A rough session also stores the press for the exposure.
 _OTHERS = {True: 0, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
-_MISFIT_MAX = 50.0  # chi-squared of six channels; 1e-8 of good presses exceed it
+_MISFIT_MAX = 50.0  # chi-squared of six channels; a share of 1e-8 of good presses exceeds it
 _REMOVALS = 0.2  # largest share of removed presses; above it, the model does not fit the strip
 _HARDER = 1.4
 _END_UM = 2000.0  # a press nearer to an end is partly beside the strip
-_THIN = 1.5  # ratio of the error at a place or force to the mean error
+_THIN = 1.5  # more presses are needed where the error is above this multiple of the mean error
 _GOOD_UM, _GOOD_SHARE = 50.0, 0.01  # with a smaller error, no more presses are needed
 _ALONG, _FORCES = 33, 30
-_UNSURE = 2.0  # ratio to the least force, below which the model's light need not rise
+_UNSURE = 2.0  # below this multiple of the least force, the model's light need not rise
 
 
 def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool) -> None:
@@ -86,7 +90,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             if wanted.then_mN:
                 bench.change(wanted)
         except BadPressError as bad:
-            # A press that is too dark at its second hold needs more of the second force.
+            # A press that is too dark at its second hold needs a larger second force.
             weak = isinstance(bad, TooDarkError) and len(bench.holds) > 1
             dark, tries = isinstance(bad, TooDarkError) and not weak, tries + 1
             if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
@@ -148,7 +152,8 @@ def material(session: Session, length_um: float) -> tuple[Surface, Presses, Pres
     surface = _surface(session, length_um).moved()
     along = surface.presses(np.linspace(0, length_um, _ALONG), np.full(_ALONG, FIRM_MN))
     forces_mN = np.geomspace(surface.least_mN, surface.most_mN, _FORCES)
-    # The light begins steeply, so the errors of the weakest forces can make the fitted light fall.
+    # The light rises steeply from the least force, so errors of weak forces can make the fitted
+    # light fall with the force.
     light = surface.logs(np.full_like(forces_mN, length_um / 2), forces_mN).mean(axis=1)
     falls = (np.diff(light) <= 0) & (forces_mN[1:] < _UNSURE * surface.least_mN)
     forces_mN = forces_mN[np.flatnonzero(falls).max(initial=-1) + 1 :]
@@ -172,8 +177,8 @@ def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: floa
 def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
     """Return the next press with two forces: first force, second force, and hold of the first.
 
-    Forces are in mN, the hold is in s. At the position `place_um`, both forces light all channels,
-    as far as the fit `surface` shows.
+    Forces are in mN, the hold is in s. By the fit `surface`, both forces light all channels at the
+    position `place_um`.
 
     Returns None before such presses are due, and after the last of them.
     """
@@ -193,8 +198,8 @@ def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     """Return how much firm presses have softened the strip, and the standard deviation of this.
 
     Both are shares of the force. A softened place gives more light under forces below the largest
-    earlier force. So a constant, a multiple of the logarithm of the force, and this softening are
-    fitted to the errors of the forces.
+    earlier force at this place. The softening is fitted to the relative errors of the forces,
+    together with a constant and a multiple of the logarithm of the force.
     """
     forces_mN, off_share = surface.taken.force_mN, surface.misfits[2]
     errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))
@@ -263,7 +268,7 @@ def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
         return False
     place_um, force_mN = surface.without(worst).find(taken.counts[worst])
     like = f"{place_um / 1000:.1f} mm" + (f" with {grams(force_mN)}" if at[1] else "")
-    guide.say(f"{found[-1]} is removed: its light is that of {like}; repeat this press")
+    guide.say(f"the press at {found[-1]} is removed: its light is that of {like}; press again")
     session.remove(found[-1])
     return True
 

@@ -1,4 +1,7 @@
-"""Calibration of a joint: a straight line that converts positions on the strip to angles."""
+"""Calibration of a joint: a straight line that converts positions on the strip to angles.
+
+The joint moves an indenter, which always presses the strip.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +78,7 @@ def fit_joint(points: list[Point]) -> Joint:
 
 
 def joint_marks(points: list[Point]) -> Marks:
-    """Return the marks of a joint: the lowest, middle and highest angle of the upward turn.
+    """Return the angles that a re-zero repeats: lowest, middle and highest of the upward turn.
 
     Parameters
     ----------

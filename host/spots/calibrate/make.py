@@ -28,7 +28,8 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     session : Session
         Presses of the session. An unfinished series of presses for a joint or a strain is ignored.
     say : callable
-        ``say(line)`` shows a message if the joint cannot be included in the calibration.
+        ``say(line)`` shows a message: the hysteresis and creep that the board will compensate, or
+        why the calibration does not include the joint.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Asks a person for the presses of a session; subclasses ask a machine."""
+"""Asks a person to press the strip during a session; subclasses can ask a machine instead."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class Presses:
         return replace(self, counts=counts, variance=variance)
 
     def lit_everywhere(self) -> Presses:
-        """Return the presses with forces that light all channels at every position."""
+        """Return the presses whose force lights all channels at every position."""
         dark = self.force_mN[~(self.counts > 1).all(axis=1)]
         return self.keep(self.force_mN > (dark.max() if len(dark) else -1))
 

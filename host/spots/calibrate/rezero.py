@@ -1,6 +1,8 @@
 """``spots rezero``: corrects the drift of a calibration with new presses at marked positions.
 
-File and board get the new calibration together at the end; on error, both keep the old one.
+These positions (marks) were also pressed for the calibration. The difference of log2(counts) at a
+mark is its shift. File and board get the new calibration together at the end; on error, both keep
+the old one.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ from .session import Wanted
 from .shift import shifted
 from .steps import DARK_S
 
-_STRAY_UM = 1500.0  # largest distance from the other presses of a mark; a person achieves 300 um
+_STRAY_UM = 1500.0  # largest distance from the other presses at a mark; a person achieves 300 um
 _STRAY_SHARE = 0.5  # largest distance from the mark, as a share of the distance to the next mark
 _STRAYS = 5  # largest number of repeated presses of a mark
 
@@ -83,8 +85,8 @@ def rezero(
     if marks is None:
         again = "run 'spots calibrate joint' again" if joint else "calibrate again"
         raise SpotsError(
-            f"{bench.path} has no [{'joint_' * joint}marks] for a re-zero: {again} to make these "
-            "marks"
+            f"{bench.path} has no section [{'joint_' * joint}marks], which a re-zero needs: "
+            f"{again} to make it"
         )
     table, reader = Calibration(made.lines), bench.reader
     reason = table.mismatch(reader.conditions)
@@ -158,8 +160,9 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the shifts of three marks, corrected for presses that missed their mark.
 
     The arguments are those of `drift.described`. A drift of LED, filters or dye has the same effect
-    as a movement of the marks, by distances that are a linear function of their positions. So any
-    other apparent movement is an error of the presses, and is removed.
+    as a movement of the marks, by distances that are a linear function of their positions. So a
+    deviation of the apparent movements from a straight line is an error of the presses. It is
+    removed.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]
@@ -169,7 +172,7 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
 
 
 def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
-    """Ask for presses at a mark until `presses` of them agree; return each channel's mean shift.
+    """Ask for presses at a mark until `presses` of them agree; return the mean shift per channel.
 
     `wanted` is the press to ask for, and `log` is log2 of its counts at the calibration. `marks`
     are all marks of the calibration; a press nearer to another mark is repeated.

@@ -2,11 +2,11 @@
 
 The colours of the presses show their distances from each other, but not their distance from the
 ruler's zero. This distance is estimated from the positions that the person read. If the errors of
-these positions are Gaussian, nothing is better than their mean. But a ruler has marks, and a
-position that is rounded to the nearest mark has a uniform error, of half the distance of the marks
-at most. The ends of such a distribution show its middle better than the mean does. So the error is
-modelled as either Gaussian, or the sum of an error of rounding and a smaller logistic (nearly
-Gaussian) error. The data determine the probabilities and the sizes.
+these positions are Gaussian, the mean is the best estimate. But a ruler has marks, and a position
+that is rounded to the nearest mark has a uniform error, of at most half the distance between marks.
+The ends of such a distribution show its middle better than the mean does. So the error is modelled
+as either Gaussian, or the sum of a rounding error and a smaller logistic (nearly Gaussian) error.
+The data determine the probabilities of these models, and the sizes of the errors.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ import numpy as np
 
 _MARKS_UM = (500.0, 1000.0, 2000.0)  # distances of the marks of a ruler
 _GAUSSIAN = 0.5  # prior probability of Gaussian errors
-_SIGMAS = 2.0 ** np.arange(-4.0, 1.5, 0.5)  # of Gaussian or logistic errors, relative to all errors
+# Standard deviations of Gaussian or logistic errors, divided by that of all errors.
+_SIGMAS = 2.0 ** np.arange(-4.0, 1.5, 0.5)
 _LOGISTIC = np.sqrt(3) / np.pi  # scale of a logistic distribution with the standard deviation 1
 _REACH, _STEPS = 3.4, 29  # grid of common errors, in standard deviations
 _LEAST_UM = 1.0
 
 
 def common_error_um(read_um: np.ndarray, off_um: np.ndarray) -> np.ndarray:
-    """Return the error that a fit to positions from a ruler has in common for all presses.
+    """Return the error that all positions of a fit share, because a person misread the ruler.
 
-    The error is a straight line along the strip: an offset and a scale. Returned is the
-    mean of the posterior distribution of this line.
+    The error is a straight line along the strip: an offset and a scale. The result is the mean of
+    the posterior distribution of this line.
 
     Parameters
     ----------
@@ -59,10 +60,11 @@ def common_error_um(read_um: np.ndarray, off_um: np.ndarray) -> np.ndarray:
 
 
 def _log_density(error_um: np.ndarray, half_um: float, sigma_um: float) -> np.ndarray:
-    """Return the log density of the sum of a uniform and a logistic error, in um.
+    """Return the logarithm of the probability density (in 1/um) of errors.
 
-    `error_um` contains absolute errors. `half_um` is half the width of the uniform distribution; if
-    it is 0, the error is Gaussian. `sigma_um` is the standard deviation of the other error.
+    An error is the sum of a uniform error, at most `half_um`, and a logistic one; if `half_um` is
+    0, it is Gaussian. `sigma_um` is the standard deviation of the logistic or Gaussian error.
+    `error_um` contains absolute values.
     """
     if not half_um:
         return -0.5 * (error_um / sigma_um) ** 2 - np.log(sigma_um * np.sqrt(2 * np.pi))

@@ -1,4 +1,9 @@
-"""Session files: one JSON line per press, on disk before the session asks for the next press."""
+"""Session files: one JSON line per press, on disk before the session asks for the next press.
+
+A session asks for the presses of a calibration. For a press *by hand*, the person then reads its
+true position off a ruler, and its force off a scale. Marks are positions that a re-zero presses
+again, to measure drift.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +35,9 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     ----------
     kind : str
         Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero,
-        ``hand`` for a press by hand, whose place and force a person reads. The other kinds are
-        steps of ``spots calibrate``.
+        ``hand`` for a press by hand. The other kinds are steps of ``spots calibrate``.
     place_um : float
-        Distance from the sensor's end in um, measured on the stretched strip.
+        Distance from the strip's end at the sensor in um, measured while the strip has its strain.
     force_mN : float
         Force in mN; 0 if the force is unknown.
     strain_ppm : int
@@ -43,9 +47,10 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     direction : int
         Direction in which the joint was turned: 1 upwards, -1 downwards; 0 without a joint.
     then_mN : float
-        Force in mN that follows `force_mN` without a release; 0 for a release.
+        Second force in mN, to which the person changes without a release; 0 for a press with one
+        force.
     hold_s : float
-        Least duration of the hold with `force_mN`, in s.
+        Least time for which the person must hold `force_mN`, in s.
     """
 
     kind: Literal["choose", "position", "force", "strain", "joint", "mark", "hand"]
@@ -258,7 +263,7 @@ class Session:
         known = [p.length_um for p in self.points if p.length_um is not None]
         if known:
             return known[-1]
-        # Older versions took ``force`` presses only after the last position, the strip's end.
+        # Older versions took ``force`` presses only after the last position, at the strip's end.
         whole = self.of("position") if self.of("force") else []
         return max((p.place_um for p in whole), default=None)
 

@@ -1,9 +1,10 @@
 """Fits the board's compensation of hysteresis and creep to a recording of known forces.
 
 The compensated force is a gain times the force that the board reads without compensation, minus
-hysteresis and creep. Hysteresis is a weighted sum of play operators of the force read. Creep is a
-sum of low-pass filters of the true force, times their shares. The force is linear in the gain, the
-weights and the shares, which are fitted. See `spots_device.silicone`.
+hysteresis and creep. Hysteresis is a weighted sum of play operators, whose input is the force that
+the board reads. Creep is a sum of low-pass filters of the true force, each times its share. The
+compensated force is linear in the gain, the weights and the shares, which are fitted. See
+`spots_device.silicone`.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ from ..errors import SpotsError
 from .fit import ONE_Q12
 from .session import Point
 
-PLAYS_MN = (300, 1000, 3000)  # half widths
-TAUS_MS = (400, 4000, 40_000)
+PLAYS_MN = (300, 1000, 3000)  # half widths of the play operators
+TAUS_MS = (400, 4000, 40_000)  # time constants of the creep
 _LEAST_MN = 300.0  # weaker forces are in the dead zone, or nearly
 _READINGS_MIN = 100
-# Expected sizes of the weights of plays, and of the shares of creep. The pair of sizes with the
-# largest evidence is used: 0 if the recording does not show the effect.
+# Expected sizes of the weights of the play operators, and of the shares of creep. The pair of sizes
+# with the largest evidence is used: 0 if the recording does not show the effect.
 _SIZES = (0.0, 0.01, 0.03, 0.1)
-_NOISE_MN = 20.0  # standard deviation of the forces in a second: errors of gauge and model
+_NOISE_MN = 20.0  # standard deviation of the force error of one second: gauge and model
 _CREEP_MS = 60_000  # creep is reported for a hold of this duration
 _FULL_MN = 10_000.0  # hysteresis is reported for this force, in per cent of it
 _SURE = 3.0  # least ratio of an effect to its standard deviation
@@ -35,7 +36,7 @@ _SHARE_MIN = 0.005  # relative error of the force table, even if the forces are 
 
 
 class Compensated(NamedTuple):
-    """Fitted compensation.
+    """Result of a fit: the compensation, and the hysteresis and creep of the strip.
 
     Attributes
     ----------
@@ -43,7 +44,7 @@ class Compensated(NamedTuple):
         Line ``silicone`` to add to the lines of a calibration; empty if the recording shows neither
         hysteresis nor creep.
     sigma : numpy.ndarray, shape (7,)
-        Standard deviations of the gain, 3 weights of play operators and 3 shares of creep.
+        Standard deviations (Q12) of the gain, 3 weights of play operators and 3 shares of creep.
     before_mN, after_mN : float
         Mean absolute error of the recorded forces without and with compensation.
     hysteresis_percent, creep_percent : tuple of (float, float)
@@ -188,8 +189,8 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
 def _prior(plays: float, creep: float, terms: int) -> np.ndarray:
     """Return the expected size of each unknown of the fit, in the order of the fit.
 
-    The unknowns are: the gain minus 1; the weights of the play operators, of the size `plays`; the
-    shares of the creep, of the size `creep`; and the errors of the forces, divided by their
+    The unknowns are: the gain minus 1; the weights of the play operators, with the size `plays`;
+    the shares of the creep, with the size `creep`; and the errors of the forces, divided by their
     standard deviation. `terms` is the number of all unknowns.
     """
     sizes = [max(plays, creep), *[plays] * len(PLAYS_MN), *[creep] * len(TAUS_MS)]
@@ -210,8 +211,8 @@ def _evidence(prior: np.ndarray, information: np.ndarray, values: np.ndarray) ->
 def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
     """Return the columns of the least-squares fit for each reading, shape (n, 7).
 
-    The columns are: the force that the board read, three play operators of it (hysteresis), and
-    three low-pass filters of the true force (creep).
+    The columns are: the force that the board read, three play operators of this force (hysteresis),
+    and three low-pass filters of the true force (creep).
 
     The arguments are those of `fit_silicone`.
     """

@@ -30,8 +30,8 @@ class Reading:
     counts : numpy.ndarray, shape (6,)
         Mean dark-subtracted counts of each channel.
     variance : numpy.ndarray, shape (6,)
-        Variance of one sample in counts**2, without the noise that all channels share; 0 for a dark
-        channel.
+        Variance of one sample of each channel in counts**2, without the noise that all channels
+        share; 0 for a channel without light.
     drift : float
         Change of the brightness from the first half of the samples to the second, in log2 units.
     saturated : bool
@@ -55,7 +55,7 @@ class Reading:
 
 
 def mean(readings: list[Reading]) -> Reading:
-    """Return the mean of successive readings of a press that have equal numbers of samples."""
+    """Return the mean of the successive readings of a press, which have equally many samples."""
     return Reading(
         np.mean([r.counts for r in readings], axis=0),
         np.mean([r.variance for r in readings], axis=0),
@@ -65,9 +65,9 @@ def mean(readings: list[Reading]) -> Reading:
 
 
 class SpectrumReader:
-    """Reads single samples from a board. Call `set_up` again if the board's settings change.
+    """Reads single samples from a board: its setting ``average`` is 1 until `restore` is called.
 
-    The board's setting ``average`` is 1 until `restore` is called.
+    Call `set_up` again if the board's settings change.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class SpectrumReader:
         return np.array([frame.counts for frame in frames], dtype=float) - self._dark, saturated
 
     def positions_um(self, count: int, timeout_s: float) -> np.ndarray:
-        """Return new positions of a calibrated board, which must stream touches.
+        """Return new positions that a calibrated board reports; the board must stream touches.
 
         Parameters
         ----------

@@ -28,7 +28,7 @@ from .spectra import Reading
 
 LENGTH_UM = 85_000.0  # usual length of a strip
 _RULER_UM = 100  # resolution of a ruler
-# By kind: default and least number of presses by hand, places, forces, or angles in each direction.
+# For each kind: default and least number of presses, positions, forces, or angles per direction.
 COUNTS = {
     "fine": (39, PLACES_MIN),
     "rough": (12, 8),
@@ -45,7 +45,7 @@ _DARK_SHARE = 0.85
 _LEAST_MARGIN = 1.05  # the least force is increased by this factor
 _SENSOR_END_UM = 2_000.0
 _NOISE_POINTS = 6
-DARK_S = 2.5  # exposure of dark frames of the marks: less gives more noise, more cools the LED
+DARK_S = 2.5  # exposure of dark frames before marks: less gives more noise, more cools the LED
 
 
 def calibrate(
@@ -168,7 +168,7 @@ class _Steps:
         reader, guide = self.bench.reader, self.bench.guide
         if reader.info.get("mains_hz") != 0:  # set by hand, or an older firmware
             return
-        guide.say("lamps: touch nothing")
+        guide.say("flicker of lamps: touch nothing")
         if mains_hz := lamps.mains_hz(reader.board):
             reader.set_up(f"mains_hz={mains_hz}")
             reader.board.command("save")  # needed to set the session's exposure again later
@@ -192,7 +192,7 @@ class _Steps:
         bench.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
     def _exposed(self) -> None:
-        """Store the press of the exposure as a press by hand, as it is with the new settings."""
+        """Read the press for the exposure again at the new settings; store it as one by hand."""
         bench = self.bench
         try:
             reading = bench.again("hand")
@@ -236,8 +236,8 @@ class _Steps:
         choice = choose(plans, measured, full_scale(*registers(reader.conditions.exposure_us)))
         self._set_plan(choice.plan)
         self.bench.guide.say(
-            f"channels {' '.join(choice.plan)}: {choice.sigma_um:.0f} um per sample; "
-            f"{' '.join(plans[0])}: {choice.present_sigma_um:.0f} um"
+            f"noise of one sample: {choice.sigma_um:.0f} um with channels {' '.join(choice.plan)}, "
+            f"{choice.present_sigma_um:.0f} um with {' '.join(plans[0])}"
         )
 
     def _set_plan(self, plan: tuple[str, ...]) -> None:
@@ -297,7 +297,7 @@ class _Steps:
         for residual in calibration.residuals:
             force = residual.force_rms_mN
             bench.guide.say(
-                f"at {residual.strain_ppm / 10_000:g} % strain: position "
+                f"errors at {residual.strain_ppm / 10_000:g} % strain: position "
                 f"{residual.position_rms_um:.0f} um rms"
                 + ("" if force is None else f", force {force:.0f} mN rms")
             )

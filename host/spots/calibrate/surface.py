@@ -1,12 +1,13 @@
 """Fits a model of a strip's light to presses whose positions and forces have errors.
 
-The model of log2 of the counts of channel c is ``s_c(x) + g(F)``: by Eq. 1 of the paper, place and
-force act on the logarithm separately. `s_c` and `g` are Chebyshev series whose coefficients have a
-Gaussian prior, which is narrower for higher degrees; its width differs between channels. An error
-of the position shifts the channels along the slopes of `s_c`; an error of the force shifts all
-channels alike. The sizes of these errors and of the coefficients are those with the largest
-evidence (Rasmussen and Williams, Gaussian Processes for Machine Learning,
-section 5.4.1).
+For a press at the position x with the force F, the model of log2 of the counts of channel c is
+``s_c(x) + g(F)``: by Eq. 1 of the paper (docs/paper.md), position and force act on the logarithm
+separately. `s_c` and `g` are Chebyshev series whose coefficients have a Gaussian prior. The prior
+is narrower for higher degrees, and has another width for each channel. An error of the position
+shifts the channels in proportion to the slopes of `s_c`; an error of the force shifts all channels
+alike. The sizes of these errors and of the coefficients are those with the largest evidence
+(marginal likelihood; Rasmussen and Williams, Gaussian Processes for Machine Learning, section
+5.4.1).
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ class Sizes:
     Attributes
     ----------
     place_um : float
-        Standard deviation of the places that a person reads, in um.
+        Standard deviation of the positions that a person reads off a ruler, in um.
     force_share : float
-        Relative standard deviation of the forces that a person reads.
+        Relative standard deviation of the forces that a person reads off a scale.
     force_mN : float
-        Standard deviation that is the same for all forces, in mN: rounding of the scale, and creep
-        of earlier presses. It matters for weak forces.
+        Further error that is the same for all forces, as a standard deviation in mN: rounding of
+        the scale, and creep of earlier presses. It matters for weak forces.
     bends : tuple of float
-        Expected sizes of the coefficients of degree 2 of each `s_c`, in log2 units.
+        For each channel c, expected size of the coefficient of degree 2 of `s_c`, in log2 units.
     rise : float
         Expected size of the coefficient of degree 1 of `g`, in log2 units.
     dark_share : float
@@ -82,9 +83,9 @@ _GRIDS = {
     "dark_share": (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98),
     "misfit": (3e-4, 1e-3, 3e-3, 1e-2),
 }
-# Each channel has its own size of the bends. Most channels are nearly straight, because they
-# receive a narrow band of the spectrum. Errors of the ruler would bend all channels along the
-# slopes. Channels that are known to be nearly straight reveal these errors.
+# Each channel has its own expected bend. The curves `s_c` of most channels are nearly straight,
+# because these channels receive a narrow band of the spectrum. Errors of the ruler bend all curves
+# in proportion to their slopes. So curves that are known to be nearly straight reveal these errors.
 _SEARCHED = [
     (name, channel)
     for name in _GRIDS
@@ -155,7 +156,7 @@ class Surface:
         solved = np.linalg.solve(information, np.column_stack([p.logs.ravel() @ weighted, units]))
         found, bends = solved[:, 0], solved[_BENDS]
         self._information, self._mean = information, self._prior * found
-        if not self._forces_known:  # the relative force is proportional to the light
+        if not self._forces_known:  # a force without a unit is proportional to the light
             self._mean[CHANNELS * _PLACE] = (self._high - self._low) / 2 / np.log(2)
             middle = self._share(np.array([FIRM_MN / 2]))[0]
             self._mean[: CHANNELS * _PLACE : _PLACE] -= self._mean[CHANNELS * _PLACE] * middle
@@ -168,7 +169,7 @@ class Surface:
         )
         # The prior of the bends is a half-normal distribution: a channel receives a band of
         # wavelengths, so its count is a sum of exponentials of the position, whose logarithm is
-        # convex. The probability that each bend is not negative has changed from 1/2 to erfc() / 2.
+        # convex. The presses change the probability of a convex curve from 1/2 to erfc() / 2.
         sigmas = bends[:, 0] / np.sqrt(np.diag(bends[:, 1:]))
         self.evidence += sum(log(erfc(-max(sigma, -_CONCAVE_MAX) / 2**0.5)) for sigma in sigmas)
 
@@ -178,7 +179,7 @@ class Surface:
         return np.linalg.inv(self._information) * np.outer(self._prior, self._prior)
 
     def _rows(self, place_um, force_mN) -> np.ndarray:
-        """Return derivatives of log2(counts) by the model's coefficients.
+        """Return derivatives of log2(counts) with respect to the model's coefficients.
 
         The arguments are positions in um and forces in mN of n presses; 0 is an unknown force. The
         result has the shape (n, 6, number of coefficients).
@@ -200,7 +201,7 @@ class Surface:
         return chebyshev.chebval(share, chebyshev.chebder(series)).T * 2 / self.length_um
 
     def _rises(self, force_mN) -> np.ndarray:
-        """Return the derivatives of log2(counts) by the logarithm of n forces, shape (n,)."""
+        """Return the derivatives of log2(counts) with respect to log(force) at n forces."""
         series = np.concatenate([[0.0], self._mean[CHANNELS * _PLACE :]])
         rises = chebyshev.chebval(self._share(force_mN), chebyshev.chebder(series))
         lit = np.maximum(np.asarray(force_mN) - self._dark_mN, 1.0)
@@ -246,18 +247,18 @@ class Surface:
 
     @cached_property
     def bent(self) -> Surface:
-        """Fit of the same presses with the largest expected bend for every channel.
+        """Fit of the same presses in which every channel has the largest expected bend.
 
-        It is used to choose the next press. So a strip whose curves seem straight is also checked
-        between its ends.
+        The next press is chosen with this fit, so that a strip whose curves seem straight is also
+        pressed between its ends.
         """
         sizes = replace(self.sizes, bends=(max(self.sizes.bends),) * CHANNELS)
         return Surface(self.taken, self._noise, self._samples, self.length_um, sizes, self)
 
     def moved(self) -> Surface:
-        """Return this fit without the common error of the places, see `ruler`.
+        """Return this fit without the error that all positions have in common, see `ruler`.
 
-        In `taken`, the presses have the places that were read.
+        In `taken` of the result, the presses still have the positions that the person read.
         """
         p = self.taken
         place = self._estimators(p.position_um, p.counts)[1]
@@ -269,7 +270,7 @@ class Surface:
         return moved
 
     def find(self, counts: np.ndarray) -> tuple[float, float]:
-        """Return position in um and force in mN whose expected counts are nearest to `counts`."""
+        """Return position in um and force in mN whose expected counts are most like `counts`."""
         place_um = np.linspace(0, self.length_um, 101)
         force_mN = np.geomspace(self.least_mN, self.most_mN, 101)
         off = np.log2(counts) - self.logs(place_um, np.full_like(place_um, FIRM_MN))
@@ -290,7 +291,8 @@ class Surface:
         off_um : numpy.ndarray, shape (n,)
             Position estimated from the counts, minus the measured position, in um.
         off_share : numpy.ndarray, shape (n,)
-            Force estimated from the counts, divided by the measured force, minus 1; 0 if unknown.
+            Force estimated from the counts, divided by the measured force, minus 1; 0 if no
+            force was measured.
         """
         p = self.taken
         rows = self._rows(p.position_um, p.force_mN)
@@ -345,10 +347,10 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return two matrices: they convert coefficient errors to position and force errors.
+        """Return two matrices, which convert errors of the coefficients to errors of readings.
 
-        The matrices have a row for each of the presses at the positions `place_um` with the forces
-        `force_mN`.
+        The first matrix gives errors of the position in um, the second relative errors of the
+        force. Each has a row for each press; `place_um` and `force_mN` describe the presses.
         """
         rows = self._rows(place_um, force_mN)
         light, place = self._estimators(place_um, 2.0 ** self.logs(place_um, force_mN))
@@ -415,7 +417,7 @@ def fitted(
     length_um: float,
     sizes: Sizes | None = None,
 ) -> Surface:
-    """Fit surfaces with different sizes of errors; return the one with the largest evidence.
+    """Fit surfaces with different `Sizes`; return the one with the largest evidence.
 
     Parameters
     ----------

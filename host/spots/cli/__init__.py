@@ -14,7 +14,7 @@ from .parser import CommandList, Parser
 
 # In the order in which `spots --help` lists their commands.
 _GROUPS = boards, look, applications, recordings, remote
-# Entry points of other packages with such modules, see `CommandList.add`.
+# Entry points by which other packages add such modules, see `CommandList.add`.
 _MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
             print(end="", flush=True)
         return code
     except BrokenPipeError:
-        pass  # the reader of the output has closed it
+        pass  # the program that reads the output has ended
     except SystemExit as end:
         # Rich raises it after a broken pipe.
         if not isinstance(end.__context__, BrokenPipeError):

@@ -39,7 +39,9 @@ def serve(parser: Parser):
         "--layout", "LAYOUT", "key layout: a .toml file, or a name such as mini", default="digits"
     )
     parser.add_argument(
-        "--address", default="127.0.0.1", help="address to listen on; other machines need the token"
+        "--address",
+        default="127.0.0.1",
+        help="address to listen on; other machines need the token, which 'spots serve' prints",
     )
     parser.option(
         "--http-port",
@@ -59,7 +61,9 @@ def serve(parser: Parser):
     )
     parser.option("--record-to", "FOLDER", "let browsers with the token record to this folder")
     parser.option(
-        "--session", "FILE.jsonl", "let browsers with the token calibrate; file for the presses"
+        "--session",
+        "FILE.jsonl",
+        "let browsers with the token calibrate; this file stores the presses",
     )
     return calls("spots.web.serve:serve_command")
 

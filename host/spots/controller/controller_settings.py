@@ -105,7 +105,8 @@ class Pressed(_Button, tag="pressed"):
         super().__post_init__()
         if 0 < self.press_mN < _FINGER_MN:
             raise ValueError(
-                f"press_mN is {self.press_mN:g} mN, too little for a finger: write the force in mN"
+                f"press_mN is {self.press_mN:g} mN, too little for a finger: write the force in "
+                "mN, not in N"
             )
         if self.release_mN > self.press_mN:
             raise ValueError("release_mN must not be above press_mN")

@@ -1,7 +1,9 @@
 """Computes the state of a gamepad from readings. No I/O; the caller passes all times.
 
-An axis follows the finger, and returns to 0 when the finger lifts. While readings are untrusted or
-missing, the last valid state is kept for `hold_ms`; then all axes are 0 and all buttons released.
+An axis follows the finger, and returns to 0 when the finger lifts. If the first finger rests in the
+zone of an `Anchored` button (this finger is the anchor), axes follow the second finger. While
+readings are untrusted or missing, the last valid state is kept for `hold_ms`; then all axes are 0
+and all buttons released.
 """
 
 import math
@@ -42,7 +44,8 @@ class Controller:
     length_um : float
         Length of the strip, in um.
     decay : int, optional
-        Decay of the strip's dye, from the board's reply to ``hello``; used to find a second finger.
+        Decay of the light by the dye, from the board's reply to ``hello``; used to find a second
+        finger.
 
     Attributes
     ----------
@@ -54,7 +57,7 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
-    rests = 0  # a controller asks for no baseline, see `link.calibrated.fed`
+    rests = 0  # a controller never detects a resting object, see `link.calibrated.fed`
 
     def __init__(self, settings: ControllerSettings, length_um: float, decay: int | None = None):
         self.length_um = length_um

@@ -12,14 +12,14 @@ from ..errors import SpotsError, missing
 from . import constants, manifest
 from .staging import CONFIG, Device, device_of, stage
 
-# By their number in an .mpy file; 0 is bytecode (MicroPython, py/persistentcode.h).
+# Names by number in the header of an .mpy file; 0 is bytecode (MicroPython, py/persistentcode.h).
 ARCHITECTURES = (
     None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp",
     "xtensa", "xtensawin", "rv32imc", "rv64imc",
 )  # fmt: skip
 
-# Machine code that corrects the sign of a number in words of 64 bits, see kernel_viper.py, and its
-# replacement for boards. Their words have 32 bits, for which it changes nothing.
+# Source text that corrects the sign of a number in words of 64 bits (see kernel_viper.py), and its
+# replacement for boards: in their words of 32 bits, the correction changes nothing.
 _SIGN = " ^ sign) - sign", ")"
 
 
@@ -41,7 +41,7 @@ class MpyHeader(NamedTuple):
 def mpy_header(data: bytes) -> MpyHeader:
     """Read the header of an .mpy file.
 
-    Source: MicroPython, "MicroPython .mpy files".
+    Source of the format: documentation of MicroPython, "MicroPython .mpy files".
 
     Raises
     ------
@@ -81,7 +81,7 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
         raise SpotsError(
-            f"{target} was not written by 'spots build': move this folder, or name another"
+            f"{target} was not written by 'spots build': move this folder, or build in another"
         )
     try:
         _build(device, target, strips)
@@ -143,8 +143,8 @@ def _compile(folder: Path, device: Device) -> None:
     package = folder / "spots_device"
     constants.inline(package)
     for source in sorted(package.rglob("*.py")):
-        # A traceback on the board shows this name, and -O3 leaves out line numbers: each module has
-        # this name, and line numbers take 7 % of flash and heap.
+        # A traceback on the board shows this name of the module. -O3 leaves out line numbers, which
+        # take 7 % of flash and heap.
         name = source.relative_to(package).with_suffix("").as_posix()
         code = source.read_text(encoding="utf-8")
         source.write_text(code.replace(*_SIGN), encoding="utf-8")

@@ -1,6 +1,6 @@
-"""Replaces the names of integer constants by their values in a copy of the firmware's package.
+"""Writes values in place of the names of integer constants, in a copy of the firmware's package.
 
-On a board, each name of a constant takes 10 to 30 bytes of flash and heap in each module that uses
+On a board, the name of a constant takes 10 to 30 bytes of flash and heap in each module that uses
 it, and each look-up takes 2 us. MicroPython's own ``const`` works in one module only.
 """
 
@@ -17,8 +17,8 @@ _NAME = re.compile(r"[A-Z][A-Z0-9_]*")
 def inline(package: Path) -> None:
     """Replace public integer constants by their values; remove their definitions and imports.
 
-    A constant has a name in capitals, and one assignment in its module whose value follows from
-    numbers and other constants. Constants that are used as attributes of a module are not changed.
+    A constant has a name in capitals. Its module assigns it once, a value that follows from numbers
+    and other constants. Constants that are used as attributes of a module are not changed.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class _Module:
         self._removed: dict[ast.stmt, str] = {}
         self._names: list[ast.Name] = []
         self._imports: list[ast.ImportFrom] = []
-        for node in ast.walk(self._tree):  # only once: it takes most of the time of a build
+        for node in ast.walk(self._tree):  # a single walk, as it takes most of the time of a build
             if isinstance(node, ast.Name):
                 self._names.append(node)
             elif isinstance(node, ast.Attribute):
@@ -66,7 +66,7 @@ class _Module:
             origin = modules.get("/".join([*folder, *(node.module or "").split(".")]))
             if origin is not None:
                 self._import(node, origin.values)
-        if name == "__init__":  # what other programs read
+        if name == "__init__":  # other programs read its constants
             return
         known = self._imported | self.values
         for node in self._tree.body:

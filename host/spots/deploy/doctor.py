@@ -1,4 +1,4 @@
-"""Checks a board's port, firmware, sensor, LED and calibration; prints a remedy per problem."""
+"""Checks port, firmware, sensor, LED and calibration of a board; prints a remedy per problem."""
 
 import math
 import os
@@ -20,18 +20,18 @@ from ..link.serial_link import SerialLink
 from .place import the_board
 
 _SPECTRA = 12
-# Lit readings that are compared with the dark frames before and after them: at least this number,
-# and a period of a lamp at 50 Hz.
+# Readings with the LED on that are compared with the dark frames before and after them: at least
+# `_LIT`, and for at least `_LIT_S`, a mains period at 50 Hz.
 _LIT = 4
 _LIT_S = 0.02
-# Time for a person to press, as an untouched strip is dark, or to unplug an LED.
+# Time for a person to press (an untouched strip is dark), or to unplug an LED.
 _WITHIN_S = 10.0
 _DIM = 0.01  # share of full scale; with less light a position is noise
-_BRIGHTEST = 0.95  # share of full scale
-# Share of the highest rate: transfers and dark frames take time, too.
+_BRIGHTEST = 0.95  # share of full scale; with more light a channel may saturate
+# Least rate, as a share of the highest possible one: transfers and dark frames take time, too.
 _SLOWEST = 0.7
-_RATE_S = 0.5  # duration of readings; the commands before and after them cost little time
-_MISSED = 0.15  # share of the samples: more than commands and dark frames cost
+_RATE_S = 0.5  # duration of the readings; the commands before and after them cost little time
+_MISSED = 0.15  # largest share of missed samples; commands and dark frames cost less
 # Wire to check first, by kind of the LED.
 _WIRES = {
     "ldr": "the wire from LDR to the LED's cathode",
@@ -86,7 +86,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
             check = "permission"
             SerialLink(port).close()
             yield Finding(check, True, "the port can be opened")
-            advice = "; to flash the board: spots flash BOARD"
+            advice = "; to flash the board, run 'spots flash BOARD'"
         check = "hello"
         board = open_board(port)
     except SpotsError as error:
@@ -101,7 +101,7 @@ def examine_board(board: Board) -> Iterator[Finding]:
     yield Finding("hello", True, "{board}, {runtime}, id {id}".format(**board.info))
     text = firmware = board.info["firmware"]
     if firmware != __version__:
-        text += f" on the board, {__version__} here: spots flash {board.info['board']}"
+        text += f" on the board, {__version__} here: run 'spots flash {board.info['board']}'"
     yield Finding("firmware", firmware == __version__, text)
     state = board.command("get")
     if state["fault"] is not None:
@@ -113,7 +113,7 @@ def examine_board(board: Board) -> Iterator[Finding]:
     count = max(_SPECTRA, round(_RATE_S / reading_s))
     missed = board.command("get")["missed"]
     spectra = list(islice(board.spectra(1 + 3 * count * reading_s), count))
-    missed = max(0, board.command("get")["missed"] - missed)  # it restarts with the sensor
+    missed = max(0, board.command("get")["missed"] - missed)  # 0 again if the sensor restarted
     if state["led"] == "ldr" and not state["led_mA"]:
         yield Finding("light", False, "the LED is off: run 'spots command set led_mA=20'")
     else:
@@ -137,7 +137,7 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
         yield Finding("light", False, str(error))
         return
     if light < least:
-        text = f"none yet: press firmly near the sensor within {_WITHIN_S:.0f} s, and hold"
+        text = f"no light yet: press firmly near the sensor within {_WITHIN_S:.0f} s, and hold"
         yield Finding("light", True, text)
         light, brightest, fits = _await(board, reading_s, lambda lit: lit >= least)
     if light >= least and state["led"] == "always":
@@ -173,7 +173,7 @@ def _await(
 
 
 def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
-    """Measure the light of the LED: take a dark frame, samples with the LED on, and a dark frame.
+    """Measure the light of the LED, by samples with the LED on between two dark frames.
 
     A press also couples ambient light into the strip, and ambient light changes. So for each
     channel, the larger dark count is subtracted from the smallest count with the LED on.
@@ -225,10 +225,10 @@ def _lamps(board: Board, state: Get) -> Iterator[Finding]:
 
 
 def _missed(exposure_us: int, share: float) -> Finding:
-    # What the board needs for a sample, and a little more.
+    # The time that the board needs for a sample, plus 10 %.
     longer_us = 100 * math.ceil(0.011 * exposure_us / (1 - share))
-    text = f"the board misses {share:.0%} of the sensor's samples: spots command set "
-    return Finding("rate", False, f"{text}exposure_us={longer_us}")
+    text = f"the board misses {share:.0%} of the sensor's samples: run 'spots command "
+    return Finding("rate", False, f"{text}set exposure_us={longer_us}'")
 
 
 def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:

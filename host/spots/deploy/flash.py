@@ -23,7 +23,8 @@ from .prompt import Prompt
 from .released import FILES
 from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
 
-# The first versions with USB devices, and with a finer clock than milliseconds on the RP2040.
+# MicroPython: the first version with USB devices. CircuitPython: the first version whose clock is
+# finer than milliseconds on the RP2040.
 _OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
 _RETURN_S = 20.0
 _POLL_S = 0.2
@@ -70,7 +71,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False, strips: in
     port : str, optional
         Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
     dry_run : bool
-        Whether only to print the changes.
+        Whether to print the changes without making them.
     strips : int
         Number of strips on the board.
 
@@ -186,7 +187,7 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
     block = target.facts["block"] or 1
     taken = sum(_on_disk(len(files[path]), block) for path in copy)
     gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} if path in there)
-    # The old file stays until the hash of the new one is verified.
+    # The old file stays until the hash of the new one is verified, so both need room.
     most = max(_on_disk(len(files[path]), block) for path in copy)
     most += _on_disk(len(claim), block)
     return Plan(remove, copy, max(taken - gone + most, most), claim)

@@ -1,13 +1,13 @@
 """The manifest on a board: path and SHA-256 of every file that a flash wrote.
 
-A flash of another version removes exactly these files. ``sha256sum -c`` can check a manifest.
+A later flash of another version removes exactly these files. ``sha256sum -c`` can check a manifest.
 """
 
 import hashlib
 import re
 
 MANIFEST = "spots.sha256"
-LARGEST_BYTES = 1 << 16  # of a manifest on a board; the rest is not read
+LARGEST_BYTES = 1 << 16  # at most so many bytes of a board's manifest are read
 _LINE = re.compile(rb"([0-9a-f]{64})  (\w[\w.-]*(?:/\w[\w.-]*)*)")
 
 

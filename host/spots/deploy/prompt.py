@@ -1,4 +1,4 @@
-"""A board's raw prompt: runs programs on the board; lists, hashes, writes and removes files."""
+"""A board's raw prompt (raw REPL): runs programs; lists, hashes, writes and removes files."""
 
 import ast
 import contextlib
@@ -17,9 +17,9 @@ from ..link.serial_link import SerialLink
 _TIMEOUT_S = 10.0
 # Timeouts of the attempts to enter the prompt: a board that is starting misses the first.
 _ENTER_S = (2.0, 4.0, 8.0)
-_GARBLED = (SyntaxError, ValueError, TypeError)  # from parsing a reply without the facts
+_GARBLED = (SyntaxError, ValueError, TypeError)  # raised when a reply without facts is parsed
 _CHUNK = 512  # bytes of a file in one transfer: a file may be larger than the board's memory
-_PATHS = 50  # in one program: a longer list may not fit into the board's memory
+_PATHS = 50  # number of paths in one program: a longer list may not fit into the board's memory
 _DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")
 
 _SIZES = """
@@ -72,7 +72,7 @@ machine.reset()
 
 
 class Prompt:
-    """The raw prompt of a board. Opening the prompt interrupts a running program.
+    """The raw prompt (raw REPL) of a board. Opening the prompt interrupts a running program.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Prompt:
             raise missing("flashing needs", "mpremote", "flash") from None
         self.port = port
         self._refused = TransportExecError
-        # At a disconnect, the exception of mpremote depends on its operation.
+        # At a disconnect, mpremote raises one of these, depending on its present operation.
         self._failures = (TransportError, serial.SerialException, OSError, struct.error)
         SerialLink(port).close()  # its error explains why a port cannot be opened
         self._transport = None

@@ -25,7 +25,8 @@ BOARDS = _ROOT / "boards"
 # The files that a runtime runs at its start, in this order; the last one runs the application.
 ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
 CONFIG = "board_config.py"
-# code.py has a folder of its own: on this Python's path it would hide a standard module.
+# code.py has a folder of its own: in `firmware`, which is on this Python's path, it would hide the
+# standard module `code`.
 _ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
 # Libraries that a runtime needs in `lib`, copied from this Python's packages.
 LIBRARIES = {
@@ -38,8 +39,8 @@ LIBRARIES = {
 _SEVERAL, _MULTIPLEXER = ("several.py", "aligned.py"), "multiplexer*.py"
 STRIPS_MAX = 4
 
-# A module with this suffix is the machine code of the module without it. A board gets one of both,
-# under the name without the suffix.
+# A module with this suffix is a version, as machine code, of the module without the suffix. A board
+# gets one of the two, under the name without the suffix.
 VIPER = "_viper"
 
 
@@ -55,7 +56,7 @@ class Device(toml.Strict, kw_only=True):
     port : str or None
         Port of a board that is not on USB, such as ``virtual``.
     march : str or None
-        Architecture for ``mpy-cross -march``; None if the board runs sources only.
+        Architecture for ``mpy-cross -march``; None for bytecode alone, and for CircuitPython.
     viper : bool
         Whether MicroPython's viper compiles the firmware's module `kernel` to machine code;
         requires `march`.

@@ -23,7 +23,8 @@ class KeyEngine:
     sink : KeySink
         Receiver of the key events.
     decay : int, optional
-        Decay of the strip's dye, from the board's reply to ``hello``; a typical decay if not given.
+        Decay of the light by the dye, from the board's reply to ``hello``; a typical value if not
+        given.
 
     Attributes
     ----------

@@ -3,8 +3,8 @@
 A file contains layers, and a layer contains keys. A key is either one action, that of a tap, or a
 table of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
 ``slide_plus`` (away from the sensor). An action is the name of a computer's key with modifiers
-(``LEFT_SHIFT+A``), or selects a layer: ``layer NAME``, ``toggle NAME`` or ``once NAME``. Key names
-are those of `outputs.usages`.
+(``LEFT_SHIFT+A``), or selects a layer: ``layer NAME`` while the key is held, ``toggle NAME`` until
+the next toggle, or ``once NAME`` for one key. Key names are those of `outputs.usages`.
 """
 
 import re
@@ -104,7 +104,7 @@ class KeyLayout:
     text : str
         Text of the layout file.
     content : dict
-        Parsed content of the file, without TOML entries that have their default value.
+        Parsed content of the file, without the keys that have their default value.
     """
 
     name: str

@@ -84,7 +84,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
 
 
 def _infos(board: Board) -> list[Hello]:
-    """Return one reply to ``hello`` for each strip; of a remote board, only the first strip's."""
+    """Return the reply to ``hello`` of each strip; of the first one for a strip that has none."""
     infos = [board.command("hello")]
     for sensor in board.sensors[1:]:
         try:

@@ -21,7 +21,7 @@ from .two_fingers import ANCHOR_AND_SLIDE, TWO_FINGER_SQUEEZE, TwoFingers
 TAP, DOUBLE_TAP, HOLD = "tap", "double_tap", "hold"
 SQUEEZE = "squeeze"
 SWIPE_MINUS, SWIPE_PLUS = "swipe_minus", "swipe_plus"  # towards the sensor, and away from it
-SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"  # same directions, but after a rest
+SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"  # the same, after the finger has rested
 NAMES = (
     TAP, DOUBLE_TAP, HOLD, SQUEEZE, SWIPE_MINUS, SWIPE_PLUS, SLIDE_MINUS, SLIDE_PLUS,
     TWO_FINGER_SQUEEZE, ANCHOR_AND_SLIDE
@@ -76,7 +76,7 @@ class Gestures:
     length_um : int, optional
         Length of the strip in um; with 0, gestures of two fingers are not detected.
     decay : int, optional
-        Decay of the strip's dye, from the board's reply to ``hello``; used for two fingers.
+        Decay of the light by the dye, from the board's reply to ``hello``; used for two fingers.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Gestures:
     def _take_two(self, two: TwoFingers, touch: Touch) -> None:
         gesture = two.take(touch)
         if self._path and two.both:
-            self._path.decided = True  # the position is between two fingers
+            self._path.decided = True  # the measured position is between two fingers
         if gesture:
             name, confidence, position_um, distance_um = gesture
             place = position_um, distance_um, touch.integers[1]

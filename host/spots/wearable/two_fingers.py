@@ -1,8 +1,8 @@
 """Detects gestures of two fingers: both press harder, or one rests while the other slides.
 
 The first finger must be alone for a moment before the second one touches. Two fingers that both
-move cannot be separated; so a slide counts only if, after one finger has left, the other one is at
-the position where it was located before.
+move cannot be separated. So a slide is checked after one finger has lifted: it counts only if the
+other finger is then where it was located before the lift.
 """
 
 import math
@@ -17,11 +17,11 @@ from .margins import above, below
 TWO_FINGER_SQUEEZE, ANCHOR_AND_SLIDE = "two_finger_squeeze", "anchor_and_slide"
 
 _SETTLED_S = 0.15  # a shorter overlap, as in typing, is no gesture
-_RISE = 1.6  # least ratio of the light in a squeeze
-_SHIFT = 0.12  # largest shift of the common position in a squeeze, as a share of the distance
+_RISE = 1.6  # least ratio of the light in a squeeze to the light before it
+_SHIFT = 0.12  # largest shift of the measured position in a squeeze, as a share of the distance
 _SQUEEZE_S = 0.1
 _SLIDE_UM = 8_000
-_OFF_UM = 4_000  # largest error of the finger that remains after a slide
+_OFF_UM = 4_000  # largest position error of the finger that remains after a slide
 _SIGMA_UM = 3_000
 _SIGMAS = 4.0  # least distance of a slide, in standard deviations
 
@@ -34,7 +34,7 @@ class TwoFingers:
     length_um : int
         Length of the strip, in um.
     decay : int, optional
-        Decay of the strip's dye, see `link.contact_finder.ContactFinder`.
+        Decay of the light by the dye, see `link.contact_finder.ContactFinder`.
 
     Attributes
     ----------
@@ -51,7 +51,8 @@ class TwoFingers:
     def take(self, touch: Touch) -> tuple[str, float, int, int] | None:
         """Add a reading; return the gesture that is now complete, or None.
 
-        A gesture is a tuple: name, confidence, position in um, distance in um.
+        A gesture is a tuple: name, confidence, position of the first finger in um, and distance
+        that the second finger has moved in um.
         """
         contacts = self._finder.take(touch)
         there = [one for one in contacts if not one.ended]
@@ -120,9 +121,10 @@ class _Pair:
         return TWO_FINGER_SQUEEZE, confidence, round(self._first.position_um), 0
 
     def slide(self, left: Contact) -> tuple[str, float, int, int] | None:
-        """Return a slide if the remaining finger `left` is where it was located before, else None.
+        """Return a slide if the finger that still touches is where it was located, else None.
 
-        The other finger has just left. The result is that of `TwoFingers.take`.
+        `left` is the contact of this finger; the other finger has just lifted. The result is that
+        of `TwoFingers.take`.
         """
         moved_um = self._to.position_um - self._from.position_um
         before = self._to if left.id == self._to.id else self._first

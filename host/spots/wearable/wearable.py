@@ -1,4 +1,4 @@
-"""``spots wearable``: a strip on the body whose gestures press keys of this computer."""
+"""``spots wearable``: gestures on a strip worn on the body press keys of this computer."""
 
 import argparse
 from collections.abc import Callable

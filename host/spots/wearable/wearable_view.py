@@ -1,4 +1,4 @@
-"""Picture of a strip for a terminal: the finger, the last gestures, and the key of each."""
+"""Picture of a worn strip for a terminal: the finger, the last gestures, and their keys."""
 
 import math
 from collections.abc import Mapping, Sequence
