@@ -252,8 +252,10 @@ def estimate(state, tables, flags):
 
 
 def _take_logs(state):
+    samples = state[SAMPLES]
+    floor_samples = state[FLOOR_SAMPLES]
     for i in range(CHANNELS):
-        net = state[SUMS + i] * state[FLOOR_SAMPLES] - state[SAMPLES] * state[FLOOR + i]
+        net = state[SUMS + i] * floor_samples - samples * state[FLOOR + i]
         if net <= 0:
             return False
         state[LOGS + i] = log2_q20(net)
@@ -262,15 +264,16 @@ def _take_logs(state):
 
 def _locate(state, tables):
     # Compute contrast, brightness, position, force, misfit; return whether the position is known.
-    contrast = state[CONTRAST] = _dot(tables, WEIGHTS, state)
-    misfit = _dot(tables, WEIGHTS + CHANNELS, state) >> 8
+    _dots(tables, WEIGHTS, state)
+    contrast = state[CONTRAST] = state[FOUND]
+    misfit = state[FOUND + 1] >> 8
     place = BOUNDS + 2 * tables[SEGMENTS] - 2
     while place > BOUNDS and contrast < tables[place]:
         place -= 2
     place = tables[place + 1]
-    contrast = _dot(tables, place, state)
-    brightness = _dot(tables, place + CHANNELS, state) - state[LOG_SAMPLES]
-    look_up(tables, place + 2 * CHANNELS, contrast, state, 3)
+    _dots(tables, place, state)
+    brightness = state[FOUND + 1] - state[LOG_SAMPLES]
+    look_up(tables, place + 2 * CHANNELS, state[FOUND], state, 3)
     brightness -= state[FOUND + 2]
     state[BRIGHTNESS] = brightness
     if brightness < tables[tables[FORCES] + 1]:
@@ -315,22 +318,36 @@ def _judge(state, touching):
     if state[LEARNS] and force_mN >> 2 >= state[TOUCH_ON_MN]:
         state[LEARNS] -= 1
         if not state[LEARNS]:
-            if abs(misfit - state[SEEN]) <= tolerance:
-                state[DRIFT] = min(max(misfit, -state[DRIFT_MAX]), state[DRIFT_MAX])
-            state[SEEN] = misfit
+            _learn(state, misfit, tolerance)
             return _judge(state, TOUCHING)  # with the new drift
     return flags | TOUCHING
 
 
-def _dot(tables, first, state):
-    # Sum of weight (Q13) times logarithm (Q20), in Q20. The split keeps all values within 31 bits,
-    # for logarithms below 2**25 and a sum of absolute weights of at most 2**16.
-    high = low = 0
-    for i in range(CHANNELS):
-        log = state[LOGS + i]
-        high += tables[first + i] * (log >> 13)
-        low += tables[first + i] * (log & 8191)
-    return high + (low >> 13)
+def _learn(state, misfit, tolerance):
+    if abs(misfit - state[SEEN]) <= tolerance:
+        limit = state[DRIFT_MAX]
+        state[DRIFT] = min(max(misfit, -limit), limit)
+    state[SEEN] = misfit
+
+
+def _dots(tables, first, state):
+    # Two sums of weight (Q13) times logarithm (Q20), in Q20, from index `FOUND` on; the weights of
+    # the second sum follow those of the first one. The split keeps all values within 31 bits, for
+    # logarithms below 2**25 and a sum of absolute weights of at most 2**16.
+    high = low = other_high = other_low = 0
+    for i in range(LOGS, LOGS + CHANNELS):
+        fine = state[i]
+        coarse = fine >> 13
+        fine &= 8191
+        weight = tables[first]
+        high += weight * coarse
+        low += weight * fine
+        weight = tables[first + CHANNELS]
+        other_high += weight * coarse
+        other_low += weight * fine
+        first += 1
+    state[FOUND] = high + (low >> 13)
+    state[FOUND + 1] = other_high + (other_low >> 13)
 
 
 def look_up(tables, place, at, state, columns):
@@ -370,16 +387,16 @@ def _knot_below(tables, low, high, at):
 
 
 def _crc_tables():
-    # Tables of the CRC-32 of zlib, polynomial 0xEDB88320, in halves of 16 bits.
-    lows = array("H", bytes(512))
-    highs = array("H", bytes(512))
+    # Tables of the CRC-32 of zlib, polynomial 0xEDB88320: the low 24 bits, and the high 8 bits.
+    lows = array("i", bytes(1024))
+    highs = bytearray(256)
     for byte in range(256):
         low = byte
         high = 0
         for _ in range(8):
             odd = low & 1
-            low = (low >> 1 | high << 15 & 0x8000) ^ (0x8320 if odd else 0)
-            high = high >> 1 ^ (0xEDB8 if odd else 0)
+            low = (low >> 1 | high << 23 & 0x800000) ^ (0xB88320 if odd else 0)
+            high = high >> 1 ^ (0xED if odd else 0)
         lows[byte] = low
         highs[byte] = high
     return lows, highs
@@ -404,14 +421,14 @@ def crc32(data, size, crc):
     """
     lows = _LOWS
     highs = _HIGHS
-    low = crc[0]
-    high = crc[1]
+    low = crc[0] | (crc[1] & 0xFF) << 16
+    high = crc[1] >> 8
     for i in range(size):
         at = (low ^ data[i]) & 0xFF
-        low = (low >> 8 | high << 8 & 0xFF00) ^ lows[at]
-        high = high >> 8 ^ highs[at]
-    crc[0] = low
-    crc[1] = high
+        low = (low >> 8 | high << 16) ^ lows[at]
+        high = highs[at]
+    crc[0] = low & 0xFFFF
+    crc[1] = low >> 16 | high << 8
 
 
 def cobs_encode(source, size, target):
@@ -421,15 +438,23 @@ def cobs_encode(source, size, target):
     """
     code_at = 0
     write = 1
+    if size < 254:  # no block can be full
+        for read in range(size):
+            target[write] = source[read]
+            if not target[write]:
+                target[code_at] = write - code_at
+                code_at = write
+            write += 1
+        size = 0
     for read in range(size):
-        byte = source[read]
-        if byte:
-            target[write] = byte
+        target[write] = source[read]
+        if target[write]:
             write += 1
-        if not byte or write - code_at == 255:
-            target[code_at] = write - code_at
-            code_at = write
-            write += 1
+            if write - code_at < 255:
+                continue
+        target[code_at] = write - code_at
+        code_at = write
+        write += 1
     target[code_at] = write - code_at
     target[write] = 0
     return write + 1

@@ -15,7 +15,7 @@ LIMIT = 1 << 24
 
 _STEPS_LOG2 = 9
 _STEPS = 1 << _STEPS_LOG2
-_GUARD = 4  # the table holds Q24
+GUARD = 4  # the table holds Q24
 
 
 def _table():
@@ -24,7 +24,7 @@ def _table():
         # have 62 bits, so the function allocates on a board; it runs once, at import.
         mantissa = (_STEPS + step) << (30 - _STEPS_LOG2)
         bits = 0
-        for _ in range(Q + _GUARD + 1):
+        for _ in range(Q + GUARD + 1):
             mantissa = (mantissa * mantissa) >> 30
             bits <<= 1
             if mantissa >> 31:
@@ -37,7 +37,7 @@ def _table():
         # Half of h**2 / (8 ln 2 m**2) in Q24, with h = 1/512, m = 1 + step/512.
         half_chord_error = 1512537 // (_STEPS + step) ** 2
         table[step] = exact_q24(step) + half_chord_error
-    table[_STEPS] = (ONE << _GUARD) + 1512537 // (2 * _STEPS) ** 2
+    table[_STEPS] = (ONE << GUARD) + 1512537 // (2 * _STEPS) ** 2
     return table
 
 
@@ -79,6 +79,7 @@ def log2_q20(n):
         n <<= 1
         exponent -= 1
     step = (n >> 14) & 511
-    low = TABLE[step]
-    fraction = low + (((n & 16383) * (TABLE[step + 1] - low)) >> 14)
-    return (exponent << Q) + ((fraction + 8) >> _GUARD)
+    table = TABLE
+    low = table[step]
+    fraction = low + (((n & 16383) * (table[step + 1] - low)) >> 14)
+    return (exponent << Q) + ((fraction + 8) >> GUARD)
