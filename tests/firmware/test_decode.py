@@ -24,18 +24,25 @@ def weights(draw):
     return [v * WEIGHT_SUM_MAX // total if total > WEIGHT_SUM_MAX else v for v in values]
 
 
-@given(weights(), logs)
-def test_dot_is_the_exact_sum_rounded_down(w, values):
-    assume(sum(map(abs, w)) <= WEIGHT_SUM_MAX)
-    exact = Fraction(sum(a * b for a, b in zip(w, values)), ONE_Q13)
-    result = kernel._dot(small(w), 0, small([0] * kernel.LOGS + values))
-    assert exact - 1 < result <= exact
+def dots(rows, values):
+    state = small([0] * kernel.LOGS + values + [0] * decode.STATE_SIZE)
+    kernel._dots(small([weight for row in rows for weight in row]), 0, state)
+    return state[kernel.FOUND : kernel.FOUND + len(rows)]
 
 
-def test_dot_at_the_largest_weights_and_logs_stays_inside_31_bits():
+@given(weights(), weights(), logs)
+def test_dots_are_the_exact_sums_rounded_down(first, second, values):
+    rows = first, second
+    assume(max(sum(map(abs, row)) for row in rows) <= WEIGHT_SUM_MAX)
+    for row, result in zip(rows, dots(rows, values)):
+        exact = Fraction(sum(a * b for a, b in zip(row, values)), ONE_Q13)
+        assert exact - 1 < result <= exact
+
+
+def test_dots_at_the_largest_weights_and_logs_stay_inside_31_bits():
     for signs in itertools.product((1, -1), repeat=2):
         w = [signs[0] * WEIGHT_SUM_MAX // 2, signs[1] * WEIGHT_SUM_MAX // 2, 0, 0, 0, 0]
-        kernel._dot(small(w), 0, small([0] * kernel.LOGS + [LOG_MAX] * 6))
+        dots([w, w[::-1]], [LOG_MAX] * 6)
 
 
 @st.composite

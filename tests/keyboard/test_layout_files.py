@@ -102,7 +102,7 @@ def test_a_mistake_is_told_with_its_line_and_what_to_do(tmp_path, capsys, text):
 
 
 def test_no_file_says_which_there_are():
-    with pytest.raises(SpotsError, match=r"one of digits, media, mini"):
+    with pytest.raises(SpotsError, match=r"one of these names: digits, media, mini"):
         load("maxi")
 
 

@@ -274,11 +274,12 @@ SLIPS = {
     "a tuple": DETOUR % "(state[0],)[0]",
 }
 PRODUCT_OF_MORE_THAN_31_BITS = """
-def _dot(tables, first, state):
-    total = 0
-    for i in range(CHANNELS):
-        total += tables[first + i] * state[LOGS + i]
-    return total >> 13
+def _dots(tables, first, state):
+    for row in range(2):
+        total = 0
+        for i in range(CHANNELS):
+            total += tables[first + CHANNELS * row + i] * state[LOGS + i]
+        state[FOUND + row] = total >> 13
 """
 
 
