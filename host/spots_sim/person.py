@@ -50,6 +50,8 @@ class Habits:
     width_mm : float
         Width of the finger in mm, for presses without a scale. Presses on a scale are made with
         an indenter instead.
+    decimals : int
+        Digits after the decimal point of a position in mm that the person types.
     """
 
     place_mm: float = 0.5
@@ -57,6 +59,7 @@ class Habits:
     slips: float = 0.2
     typos: float = 0.0
     width_mm: float = _FINGER_MM
+    decimals: int = 1
 
 
 class Person:
@@ -155,7 +158,9 @@ class Person:
             return f"{self._then_mN / _GRAM_MN:.0f}g"
         if rng.random() < self._habits.typos:
             place_mm = (place_mm + self._length_mm * rng.uniform(0.3, 0.7)) % self._length_mm
-        words = [f"{place_mm:.1f}mm" if rng.random() < 0.7 else f"{place_mm / 10:.2f} cm"]
+        digits = self._habits.decimals
+        in_mm, in_cm = f"{place_mm:.{digits}f}mm", f"{place_mm / 10:.{digits + 1}f} cm"
+        words = [in_mm if rng.random() < 0.7 else in_cm]
         if "scale" in question:
             newtons = f"{force_mN / 1000:.3g}N"
             if rng.random() < 0.3:

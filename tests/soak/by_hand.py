@@ -4,6 +4,9 @@ The person reads places to ±0.5 mm and forces to ±5 %, forgets presses, makes 
 early, and mixes units. Prints one line of JSON for each strip and seed. For silicone with creep and
 hysteresis, the line has the force errors without and with compensation, too. The exit code is 1 if
 a session took too many presses, or a calibration has too large an error or a wrong key in 100 taps.
+
+With ``--exact`` the person reads exactly, and ``ratio`` is the error of the position divided by
+that of a session on the stage (``spots calibrate position`` and ``force``).
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -43,6 +47,8 @@ from serving import Bench, Serving  # noqa: E402
 from test_hand_terminal import calibrate_in_terminal  # noqa: E402
 
 _STRIPS = "default,short_30mm,long_200mm,weak_dye,strong_dye"
+_EXACT = Habits(place_mm=0.0, force_share=0.0, decimals=3)
+_RATIO_MAX = 1.15
 _PRESSES_MAX, _ERROR_MAX_UM = {"rough": 12, "fine": 45}, {"rough": 1000.0, "fine": 150.0}
 _SPEED = 8.0
 _START_S, _SESSION_S = 300.0, 7200.0  # timeouts; that of the session is simulated time
@@ -117,6 +123,15 @@ def _in_terminal(kind, strip, sensor, habits, seed, folder):
 _FACES = {"page": _on_page, "terminal": _in_terminal}
 
 
+def _on_stage(strip, seed, folder):
+    """Return the calibration of a session with the simulated stage's exact presses."""
+    for kind in ("position", "force"):
+        command = [sys.executable, "-m", "spots", "calibrate", kind, "--port", "virtual"]
+        command += ["--sensor", strip, "--seed", str(seed), "--session", "stage.jsonl"]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return file.load(folder / "stage.toml")
+
+
 def _error_um(sensor, seed, made) -> float:
     """Return the mean position error in um of readings at 37 positions, with a force of 3 N."""
     decode, found = Decoded(), []
@@ -161,22 +176,31 @@ def main() -> int:
     parser.add_argument("--face", choices=_FACES, default="page")
     parser.add_argument("--strips", default=_STRIPS, help=f"sensor files ({_STRIPS})")
     parser.add_argument("--seeds", default="1", help="random seeds, such as 1,2,3 (1)")
+    parser.add_argument("--exact", action="store_true", help="a person who reads exactly")
     options = parser.parse_args()
+    habits = _EXACT if options.exact else Habits()
     good = True
     for seed in map(int, options.seeds.split(",")):
         for strip in options.strips.split(","):
             sensor = load(SensorFile, strip).unchanged()
             with tempfile.TemporaryDirectory() as folder:
                 run = _FACES[options.face]
-                presses = run(options.kind, strip, sensor, Habits(), seed, Path(folder))
+                presses = run(options.kind, strip, sensor, habits, seed, Path(folder))
                 made = file.load(Path(folder) / "calibration.toml")
+                staged = _on_stage(strip, seed, Path(folder)) if options.exact else None
             found = {"strip": strip, "seed": seed, "presses": presses}
             found["error_um"] = round(_error_um(sensor, seed, made), 1)
             found["right"] = _right(sensor, seed, made)
             if options.kind == "fine" and not sensor.silicone.ideal:
                 plain = [line for line in made.lines if not line.startswith("silicone")]
                 found["loop_mN"] = [_loop_error_mN(sensor, one) for one in (plain, made.lines)]
-            ok = presses <= _PRESSES_MAX[options.kind] and found["right"] == _TAPS
+            if staged:
+                found["ratio"] = round(found["error_um"] / _error_um(sensor, seed, staged), 3)
+            ok = (
+                found.get("ratio", 0.0) <= _RATIO_MAX
+                and presses <= _PRESSES_MAX[options.kind]
+                and found["right"] == _TAPS
+            )
             ok = ok and found["error_um"] <= _ERROR_MAX_UM[options.kind]
             print(json.dumps(found | {"ok": ok}), flush=True)
             good = good and ok
