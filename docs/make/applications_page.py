@@ -25,14 +25,14 @@ _TEXT = """# Typing and controller, on the ideal and on the imperfect strip
 `make paper` writes this document, and measures all numbers. Both strips are simulated. The ideal
 strip (sensor file `default`) has not changed since its calibration. The imperfect strip (sensor
 file `real`) has the faults of a physical one: it has aged and warmed up since its calibration, and
-is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses of known
-positions, the marks; here each mark was pressed once, after the LED had warmed up. The last column
+is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses at known
+positions (the marks); here each mark was pressed once, after the LED had warmed up. The last column
 is measured after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
 10 ms. The statistics of these touches are from publications, which
-[typist.py](../host/spots_sim/typist.py) cites. "Errors" are wrong, missed and extra keys, and "no
-finger" are key presses without a finger on the key, both in per cent of the touches. Latency is
+[typist.py](../host/spots_sim/typist.py) cites. "Errors" are wrong, missed and extra keys; "no
+finger" are those of them that no finger touched. Both are in per cent of the touches. Latency is
 the time from the start of a touch to the report of the correct key. Its percentiles p50 and p99 are
 those of the worst seed. In the rows `controller`, the simulated fingers of the demo move the axes
 of the game controller for {seconds:g} s; [controller.md](controller.md) explains the values. These
@@ -62,8 +62,11 @@ def measured() -> list[tuple[str, list[str]]]:
         for _, sensor, *strip in STRIPS
     ]
     for what, name in (
-        ("controller: X, rms error", "x_rms_percent"),
-        ("controller: largest unexplained jump", "largest_unexplained_jump_percent"),
+        ("controller: rms error of the axis X", "x_rms_percent"),
+        (
+            "controller: largest jump of X beyond the finger's movement",
+            "largest_unexplained_jump_percent",
+        ),
     ):
         rows.append((what, [f"{run[name]:.1f} %" for run in played]))
     rows.append(("controller: states sent", [str(run["states"]) for run in played]))

@@ -95,7 +95,7 @@ def compare(s):
     """Compare the present reading with the readings before, while there may be two fingers.
 
     Updates elements of the state `s` of a `contact.ContactTracker`: the extremes of the brightness,
-    the rest of the position, the last reading and the present one.
+    since when the position has been at rest, the last reading and the present one.
     """
     x_um = s[X_NOW_UM]
     brightness = s[B_NOW]

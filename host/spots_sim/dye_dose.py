@@ -157,8 +157,8 @@ def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> floa
         change = "more" if found > high else "less"
         raise SpotsError(
             f"the dose would be {found:.3g} g of tint in 100 g of rubber, but it must be "
-            f"{low:g} to {high:g} g: make a tint with {change} pigment than now "
-            f"({TINT_SHARE:.1%}), and cast another test piece"
+            f"{low:g} to {high:g} g: make a tint with {change} pigment "
+            f"(the present tint has {TINT_SHARE:.1%}), and cast another test piece"
         )
     return found
 

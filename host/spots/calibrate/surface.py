@@ -386,12 +386,12 @@ class Surface:
         return float(force_mN[np.argmax(lit)]) if lit.any() else self.most_mN
 
     def next_press(self, dark_mN: float) -> tuple[float, float]:
-        """Return the place in um and the force in mN of the press that reduces `errors` most.
+        """Return place in um and force in mN of the next press: it will reduce `errors` most.
 
         Parameters
         ----------
         dark_mN : float
-            Largest force so far at which a channel had no light, in mN; 0 if none.
+            Largest force so far that was too weak to light every channel, in mN; 0 if none.
         """
         place, force = self._grid(11, dark_mN)
         places, forces = self._targets(place, force)

@@ -451,7 +451,8 @@ class Board:
         """Iterate over frames of all kinds; see `touches`.
 
         This starts the streams of readings and spectra, unless ``command("stream ...")`` has chosen
-        the streams. Contacts are included once `contacts` or that command has started them.
+        the streams. Contacts are included after `contacts` or such a command has started their
+        stream.
         """
         kinds = () if self._chosen else (Touch, Spectrum)
         self._want(*kinds)

@@ -213,7 +213,7 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def parts_beside(path: Path) -> list[int]:
-    """Find files whose names continue a recording, FILE-001.spots, ...; return their numbers."""
+    """Return the numbers of the files that continue a recording, such as 1 for FILE-001.spots."""
     name = re.compile(re.escape(path.stem) + r"-(\d{3}|[1-9]\d{3,})" + re.escape(path.suffix))
     beside = (name.fullmatch(file.name) for file in path.parent.glob("*"))
     return sorted(int(match[1]) for match in beside if match)
