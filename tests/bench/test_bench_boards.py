@@ -10,6 +10,8 @@ from spots.deploy.staging import board_names, device_of
 # A Pico has about 246 KB.
 HEAP_MAX_BYTES = 72 * 1024
 FLASH_MAX_BYTES = 64 * 1024
+# Machine code for this processor is larger. Its board has 8 MB of flash.
+XTENSA_MAX_BYTES = 65 * 1024
 BOARDS = [name for name in board_names() if device_of(name).runtime == "micropython"]
 
 
@@ -21,7 +23,8 @@ def test_every_board_with_mpy_files_is_there(results):
 def test_flash_is_that_of_the_built_modules(results, board, tmp_path):
     files = files_of(build(board, tmp_path))
     built = sum(len(data) for path, data in files.items() if path.endswith(".mpy"))
-    assert results["boards"][board]["mpy_bytes"] == built <= FLASH_MAX_BYTES
+    most = XTENSA_MAX_BYTES if device_of(board).march == "xtensawin" else FLASH_MAX_BYTES
+    assert results["boards"][board]["mpy_bytes"] == built <= most
 
 
 @pytest.mark.parametrize("board", BOARDS)

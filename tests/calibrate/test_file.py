@@ -95,7 +95,7 @@ def sealed(path, old, new):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("gain = 9", "gain = 8", "do not match the settings"),
+        ("gain = 9", "gain = 8", "do not match its settings"),
         ('"coarse ', '"course ', "is not a calibration"),
         ("gain = 9", "gain = nine", "is not a calibration"),
         ("gain = 9", "gains = 9", "is not a calibration"),

@@ -251,7 +251,10 @@ FIRE = "seconds = 5.0\n[faults]\n"
         ("[faults.to_host]\nflip_percent = 101", "flip_percent must be .* at most 100"),
         ("[faults.to_host]\nflip_percent = 60\ndrop_percent = 60", "at most 100 %"),
         ("[faults.i2c]\nnacks = 1", "unknown key 'nacks' in table faults.i2c"),
-        ("[faults.power]\nbrown_outs = {at_s = [5.0]}", "power.brown_outs has a time after"),
+        (
+            "[faults.power]\nbrown_outs = {at_s = [5.0]}",
+            "power.brown_outs has a time that is not before the end",
+        ),
         ("[faults.power]\nbrown_outs = {last_ms = 0}", "last_ms must be a number of more than 0"),
         ("[faults.clock]\noscillator_ppm = 5000", "oscillator_ppm must be .* at most 1000"),
         ("strain = [[0, 1.0]]\nstrain_percent = 2.0", "strain is given as points and"),
