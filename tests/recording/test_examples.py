@@ -111,7 +111,7 @@ def test_ctrl_c_ends_an_example_cleanly(name, tmp_path):
                 time.sleep(0.05)
         else:
             for _ in range(3):
-                assert process.stdout.readline()
+                assert process.stdout.readline(), process.stderr.read()
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=30)
     assert "Traceback" not in errors

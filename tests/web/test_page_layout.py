@@ -196,8 +196,10 @@ def test_a_draft_is_tried_before_it_is_pushed(desk, open_page):
     page.get_by_text("Tuning").click()
     expect(page.get_by_role("img", name=re.compile("^Force of the last seconds"))).to_be_visible()
     page.locator("#editor .zone").nth(2).click()
-    with page.expect_response(re.compile("/layout$")):
-        choose(page, "tap", "volume_inc")
+    choose(page, "tap", "volume_inc")
+    expect(state(page)).to_have_text(  # the server has checked this draft
+        "not on the board yet; nothing will type THREE", timeout=LONG_MS
+    )
     tried = page.locator("#editor .trial span")
     until(page, "drawn.length > 5")
     tap(desk, page, 0.25, "3")  # the board keeps its layout
