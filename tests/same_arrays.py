@@ -44,7 +44,7 @@ def check(path: Path, block_bytes: int = arrays._BLOCK_BYTES) -> int:
     Parameters
     ----------
     block_bytes : int
-        Bytes that are decoded at once.
+        Bytes that are decoded in one call.
     """
     with mock.patch.object(arrays, "_BLOCK_BYTES", block_bytes):
         recording, frames, refusal = _frames(path)

@@ -9,7 +9,7 @@ import select
 import sys
 
 _CTRL_C = 3
-_FIFO = 256  # bytes that the USB stack takes at once
+_FIFO = 256  # bytes that the USB stack takes in one write
 
 
 class Serial:

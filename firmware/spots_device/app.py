@@ -45,7 +45,7 @@ class Meter:
         self._passes = -_SKIPPED
 
     def add(self, lasted_us, burst_us):
-        """Add a pass; return True once the mean is complete.
+        """Add a pass; return True when the mean is complete.
 
         Parameters
         ----------
@@ -260,7 +260,7 @@ class BoardApp:
             del self._pass
 
     def _measured(self, began, complete, waits):
-        """Add a loop pass to the mean if it gave a sample; return True once the mean is complete.
+        """Add a loop pass to the mean if it gave a sample; return True when the mean is complete.
 
         The arguments are values from before the pass: the ticks, and the attributes `complete` and
         `waits` of the sensor.

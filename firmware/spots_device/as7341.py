@@ -352,7 +352,7 @@ class AS7341:
         return False
 
     def _settle(self):
-        # Not compared again once `steady` is True, because ticks that are too old compare wrongly.
+        # Not compared again after `steady` is True, because ticks that are too old compare wrongly.
         # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
         longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
         began = self._clock.ticks_add(self.complete, -longest_us)

@@ -2,8 +2,9 @@
 
 One reading of six channels cannot distinguish two fingers from one finger between them. A sequence
 of readings can, because nearly every finger is alone on the strip for some readings. While there
-may be several fingers, the position of a reading is not used. State machine, with the states UP (no
-finger), DOWN (one finger) and TWO (perhaps several fingers); `detect` is a limit of the layout:
+may be several fingers, the measured position lies between them and is not reported. State machine
+with the states UP (no finger), DOWN (one finger) and TWO (perhaps several fingers). "The position"
+is the measured one; `detect` is set in the layout:
 
 ====  =====  ==================================================================================
 from  to     when
@@ -11,28 +12,31 @@ from  to     when
 UP    DOWN   `detect` consecutive readings agree on a position, or on a steady motion
 UP    TWO    readings disagree for 40 ms: fingers touched together at unknown positions
 DOWN  DOWN   the position is that of the finger, or the finger slides
-DOWN  TWO    otherwise; the first finger keeps its position of one reading *earlier*
-TWO   DOWN   the position rests where the first finger was: the second finger has left
-TWO   DOWN   the position rests elsewhere, and the first finger has left: it was lifting, or the
+DOWN  TWO    otherwise; the first finger then has its position of one reading *earlier*
+TWO   DOWN   the position stays where the first finger was: the second finger has left
+TWO   DOWN   the position stays elsewhere, and the first finger has left: it was lifting, or the
              brightness was never that of two fingers, or no second finger could cause this position
-TWO   DOWN   the first finger lifts, and the position has almost reached the second finger, which
-             it approaches in ever smaller steps, or which was estimated there before
-TWO   DOWN   the first finger was lifting, the last step was small, and another finger arrives; or
-TWO   UP     no finger touches any more: the position was almost that of the second finger
-TWO   DOWN   the brightness changes, but not the position: only one finger touches
-TWO   TWO    the first finger rests, and readings agree on the position of the second finger
-             (second.py), even if the light of the first finger is unknown
-TWO   TWO    the second finger slides, at least 0.1 s after this state began: the first finger
-             rests, and if it lifted, the readings would be different
-TWO   DOWN   one of two known fingers has left: one reading shows which
-TWO   TWO    two known fingers rest, and readings agree on the position of a third finger
-TWO   TWO    the first finger began to lift `_FALL_T` ago: the second finger is now the first
+TWO   DOWN   while the first finger lifts, the position approaches the second finger in ever smaller
+             steps, or approaches its estimated position, and less than 2 mm remain
+TWO   DOWN   while the first finger lifts, the position has almost reached the second finger (the
+             last step was small), and the light then grows, because a third finger arrives
+TWO   UP     while the first finger lifts, the position has almost reached the second finger, and
+             then no finger touches: the second finger is reported for a moment
+TWO   DOWN   the position stays, although the light changes: only one finger touches
+TWO   TWO    the first finger rests, and two readings agree on the position of the second finger
+             (second.py); the light of the first finger may be unknown
+TWO   TWO    the second finger slides, at least 0.1 s after the start of TWO; the first finger
+             rests, because its lift would cause different readings
+TWO   DOWN   one of two known fingers has left: one reading shows which one
+TWO   TWO    two known fingers rest, and two readings agree on the position of a third finger
+TWO   TWO    the first finger has left: it began to lift `_FALL_T` ago, or two readings lie between
+             the second and a third finger; the second finger is now the first one
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-A second finger may rest beside the first one without being found. When one of them is alone again,
-the position of the second finger is estimated from the last readings of both fingers. A release is
-delayed by `release_ms` (release debounce). The conditions about other fingers are in evidence.py.
+A second finger may rest beside the first one without being found. If one of them then leaves, its
+position is computed from the earlier readings. A release is delayed by `release_ms` (release
+debounce). The conditions about other fingers are in evidence.py.
 Integers only; allocates nothing.
 """
 
@@ -163,16 +167,16 @@ TICK_US = 1024  # see `TICKS`
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
 _TYPICAL = const(289)  # decay for which `_NOISE` was measured, see `locate.locate`
-_BACK_UM = const(900)  # largest distance from the first finger after the second one has left
+_BACK_UM = const(900)  # largest distance to the first finger after the second one has left
 _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
-_REST_T = const(12)  # least duration of a resting position
+_REST_T = const(12)  # least time for which the position must stay
 _MOVED_UM = const(1500)
 # Ratios of light as differences of brightness, Q20 of log2.
 _FALLEN = const(772_000)  # 0.6
 # Limits for the detection of a second finger beside the first one.
-# Share of the estimate's uncertainty that must be inside a key, in eighths; `SOON`: about two
-# standard deviations; `_LATER`: about one, because the key would be lost otherwise.
+# Share of the estimate's uncertainty that must be inside a key, in eighths. `SOON` is about two
+# standard deviations; `_LATER` is about one, because the key would be lost otherwise.
 _LATER = const(4)
 _FALL_T = const(34)  # longest time in which a finger lifts
 # Limits for the detection of a third finger.
@@ -197,7 +201,7 @@ class ContactTracker:
     sink : object
         Receiver with these methods; `t` is the time in ticks of `TICK_US`, `x_um` a position in um:
         ``down(x_um, t)``: a finger touches. ``at(x_um, t)``: new position of this finger, while it
-        is alone; if the method returns true, the tracker may stop to report the positions of this
+        is alone; if the method returns true, the tracker may stop reporting the positions of this
         finger. ``firm(t)``: the force has reached ``firm_mN``; called once for each touch.
         ``up(t)``: the finger has left. ``next(x_um, t)``: the finger has left, and another one
         touches. ``stuck()``: the touch has not moved for ``stuck_ms``, so it is not a finger. If
@@ -205,7 +209,7 @@ class ContactTracker:
         second finger touches, at `x_um` +- `slack_um`. Returns whether the sink uses this finger.
         If the sink already uses a second finger, this is a third finger. ``left(second, t)``: the
         second finger has left if `second` is true, else the first one. ``moved(x_um, slack_um)``:
-        new estimate of the second finger, while the first one rests.
+        new estimate of the second finger's position, while the first one rests.
     """
 
     def __init__(self, sink):
@@ -494,7 +498,7 @@ class ContactTracker:
 
     def _part(self):
         s = self.state
-        # While the first finger lifts, the light is lost. More light: another finger arrives.
+        # While the first finger lifts, the light decreases. If it grows, a third finger arrives.
         if (
             s[B_NOW] > s[B_SEEN] + RISEN
             and elapsed(s[FELL], s[T]) >= LIFTS_T
@@ -505,7 +509,7 @@ class ContactTracker:
             self.sink.next(s[X_UM], s[T_NOW])
             self._follow()
             return
-        # The light of two fingers was lost and grows again: a third finger.
+        # The light of two fingers decreased and grows again: there may be a third finger.
         if s[LOW] < s[PEAK] - LOST and s[B_NOW] > s[LOW] + _GROWN and s[PEAK] > s[B] + _BOTH:
             s[THIRD] = True
         compare(s)
@@ -639,14 +643,14 @@ class ContactTracker:
             if near and s[B_NOW] == s[PEAK]:
                 s[X_SECOND_UM] = s[FOUND_UM]
                 s[B_SECOND] = s[FOUND_B]
-            # The last estimate of `slides` is the same.
+            # If `slides` returns true, its last estimate is the same.
             if near or slides(s):
                 s[X_PAIR_UM] = s[X_NOW_UM]
                 s[B_PAIR] = s[B_NOW]
                 s[GUESSED] = False
                 self.sink.moved(s[FOUND_UM], s[FOUND_SLACK_UM])
                 return
-        # Two fingers that rest act like one finger at the position of their common reading.
+        # Two fingers that rest act like one finger at the position that was measured for both.
         slack_um = find_third(s, s[X_PAIR_UM], s[B_PAIR], -1)
         if slack_um:
             self.sink.second(s[X_GUESS_UM], slack_um, s[T_NOW])

@@ -11,9 +11,9 @@ EVEN = 74_000  # 1.05
 NEAR_UM = 2000
 APART_UM = 4500  # least distance between two fingers
 RISEN = 30_000  # 1.02: a finger arrives
-REST_UM = 250  # largest difference between two readings of a resting position
+REST_UM = 250  # largest difference between two readings of a position that stays
 LIFTS_T = 9  # least time of a lift before its end is predicted
-CALM = 40_000  # 1.03: the light of a finger at rest
+CALM = 40_000  # 1.03: largest change of the light of a finger that rests
 # Share of an estimate's uncertainty that must be inside a key, in eighths: about two standard
 # deviations.
 SOON = 5
@@ -97,7 +97,7 @@ FIRM_MN = -11  # force of a firm press, until the firm press is reported
 SLACK_GUESS_UM = -10  # uncertainty of the estimate of another finger
 X_SECOND_UM = -9  # position and brightness of the second finger
 B_SECOND = -8
-IS_CALM = -7  # the force of the first finger is steady within a lower limit
+IS_CALM = -7  # the force of the first finger is steady within a narrower limit
 DECAY = -6
 BEGAN = -5  # start of the present state
 LEFT = -4  # since when no finger touches

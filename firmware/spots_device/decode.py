@@ -5,8 +5,8 @@ filtering length x (length of dyed guide that the light passes) and the logarith
 light. A weighted sum of the L_i whose weights add up to 0 depends on x only: the position contrast.
 A sum whose weights add up to 1 and cancel the decay depends on the light only: the brightness. The
 best weights change along the strip, so a coarse contrast selects a segment with its own weights.
-Another weighted sum, the misfit, shows how far the spectrum is from that of a single press. All
-integers fit 31 bits; nothing is allocated.
+The misfit is another weighted sum: it shows how far the spectrum is from that of a single press.
+All integers fit 31 bits; nothing is allocated.
 
 This module defines the layout of the arrays that the functions of kernel.py read and write.
 kernel_viper.py uses the same numbers as literals, because each look-up of a name takes time there.

@@ -83,8 +83,8 @@ _FAST_UM = const(20_000)
 _CHANGED = const(150_000)  # 1.1
 _AGREE_UM = const(600)
 _SURE_UM = const(4000)
-_TWICE_T = const(8)  # least time between two estimates that confirm each other
-_SLIDES_T = const(100)  # fingers that type overlap for less: their light changes as they lift
+_TWICE_T = const(8)  # least time between two estimates that must agree
+_SLIDES_T = const(100)  # typing fingers touch together for less; as they lift, light changes
 _LAST_UM = const(4000)  # largest step at the end of a lift, if no more readings follow
 _DIPPED = const(435_000)  # 0.75, as difference of brightness in Q20 of log2
 _OTHER = const(150_000)  # 1.1
@@ -94,8 +94,8 @@ _SINGLE = const(419_000)  # 1.32
 def compare(s):
     """Compare the present reading with the readings before, while there may be two fingers.
 
-    Updates elements of the state `s` of a `contact.ContactTracker`: the extremes of the brightness,
-    since when the position has been at rest, the last reading and the present one.
+    Updates elements of the state `s`: the extremes of the brightness, the first reading at the
+    present position, and the last two readings.
     """
     x_um = s[X_NOW_UM]
     brightness = s[B_NOW]
@@ -132,7 +132,7 @@ def compare(s):
 def slack_um(s, b_last):
     """Return the largest distance between two readings of a resting finger, in um.
 
-    These are the present reading and one of the brightness `b_last`. The darker one has more noise.
+    The readings are the present one and one of the brightness `b_last`. The darker one is noisier.
     """
     return max(REST_UM, noise(s[NOISE_PRODUCT], min(s[B_NOW], b_last)) * 7 >> 1)
 
@@ -157,7 +157,7 @@ def guess(s):
         (s[T_NOW] - s[GUESSED_T]) & (TICKS - 1) < _TWICE_T
         or (abs(s[FOUND_B] - s[B_GUESS]) <= _OTHER and (s[FITS] or not s[IS_CALM]))
     ):
-        return False  # no evidence: the same share of light always gives the same position
+        return False  # no evidence: with the same shares of light, readings always agree
     s[GUESSED_T] = s[T_NOW]
     s[GUESSED] = True
     s[X_GUESS_UM] = s[FOUND_UM]
@@ -190,7 +190,7 @@ def guess_both(s):
         or not weigh(s, s[DECAY], s[X_UM], limit_um, s[X_LAST_UM], b_last, x_um, s[B_NOW])
         or s[FOUND_B] < s[B] - CALM
     ):
-        # A third reading confirms an earlier estimate, because its light differs.
+        # A third reading may confirm the estimate from two readings, even if both fingers now rest.
         s[GUESSED] = (
             s[GUESSED]
             and estimate(s, s[X_UM], s[B_GUESS], x_um, s[B_NOW], s[FITS])
@@ -220,7 +220,7 @@ def _confirm(s):
 
 
 def recalls(s):
-    """Estimate a second finger that rested, but was not found; return whether its place is certain.
+    """Estimate a second finger that rested, but was not found; return whether it is certain.
 
     One of the two fingers has left; the present reading is of the other one.
     """
@@ -240,7 +240,7 @@ def recalls(s):
 def slides(s):
     """Follow a sliding second finger; return whether its position was updated.
 
-    The position stays if the first finger may be lifting, because that has a similar effect.
+    The position is not updated if the first finger may be lifting: a lift has a similar effect.
     """
     brightness = s[B_NOW]
     if (
@@ -265,10 +265,10 @@ def slides(s):
 def find_third(s, x0_um, b0, fits):
     """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
 
-    `x0_um` is the position of the second finger if the first one has left; else the common
-    position of both fingers. `fits` is as in `locate.locate`. Returns the uncertainty of the third
-    finger's position in um, or 0 until two readings agree on this position. While the first finger
-    lifts, readings do not agree.
+    `x0_um` is the position of the second finger if the first one has left; else the position
+    that was measured for both fingers. `fits` is as in `locate.locate`. Returns the uncertainty of
+    the third finger's position in um, or 0 until two readings agree on this position. While the
+    first finger lifts, readings do not agree.
     """
     if estimate(s, x0_um, b0, s[X_NOW_UM], s[B_NOW], fits):
         return _agree(s)
@@ -292,7 +292,7 @@ def _agree(s):
 def has_left(s, off_um):
     """Return whether the first finger has left.
 
-    The measured position now rests, `off_um` um from the last position of the first finger.
+    The measured position now stays, `off_um` um from the last position of the first finger.
     """
     brightness = s[B_NOW]
     if not s[SECOND] and brightness > s[B_SINCE] + _DIPPED:
@@ -367,9 +367,9 @@ def remains(s):
 
 
 def has_almost_left(s):
-    """Return whether the last reading is almost that of an unknown second finger alone.
+    """Return whether the measured position has almost reached an unknown second finger.
 
-    True if the first finger was lifting, and the position was near the end of its motion.
+    True if the first finger was lifting, and the last step of the position was small.
     """
     return (
         s[KNOWN]

@@ -7,7 +7,9 @@ from .decode import BRIGHTNESS, FORCE_MN, POSITION_UM
 
 # States of a finger.
 DOWN = 0  # first frame of the finger
-PROVISIONAL = 1  # not alone, or just lifted; position: an estimate, or from its last reading alone
+# The finger is not alone, or has just lifted. Its position is an estimate, or that of the last
+# reading in which the finger was alone.
+PROVISIONAL = 1
 CONFIRMED = 2  # the finger is alone in this reading
 UP = 3  # last frame of the finger
 NEVER_ALONE = 4  # last frame of a finger whose positions were all estimates

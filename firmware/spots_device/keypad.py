@@ -270,10 +270,10 @@ class Keypad:
     def _find(self, x_um, again):
         """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
-        `again` is the row of the key that was tapped before, or -1. A quick second tap is less
-        accurate: a position up to ``slack_um`` beside this key, but at most a sixteenth of its
-        width, counts as on the key. A position on another key counts only if the tapped key has
-        a ``hold`` or ``double`` action.
+        `again` is the row of the key that was tapped before, or -1. A quick second touch is less
+        accurate: it may be outside this key, by ``slack_um`` or a sixteenth of the key's width,
+        whichever is less. If it is then on a neighbouring key, it counts for the tapped key only
+        if the tapped key has a ``hold`` or ``double`` action.
         """
         layout = self._layout
         keys = layout.keys

@@ -30,7 +30,7 @@ class Reconnect:
     lost : bool
         True while the sensor does not answer.
     fault : str or None
-        Sentence about the last fault; None once a sample has come after the fault.
+        Sentence about the last fault; None if a sample has come after the fault.
     faults : int
         Number of faults so far.
     """

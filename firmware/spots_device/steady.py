@@ -1,4 +1,4 @@
-"""Processes the reading of a finger that rests or drifts slowly, which is the most frequent one.
+"""Processes a reading of a finger that rests or moves slowly: the most frequent kind of reading.
 
 Boards with ``viper = true`` in board.toml get steady_viper.py instead of this file: the same
 function with identical results, in machine code. Integers only; allocates nothing.

@@ -1,4 +1,4 @@
-"""Processes the reading of a finger that rests or drifts slowly, in machine code.
+"""Processes a reading of a finger that rests or moves slowly, in machine code.
 
 Replaces steady.py on boards with ``viper = true`` in board.toml.
 

@@ -1,9 +1,9 @@
 """Reads the simulator's TOML files; names of keys end in their units, and every key is validated.
 
-A sensor file describes a strip and its chip; a scenario file, its fingers, strain and light over
-time; a linkage file, a five-bar linkage; a path file, a path that a hand guides this linkage along;
-a change file, changes of a sensor since its calibration. The comments in the package's files
-``data/*/*.toml`` name the source of each value.
+A sensor file describes a strip and its chip. A scenario file describes fingers, strain and light
+over time. A linkage file describes a five-bar linkage. A path file describes the path along which a
+hand guides this linkage. A change file describes changes of a sensor since its calibration. The
+comments in the package's files ``data/*/*.toml`` name the source of each value.
 """
 
 from __future__ import annotations

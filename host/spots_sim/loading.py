@@ -91,7 +91,7 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
     Parameters
     ----------
     sensor : SensorFile
-        Simulated sensor, without the table ``[change]`` of its file (ageing and drift).
+        Simulated sensor; the table ``[change]`` of its file (ageing and drift) is ignored.
     lines : sequence of str
         Text lines of the sensor's calibration, which compensates neither effect.
     led : str

@@ -83,7 +83,7 @@ def characterize(
     progress : callable
         ``progress(name)`` is called at the start of each step.
     change : Change
-        Change of the strip since its calibration, added to the change in the sensor file.
+        Change of the strip since its calibration, added to ``[change]`` of the sensor file.
     hand : Hand
         Options of the re-zero, which corrects the calibration after the change with a few presses.
 
@@ -202,7 +202,7 @@ def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: One
     scatter : float
         Standard deviation of these errors, in um.
     pair_scatter : float
-        Standard deviation of the errors of `pair`, the position estimate from two channels, in um.
+        Standard deviation of the errors of `pair` (position estimate from two channels), in um.
     least : float
         Cramer-Rao bound of the standard deviation, in um.
     untrusted : float

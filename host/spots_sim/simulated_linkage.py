@@ -66,19 +66,19 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip, without the change in its sensor file, and its joint.
+    """Calibrate a simulated strip and its joint.
 
     Parameters
     ----------
     sensor : SensorFile
-        Simulated sensor.
+        Simulated sensor, calibrated before the change that the table ``[change]`` of its file
+        describes.
     seed : int
         Random seed of the noise.
     exposure_us : int
         Integration time in us.
     rezeroed : bool, optional
-        Whether the calibration is then corrected (re-zero) at the joint's stops, with the change
-        that the table ``[change]`` of the sensor file describes.
+        Whether the calibration is then corrected (re-zero) at the joint's stops, after this change.
 
     Returns
     -------

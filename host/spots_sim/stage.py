@@ -31,8 +31,8 @@ class Stage:
     Parameters
     ----------
     sensor : SensorFile
-        Simulated sensor. The change in its file is ignored; a test sets the attribute
-        `held.changed` instead.
+        Simulated sensor. The table ``[change]`` of its file (ageing and drift) is ignored; set
+        the attribute `held.changed` instead.
     seed : int
         Random seed of the noise.
     settings : str

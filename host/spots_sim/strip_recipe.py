@@ -64,7 +64,7 @@ SUPPORT = Rubber(
 
 @dataclass(frozen=True)
 class Batch:
-    """An amount of rubber to mix at once.
+    """An amount of rubber that is mixed in one go.
 
     Attributes
     ----------

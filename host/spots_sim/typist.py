@@ -269,7 +269,7 @@ def fast_typing(
     seed : int
         Random seed of the text, and of position, force and duration of the touches.
     start_s : float
-        Earliest time of the first touch, in seconds. A random delay of up to 10 ms, one exposure,
+        Earliest time of the first touch, in seconds. A random delay of up to 10 ms (one exposure)
         is added.
     hands : Hands, optional
         Statistics of typing.

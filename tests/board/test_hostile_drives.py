@@ -168,7 +168,7 @@ def without_manifest(built):
 def older():
     """The files of a drive that a version with other modules has flashed.
 
-    The manifest also names files outside the drive, a changed file, and has an invalid line.
+    The manifest also names files outside the drive and a changed file, and has an invalid line.
     """
     files = {"code.py": b"import old", "old_package/app.py": b"old", "old_package/in/x.py": b"x"}
     lines = [f"{hashlib.sha256(data).hexdigest()}  {path}\n" for path, data in files.items()]

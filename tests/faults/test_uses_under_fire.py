@@ -1,7 +1,7 @@
 """Keys and controller with all faults: no press without a finger, and no stuck key.
 
-Two key engines run at once: that of the board, whose reports leave over USB, and that of the host,
-which gets only the frames that have passed the damaged link.
+Two key engines run in parallel: that of the board, whose reports leave over USB, and that of the
+host, which gets only the frames that have passed the damaged link.
 """
 
 import numpy as np

@@ -9,7 +9,7 @@ FRAMES = 1 << 16
 
 
 def pieces():
-    """Yield the frames of a recording without end, 1 to 4 at once, as reads of a busy link."""
+    """Yield the frames of a recording without end, 1 to 4 at a time, like reads of a busy link."""
     i = 0
     while i < FRAMES:
         size = 1 + i % 4

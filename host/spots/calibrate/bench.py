@@ -154,7 +154,7 @@ class Bench:
         raise SpotsError(f"{trouble}; {given_up}")
 
     def again(self, kind: str) -> Reading:
-        """Return a reading of the present press after a change of settings, once steady.
+        """After a change of settings, return a reading of the present press when it is steady.
 
         `kind` is the kind of the press, see `session.Wanted`.
 

@@ -48,7 +48,7 @@ class Choice:
 def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return two plans of six diodes; they share three diodes and together contain all nine.
 
-    The first plan is `present`, the board's plan, if all its diodes are in `DIODES`; else it is
+    The first plan is the board's plan `present` if all its diodes are in `DIODES`; else it is
     `DEFAULT_PLAN`.
     """
     first = present if set(present) <= set(DIODES) else DEFAULT_PLAN

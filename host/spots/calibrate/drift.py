@@ -1,8 +1,9 @@
 """Reports the probable causes of a drift: a redder LED, a paler dye, more blue light.
 
-The drift is measured at marks, positions that a re-zero presses again. Different causes can change
-the channels alike. A shift of the sensor's filters looks like a shift of the LED in the opposite
-direction. Coupling that favours one end of the spectrum looks like a small shift of the LED.
+The drift is measured at the marks: positions that a re-zero presses again. Different causes can
+change the channels alike. A shift of the sensor's filters looks like a shift of the LED in the
+opposite direction. Coupling that favours one end of the spectrum looks like a small shift of the
+LED.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper (docs/paper.md), L_i
 is locally linear in the position and in the logarithm of the brightness. Generalised least squares
 with the noise of each channel gives the best linear estimates of these two quantities. In each
-segment of the strip, the estimate of each quantity is a weighted sum of the L_i. One more weighted
-sum, the misfit, shows how far a spectrum is from that of one press.
+segment of the strip, the estimate of each quantity is a weighted sum of the L_i. The misfit is
+one more weighted sum: it shows how far a spectrum is from that of one press.
 """
 
 from __future__ import annotations

@@ -334,8 +334,7 @@ class Surface:
     def _grid(self, places: int, dark_mN: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return positions in um and forces in mN of a grid of presses that light all channels.
 
-        The grid has `places` positions. `dark_mN` is the largest force so far at which a channel
-        had no light.
+        The grid has `places` positions. `dark_mN` is as in `next_press`.
         """
         low_mN = max(_LOWER * self.least_mN, _LEAST_MN, _ABOVE_DARK * dark_mN)
         forces_mN = np.geomspace(low_mN, FULL_MN, 12)
@@ -386,12 +385,12 @@ class Surface:
         return float(force_mN[np.argmax(lit)]) if lit.any() else self.most_mN
 
     def next_press(self, dark_mN: float) -> tuple[float, float]:
-        """Return place in um and force in mN of the next press: it will reduce `errors` most.
+        """Return position in um and force in mN of the press that would reduce `errors` most.
 
         Parameters
         ----------
         dark_mN : float
-            Largest force so far that was too weak to light every channel, in mN; 0 if none.
+            Largest force so far that was too weak to give light in every channel, in mN; 0 if none.
         """
         place, force = self._grid(11, dark_mN)
         places, forces = self._targets(place, force)

@@ -140,8 +140,8 @@ class CommandList:
         Parameters
         ----------
         group : module
-            Module with ``PURPOSE``, the title of its commands in the help, and ``COMMANDS``, a
-            tuple of functions. Each function has the name of a command, and the command's help as
+            Module with ``PURPOSE`` (title of its commands in the help) and ``COMMANDS`` (tuple of
+            functions). Each function has the name of a command, and the command's help as
             docstring. The function takes the command's parser, adds the options, and returns
             another function, which takes the parsed options and runs the command.
         """

@@ -102,7 +102,7 @@ class Board:
     opens the port again and resumes the streams; see `state` and `stats.restarts`. If another
     board is on the port, this object refuses that board.
 
-    Several threads may use this object at once. Each iterator over frames yields every frame of
+    Several threads may use this object in parallel. Each iterator over frames yields every frame of
     its kinds. A command in one thread does not delay frames for other threads.
 
     Parameters
@@ -581,7 +581,7 @@ class Board:
         except PortLostError:
             if not before:
                 raise
-            self._streams[sensor] = sorted(streams)  # they start once it is connected again
+            self._streams[sensor] = sorted(streams)  # they start when it is connected again
         except CommandError as error:
             if Contact not in kinds:
                 raise

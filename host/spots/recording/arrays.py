@@ -102,7 +102,7 @@ class _Run(NamedTuple):
 
 
 class _BlockDecoder(Decoder):
-    """Decodes a block of bytes at once, with the same frames and statistics as `Decoder`."""
+    """Decodes a block of bytes in one call, with the same frames and statistics as `Decoder`."""
 
     def feed_block(self, data: bytes) -> Iterator[_Run | Frame]:
         """Yield the frames of a block of bytes in order: single frames, or many as one `_Run`."""

@@ -1,4 +1,4 @@
-"""Decodes COBS and checks CRC-32 for many frames of one length at once.
+"""Decodes COBS and checks CRC-32 of many frames of one length together.
 
 A *piece* is an encoded frame without its delimiter.
 

@@ -11,7 +11,7 @@ from ..link.frames import LinkStats
 from .recorder import Recorder
 from .recording import Recording
 
-# Frames to read at once; the log of a board has room for more, so none is dropped.
+# Frames to read in one call; the log of a board has room for more, so none is dropped.
 _PUMPED_FRAMES = 1000
 
 

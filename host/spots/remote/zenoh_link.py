@@ -123,7 +123,7 @@ class ZenohLink(Link):
         )
 
     def _whole_run(self) -> bytes:
-        # All waiting messages at once: decoding costs less, and a view lags less.
+        # All waiting messages together: decoding costs less, and a view lags less.
         pieces = []
         while self._mail:
             run, data = self._mail.take()

@@ -57,7 +57,7 @@ class Orders:
         Returns
         -------
         bool
-            Whether the settings of the board, or what is shown of it, may have changed.
+            Whether the board's settings, `sensor` or `playing` may have changed.
         """
         self._attended, changed = True, False
         before = self.sensor, self.playing
