@@ -6,7 +6,8 @@ these positions are Gaussian, the mean is the best estimate. But a ruler has mar
 that is rounded to the nearest mark has a uniform error, of at most half the distance between marks.
 The ends of such a distribution show its middle better than the mean does. So the error is modelled
 as either Gaussian, or the sum of a rounding error and a smaller logistic (nearly Gaussian) error.
-The data determine the probabilities of these models, and the sizes of the errors.
+The data determine the probabilities of these models, and the sizes of the errors. Weak presses have
+a further error, the noise of their colour, whose size is known.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ import numpy as np
 
 _MARKS_UM = (500.0, 1000.0, 2000.0)  # distances of the marks of a ruler
 _GAUSSIAN = 0.5  # prior probability of Gaussian errors
-# Standard deviations of Gaussian or logistic errors, divided by that of all errors.
+# Standard deviations of Gaussian or logistic errors, divided by the expected one of all errors.
 _SIGMAS = 2.0 ** np.arange(-4.0, 1.5, 0.5)
 _LOGISTIC = np.sqrt(3) / np.pi  # scale of a logistic distribution with the standard deviation 1
 _REACH, _STEPS = 3.4, 29  # grid of common errors, in standard deviations
-_LEAST_UM = 1.0
 
 
-def common_error_um(read_um: np.ndarray, off_um: np.ndarray) -> np.ndarray:
+def common_error_um(
+    read_um: np.ndarray, off_um: np.ndarray, noise_um: np.ndarray, sigma_um: float
+) -> np.ndarray:
     """Return the error that all positions of a fit share, because a person misread the ruler.
 
     The error is a straight line along the strip: an offset and a scale. The result is the mean of
@@ -33,19 +35,26 @@ def common_error_um(read_um: np.ndarray, off_um: np.ndarray) -> np.ndarray:
     read_um : numpy.ndarray, shape (n,)
         Positions that a person read, in um.
     off_um : numpy.ndarray, shape (n,)
-        Positions from a fit to `read_um` by least squares, minus `read_um`, in um.
+        Positions from a fit to `read_um` by weighted least squares, minus `read_um`, in um.
+    noise_um : numpy.ndarray, shape (n,)
+        Standard deviations of `off_um` due to the noise of the sensor, in um.
+    sigma_um : float
+        Standard deviation in um that the fit expects of errors of `read_um`.
 
     Returns
     -------
     numpy.ndarray, shape (n,)
         Position from the fit minus true position, in um.
     """
-    lines, _ = np.linalg.qr(np.stack([np.ones_like(read_um), read_um], axis=1))
-    off_um = off_um - lines @ (lines.T @ off_um)
-    sigma_um = max(float(off_um.std()), _LEAST_UM)
-    grid_um = np.linspace(-_REACH, _REACH, _STEPS) * sigma_um
-    common_um = np.stack(np.meshgrid(grid_um, grid_um), axis=-1).reshape(-1, 2)
-    errors_um = np.abs(off_um - common_um @ lines.T)
+    expected_um = np.hypot(sigma_um, noise_um)
+    lines = np.stack([np.ones_like(read_um), read_um], axis=1)
+    unit, _ = np.linalg.qr(lines / expected_um[:, None])
+    # With Gaussian errors of the expected size, each coefficient has a standard deviation of 1.
+    lines = unit * expected_um[:, None]
+    off_um = off_um - lines @ (unit.T @ (off_um / expected_um))
+    grid = np.linspace(-_REACH, _REACH, _STEPS)
+    common = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    errors_um = np.abs(off_um - common @ lines.T)
     logs = []
     for marks_um in (0.0, *_MARKS_UM):
         sizes_um = _SIGMAS * sigma_um
@@ -53,13 +62,14 @@ def common_error_um(read_um: np.ndarray, off_um: np.ndarray) -> np.ndarray:
             sizes_um = sizes_um[sizes_um <= marks_um / 4]
         prior = (1 - _GAUSSIAN) / len(_MARKS_UM) if marks_um else _GAUSSIAN
         for size_um in sizes_um:
-            log = _log_density(errors_um, marks_um / 2, size_um).sum(axis=1)
+            own_um = np.hypot(size_um, noise_um)
+            log = _log_density(errors_um, marks_um / 2, own_um).sum(axis=1)
             logs.append(log + np.log(prior / len(sizes_um)))
     weights = np.exp(np.array(logs) - np.max(logs)).sum(axis=0)
-    return lines @ (weights @ common_um / weights.sum())
+    return lines @ (weights @ common / weights.sum())
 
 
-def _log_density(error_um: np.ndarray, half_um: float, sigma_um: float) -> np.ndarray:
+def _log_density(error_um: np.ndarray, half_um: float, sigma_um: np.ndarray) -> np.ndarray:
     """Return the logarithm of the probability density (in 1/um) of errors.
 
     An error is the sum of a uniform error, at most `half_um`, and a logistic one; if `half_um` is

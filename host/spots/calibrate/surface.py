@@ -213,17 +213,21 @@ class Surface:
         The arguments are positions in um, forces in mN and counts of n presses. The errors are
         noise, misfit of the model, and errors of position and force.
         """
-        noise = self._noise.log_variance(counts) / self._samples
-        still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         slopes = self._slopes(place_um) * self.sizes.place_um
         weak = self.sizes.force_mN / np.maximum(force_mN, 1.0)
         light = self._rises(force_mN) * np.hypot(self.sizes.force_share, weak)
         light = np.where(np.asarray(force_mN) > 0, light, _UNKNOWN)
         return (
-            (noise + still + self.sizes.misfit**2)[:, :, None] * np.eye(CHANNELS)
+            self._noises(counts)[:, :, None] * np.eye(CHANNELS)
             + slopes[:, :, None] * slopes[:, None, :]
             + (light**2)[:, None, None]
         )
+
+    def _noises(self, counts) -> np.ndarray:
+        """Return variances of log2(counts) due to noise and misfit, shape (n, 6)."""
+        noise = self._noise.log_variance(counts) / self._samples
+        still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
+        return noise + still + self.sizes.misfit**2
 
     def logs(self, place_um, force_mN) -> np.ndarray:
         """Return log2 of the expected counts of presses.
@@ -263,7 +267,9 @@ class Surface:
         p = self.taken
         place = self._estimators(p.position_um, p.counts)[1]
         off = p.logs - self.logs(p.position_um, p.force_mN)
-        common_um = common_error_um(p.position_um, (off * place).sum(axis=1))
+        noise_um = np.sqrt((self._noises(p.counts) * place**2).sum(axis=1))
+        off_um = (off * place).sum(axis=1)
+        common_um = common_error_um(p.position_um, off_um, noise_um, self.sizes.place_um)
         presses = replace(p, position_um=p.position_um - common_um)
         moved = Surface(presses, self._noise, self._samples, self.length_um, self.sizes, self)
         moved.taken = p
