@@ -25,7 +25,7 @@ TICKS = 1 << 22
 # attributes. The first three elements are the output of `locate` and `weigh`. Positions are in um,
 # brightness (`B` in names) in Q20 of log2, times (`T` in names) in ticks; flags are 0 or 1.
 # The machine code for an element up to 31 is the shortest: these are the elements that
-# sense_viper.py and locate_viper.py use most.
+# steady_viper.py and locate_viper.py use most.
 FOUND_UM = 0
 FOUND_SLACK_UM = 1
 FOUND_B = 2

@@ -445,16 +445,16 @@ def cobs_encode(source, size, target):
                 target[code_at] = write - code_at
                 code_at = write
             write += 1
-        size = 0
-    for read in range(size):
-        target[write] = source[read]
-        if target[write]:
+    else:
+        for read in range(size):
+            target[write] = source[read]
+            if target[write]:
+                write += 1
+                if write - code_at < 255:
+                    continue
+            target[code_at] = write - code_at
+            code_at = write
             write += 1
-            if write - code_at < 255:
-                continue
-        target[code_at] = write - code_at
-        code_at = write
-        write += 1
     target[code_at] = write - code_at
     target[write] = 0
     return write + 1

@@ -183,6 +183,7 @@ class Uses:
             if self._fingers is not None:
                 self._fingers.send(sensor, state)
             flags = state[FLAGS]
+            # Not the property `two`: a call takes longer than a look-up.
             if flags & TOUCHING and self._tracker.state[STATE] == TWO:
                 self.two = True
                 # A spectrum that fits one press gets both bits, see contact.TWO_FIT.

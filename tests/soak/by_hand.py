@@ -197,11 +197,11 @@ def main() -> int:
             if staged:
                 found["ratio"] = round(found["error_um"] / _error_um(sensor, seed, staged), 3)
             ok = (
-                found.get("ratio", 0.0) <= _RATIO_MAX
-                and presses <= _PRESSES_MAX[options.kind]
+                presses <= _PRESSES_MAX[options.kind]
+                and found["error_um"] <= _ERROR_MAX_UM[options.kind]
                 and found["right"] == _TAPS
+                and found.get("ratio", 0.0) <= _RATIO_MAX
             )
-            ok = ok and found["error_um"] <= _ERROR_MAX_UM[options.kind]
             print(json.dumps(found | {"ok": ok}), flush=True)
             good = good and ok
     return 0 if good else 1

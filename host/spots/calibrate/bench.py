@@ -137,9 +137,8 @@ class Bench:
         for _ in range(TRIES):
             self.spent += 1
             self.presser.press(wanted)
-            self.trace, self.holds = [], []
             try:
-                reading = self._held(noise, wanted.kind)
+                reading = self.again(wanted.kind, noise)
                 self._hold(wanted.hold_s)
                 judge(reading)
                 return reading
@@ -153,10 +152,20 @@ class Bench:
                 self.release()
         raise SpotsError(f"{trouble}; {given_up}")
 
-    def again(self, kind: str) -> Reading:
-        """After a change of settings, return a reading of the present press when it is steady.
+    def again(self, kind: str, noise: Noise | None = None) -> Reading:
+        """Return a reading of the present press when it is steady; start a new `trace`.
 
-        `kind` is the kind of the press, see `session.Wanted`.
+        Parameters
+        ----------
+        kind : str
+            Kind of the press, see `session.Wanted`.
+        noise : Noise, optional
+            Noise of the sensor; None if unknown.
+
+        Returns
+        -------
+        Reading
+            Counts of the press.
 
         Raises
         ------
@@ -164,7 +173,7 @@ class Bench:
             If the press is not valid.
         """
         self.trace, self.holds = [], []
-        return self._held(None, kind)
+        return self._held(noise, kind)
 
     def change(self, wanted: Wanted) -> None:
         """Ask for the second force of a press, without a release; wait until the press is steady.
@@ -222,7 +231,7 @@ class Bench:
         self.holds.append((begin_s, end_s))
 
     def _held(self, noise: Noise | None, kind: str, before: float | None = None) -> Reading:
-        """Wait for a steady press and return its reading; raise `BadPressError` if there is none.
+        """Wait for a steady press and return its reading; raise `BadPressError` if it is invalid.
 
         `noise` is the noise of the sensor, if known; `kind` is the kind of the press, see
         `session.Wanted`. `before` is the sum of the counts before a change of the force; None
