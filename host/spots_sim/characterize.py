@@ -45,7 +45,8 @@ def measure(
     out : str or None
         Folder for figures; None to draw none.
     change_name : str or None
-        Change file (a path or a name): changes of the sensor since the calibration.
+        Change file (a path or a name): changes of the sensor since the calibration. None for no
+        change.
     hand : Hand
         Options of the re-zero, which corrects the calibration after the change with a few presses.
 

@@ -65,11 +65,14 @@ def demo(parser: Parser):
     parser.add_argument(
         "--rezero",
         action="store_true",
-        help="re-zero the strip after the sensor's change (--change); needs --fast",
+        help="correct the calibration after the change (--change) with simulated presses; needs "
+        "--fast",
     )
     parser.add_argument("--warm", action="store_true", help="start with a warm LED; needs --fast")
     parser.add_argument(
-        "--cpu", metavar="NAME", help="simulate the processor pico or pico-xip50; needs --fast"
+        "--cpu",
+        metavar="NAME",
+        help="give the firmware the speed of this processor: pico or pico-xip50; needs --fast",
     )
     parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
@@ -96,17 +99,23 @@ def characterize(parser: Parser):
         default=100_000,
         help="integration time in us, 1000 to 1000000",
     )
-    parser.add_argument("--average", type=_whole, default=1, help="samples in a reading, 1 to 64")
+    parser.add_argument(
+        "--average", type=_whole, default=1, help="samples averaged in a reading, 1 to 64"
+    )
     _add_change(parser)
     parser.add_argument(
         "--rezero",
         type=_whole,
         default=0,
         metavar="MARKS",
-        help="number of marks to press for a re-zero: 0, 1 or 3",
+        help="correct the calibration after the change (--change) with simulated presses on this "
+        "number of marks: 0, 1 or 3",
     )
     parser.add_argument(
-        "--presses", type=arguments.presses, default=1, help="number of presses on each mark"
+        "--presses",
+        type=arguments.presses,
+        default=1,
+        help="number of presses on each mark of --rezero",
     )
     parser.add_argument(
         "--mark-error-um",
@@ -135,7 +144,9 @@ def design(parser: Parser):
     )
     parser.add_argument("--rate-hz", type=_number, required=True, help="readings per second")
     parser.flag("--json", "print one JSON object")
-    parser.option("--out", "DIR", "write sensor file, figure, moulds, drawings and recipe there")
+    parser.option(
+        "--out", "DIR", "write sensor file, figure, moulds, drawings and recipe into this folder"
+    )
     parser.option("--strips", "N", "number of strips in the recipe", type=_whole, default=1)
     parser.option(
         "--breakout",
@@ -232,7 +243,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raise SpotsError for options of the demo that exclude each other."""
+    """Raise SpotsError for options of the demo that do not fit together."""
     from .demo import FIVEBAR, KEYBOARD
 
     if options.layout and options.use != KEYBOARD:

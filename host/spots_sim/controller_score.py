@@ -98,7 +98,16 @@ class ControllerScore:
         return axis_value(deflection(value, rest, low, high), self._settings)
 
     def summary(self) -> dict:
-        """Return the results of the run; errors in per cent of the range from centre to end."""
+        """Return the results of the run.
+
+        Returns
+        -------
+        dict
+            ``states``: number of gamepad states sent. ``largest_unexplained_jump_percent``: largest
+            change of X between two sent states, beyond the change that the finger's movement
+            causes. ``x_rms_percent``: root mean square error of X; None without a compared reading.
+            Both are in per cent of the range from the centre of X to its end.
+        """
         rms = math.sqrt(self._squares / self._compared) if self._compared else None
         return {
             "states": self.states,

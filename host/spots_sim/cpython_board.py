@@ -130,7 +130,7 @@ class CPythonBoard:
         """Run one pass of the firmware's loop; after a reset, crash or power loss, boot again."""
         try:
             if self._app.reboot:
-                self._app.run()  # ends at once, and cleanly
+                self._app.run()  # ends immediately, and cleanly
                 self._boot()
             else:
                 self._app.step()

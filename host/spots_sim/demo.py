@@ -79,7 +79,10 @@ def demo(
     Returns
     -------
     dict
-        Results of the run, with values that JSON supports.
+        Results of the run, with values that JSON supports: see `score.Score.summary` for the
+        application ``strip``, `linkage_demo.demonstrate` for ``fivebar``, and
+        `demo_applications` for the other applications. With `fast` and without ``fivebar``,
+        ``stream_sha256`` is the hash of all bytes from the board.
 
     Raises
     ------

@@ -179,7 +179,8 @@ def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
     Returns
     -------
     dict
-        ``gestures``: names in order. ``least_confidence``: the lowest confidence of a gesture.
+        ``gestures``: names in order. ``least_confidence``: the lowest confidence of a gesture, from
+        0 to 1; 0 without a gesture.
 
     Raises
     ------

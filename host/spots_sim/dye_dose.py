@@ -37,7 +37,7 @@ from .strip_recipe import TINT_SHARE, batches, checked, tint_g
 from .strip_shape import StripShape, has_moulds
 from .virtual import VIRTUAL
 
-_SAMPLES = 64
+_SAMPLES = 64  # averaged for each piece
 _AUTO_TIMEOUT_S = 60.0
 _STRENGTHS_PER_MM = 1e-4, 1.0
 _USUAL_PER_MM = 0.02
@@ -86,7 +86,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     Raises
     ------
     SpotsError
-        If a channel is dark, or the pieces differ too little.
+        If a channel is dark, the pieces differ too little, or the dye is not red.
     """
     clear, dyed = np.asarray(clear, dtype=float), np.asarray(dyed, dtype=float)
     for name, counts in (("clear", clear), ("dyed", dyed)):

@@ -34,7 +34,7 @@ _BUS_TIMEOUT_US = 50_000.0
 
 @dataclass
 class FaultLedger:
-    """Counts and times of the faults so far.
+    """Counts and times of all faults since the start of the run.
 
     Attributes
     ----------
@@ -81,9 +81,9 @@ class Spells:
         self._ledger = ledger
 
     def begun(self, now_us: float) -> tuple[float, float] | None:
-        """Return start and end in us of the next interval that has begun, or None.
+        """Return start and end in us of the next interval that has begun.
 
-        Each interval is returned once.
+        Each interval is returned one time. None if no further interval has begun.
         """
         if now_us < self._next_us:
             return None
@@ -137,7 +137,7 @@ class Damage:
     Attributes
     ----------
     passed : int
-        Number of bytes sent so far.
+        Number of bytes sent since the start.
     touched : collections.deque of int
         Indices of the most recently damaged bytes, counted from 0 at the start of the stream.
     """
@@ -408,7 +408,7 @@ class Faults:
         return np.random.default_rng([_OWN, self._seed, *kind.encode()])
 
     def spells(self, kind: str) -> Spells:
-        """Return the intervals of a fault; `kind` is its key in the file, e.g. ``clock.stalls``."""
+        """Return the intervals of the fault with a key in the file, such as ``clock.stalls``."""
         moments = self.file.moments()[kind]
         rng = self.rng(kind)
         return Spells(moments, self._seconds, self.file.from_s, rng, kind, self.ledger)

@@ -73,7 +73,8 @@ class Led(toml.Strict):
     noise_ppm_10ms: NotNegative
     warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
-    # Wiring of the LED, one of `spots_device.light.LEDS`. The chip sets the current only for `ldr`.
+    # Wiring of the LED, one of `spots_device.light.LEDS`. The chip sets the current only for `ldr`;
+    # for the others, the current is `fixed_mA`.
     wired: Literal["ldr", "gpio", "always"] = "ldr"
     fixed_mA: Positive = 20.0
 
@@ -275,7 +276,9 @@ class Finger(toml.Strict):
     def __post_init__(self):
         times = [point[0] for point in self.points]
         if any(b <= a for a, b in zip(times, times[1:])):
-            raise ValueError("the times of a touch must ascend")
+            raise ValueError(
+                "the times of a touch must ascend: sort its points, and remove equal times"
+            )
 
 
 class Ambient(toml.Strict):
@@ -297,7 +300,9 @@ class Ambient(toml.Strict):
     def __post_init__(self):
         times = [step[0] for step in self.steps]
         if any(b <= a for a, b in zip(times, times[1:])):
-            raise ValueError("the times of the steps must ascend")
+            raise ValueError(
+                "the times of the steps must ascend: sort them, and remove equal times"
+            )
 
 
 class Moments(toml.Strict):
@@ -351,9 +356,9 @@ class SerialFaults(toml.Strict):
 class BusFaults(toml.Strict):
     """Damage to transfers on the I2C bus.
 
-    `nack_percent` of all transfers are not acknowledged; in the intervals `nack_bursts`, no
-    transfer is acknowledged. `wrong_percent` of the transfers have a wrong bit. In each interval of
-    `sda_low`, SDA is low until the interval ends or the board sends nine clocks.
+    Of all transfers, `nack_percent` are not acknowledged, and `wrong_percent` have a wrong bit. In
+    the intervals `nack_bursts`, no transfer is acknowledged. In each interval of `sda_low`, SDA is
+    low until the interval ends or the board sends nine clocks.
     """
 
     nack_percent: Percent = 0.0
@@ -434,7 +439,9 @@ class ScenarioFile(toml.Strict):
         for name, points in lines.items():
             times = [point[0] for point in points]
             if any(b <= a for a, b in zip(times, times[1:])):
-                raise ValueError(f"the times of {name} must ascend")
+                raise ValueError(
+                    f"the times of {name} must ascend: sort them, and remove equal times"
+                )
             if times and times[-1] > self.seconds:
                 raise ValueError(
                     f"{name} has points after the end of the scenario ({self.seconds:g} s): "

@@ -1,4 +1,4 @@
-"""Links that wrap another link; see `spots.link.serial_link.Link`."""
+"""Connections to a board (links) that wrap another link, see `spots.link.serial_link.Link`."""
 
 from __future__ import annotations
 

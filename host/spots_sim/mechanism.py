@@ -1,7 +1,7 @@
 """A simulated five-bar linkage with backlash and errors of its lengths; it moves two indenters.
 
-Its true positions are compared with those of a digital twin. This module shares no formula with
-`linkage.fivebar`.
+Its true positions test the digital twin (`spots.Twin`), which computes positions from readings of
+the strips. So this module shares no formula with `spots.linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -153,7 +153,8 @@ class Mechanism:
             i = int(np.argmax(off))
             raise SpotsError(
                 f"the linkage cannot follow the path: ({motion.x_mm[i]:.1f}, {motion.y_mm[i]:.1f}) "
-                "mm is out of reach of its bars, or beyond the travel of a joint: move the path"
+                "mm is out of reach of its bars, or beyond the travel of a joint: move the points "
+                "of the path"
             )
         return tuple(self.turn(motion.time_s, of_joint, again) for of_joint in angles_deg)
 
@@ -182,7 +183,7 @@ class Mechanism:
 class JointScenario:
     """Scenario of a strip in a joint: the joint bends the strip and slides an indenter on it.
 
-    Like `scenario.Scenario`, it has ``pose``, ``presses``, ``change`` and ``ambient_uW_cm2``.
+    It has the methods of `scenario.Scenario`.
 
     Parameters
     ----------

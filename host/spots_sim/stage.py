@@ -16,8 +16,8 @@ from .loading import set_light, silicone_lines
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
-PLACES = 33
-FORCES = 30
+PLACES = 33  # default number of positions in `Stage.along`
+FORCES = 30  # number of forces in `Stage.pressed`
 NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
 WARM_S = 120.0  # the LED is warm before the first press
@@ -254,9 +254,9 @@ def check_light(along: Presses, pressed: Presses) -> None:
         If a press is too dark or saturated. The message names the position of the press.
     """
     for presses, bad, trouble in (
-        (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),
-        (along, along.saturated, "saturated: lower the gain"),
-        (pressed, pressed.saturated, "saturated: lower the gain"),
+        (along, (along.counts < 1).any(axis=1), "too dark: choose a longer exposure"),
+        (along, along.saturated, "saturated: choose a shorter exposure"),
+        (pressed, pressed.saturated, "saturated: choose a shorter exposure"),
     ):
         if bad.any():
             where_mm = presses.position_um[bad][0] / 1000

@@ -170,8 +170,8 @@ class TypingScore:
     def _match(presses, fingers):
         """Match key presses with touches (`fingers`) of the same key.
 
-        Each touch is matched once at most. Returns a dict of touch index by press index, and a list
-        of the unmatched presses.
+        Each touch is matched with at most one press. Returns a dict of touch index by press index,
+        and a list of the unmatched presses.
         """
         right: dict[int, int] = {}
         matched, others = set(), []

@@ -35,7 +35,7 @@ def picture(
     touch : Touch or None
         Latest reading.
     typed : TypedText
-        Text typed so far.
+        The typed text.
     stats : LinkStats
         Statistics of the link, shown below the text.
 

@@ -77,7 +77,7 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     sensor, scenario : str
         Sensor and scenario file: a path or a name.
     seed : int
-        Random seed of the noise; ignored.
+        Ignored.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     return Bench(stage.reader, presser, guide, length_um, path)
 
 
-# Functions of the port scheme for a whole linkage.
+# Functions that `spots.link.ports` expects in the module of a port scheme, for a whole linkage.
 linkage, run_linkage = endless, run
 
 
@@ -220,7 +220,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         If a file is missing or invalid, or the board does not start.
     """
     if seed < 0:
-        raise SpotsError(f"the seed must be a whole number from 0, not {seed}")
+        raise SpotsError(f"the seed must be a whole number of 0 or more, not {seed}")
 
     file = load(SensorFile, sensor)
     calibration = calibrate(file)

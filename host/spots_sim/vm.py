@@ -1,4 +1,7 @@
-"""A MicroPython process that runs the unmodified firmware; two pipes carry requests and answers."""
+"""A MicroPython process that runs the unmodified firmware of a virtual board.
+
+Two pipes carry the board's requests, such as I2C transfers, and the simulator's answers.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ _COMMON = BOARDS / "_virtual"
 # input closes on every exit path of this process.
 _KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
 _EXIT_S = 10.0  # time for MicroPython to end after it has closed its pipes
-# Runs the main file with the processor time of a slow board.
+# Runs the main file with the processor times of a real board, see `cpu.Cpu`.
 _SLOW = _COMMON / "_slow.py"
 # Performs the steps of CircuitPython after a reset; on a real board they are built in.
 _CIRCUITPYTHON = "_circuitpython.py"
@@ -86,7 +89,8 @@ class MicroPythonProcess:
     rate : float
         Seconds that the board's clock counts in one true second.
     reports_memory : bool
-        True if the board must report its free memory before every sleep and transfer.
+        True if the board must report its free memory before every sleep and transfer; False for
+        before every 256th.
     cpu : cpu.Cpu, optional
         Processor time of the firmware; only in simulated time, and not on CircuitPython.
     strips : int

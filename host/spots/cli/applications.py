@@ -73,7 +73,7 @@ def twin(parser: Parser):
     parser.option(
         "--record",
         "FILE.spots",
-        "file for a new recording; once for each board",
+        "file for a new recording; give this option once for each board",
         action="append",
         default=[],
     )

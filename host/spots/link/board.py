@@ -422,7 +422,7 @@ class Board:
         """
         if not self.read_only and not self.command("hello")["keys"]:
             raise SpotsError(
-                f"the keys of the board on {self.port} are off: send the command 'keys on'"
+                f"the keys of the board on {self.port} are off: run 'spots command keys on'"
             )
         self._want(Touch)  # without a stream, a restart of the board would not be noticed
         return self._start(seconds, Key)
