@@ -106,7 +106,7 @@ class ChipNoise:
 
 
 class AS7341:
-    """A simulated AS7341; its power is switched on at time 0.
+    """A simulated AS7341, a light sensor with six ADCs; its power is switched on at time 0.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class AS7341:
     # I2C transfers. A controller calls advance(now) first, so that time never decreases.
 
     def answers(self) -> bool:
-        """Whether the chip acknowledges its I2C address now."""
+        """Return whether the chip acknowledges its I2C address now."""
         return self._now - self._on_since >= POWER_ON_US
 
     def write(self, data: bytes) -> None:
@@ -191,7 +191,7 @@ class AS7341:
         return bytes(data)
 
     def advance(self, now_us: float) -> None:
-        """Run the chip up to the time `now_us`."""
+        """Simulate the chip up to the time `now_us`."""
         if now_us > self._now:
             self._now = now_us
         else:

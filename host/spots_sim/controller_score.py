@@ -37,7 +37,7 @@ class ControllerScore:
     Attributes
     ----------
     states : int
-        Number of gamepad states sent so far.
+        Number of gamepad states sent.
     """
 
     def __init__(

@@ -68,7 +68,9 @@ class PowerLostError(BaseException):
 
 
 class CPythonBoard:
-    """A virtual board with its own file system and its own copy of the firmware's modules.
+    """A virtual board whose firmware runs in this process.
+
+    Each board has its own file system and its own copy of the firmware's modules.
 
     Parameters
     ----------

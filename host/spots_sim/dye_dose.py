@@ -40,12 +40,12 @@ from .virtual import VIRTUAL
 _SAMPLES = 64  # averaged for each piece
 _AUTO_TIMEOUT_S = 60.0
 _STRENGTHS_PER_MM = 1e-4, 1.0
-_USUAL_PER_MM = 0.02
+_USUAL_PER_MM = 0.02  # strength of a red dye, to detect a colour change in the wrong direction
 # Least difference between channels, in units of ln; the contact of the pieces can cause less.
 _LEAST_DECAY = 0.05
 _MISFIT_MAX = 0.1  # rms in units of ln; above this, the dye has another colour
 _DOSES = 1e-3, 60.0  # g of tint in 100 g; more would replace all of the rubber's part B
-_FULL_PRESS_MN = 1e6
+_FULL_PRESS_MN = 1e6  # couples all light, as a test piece between LED and sensor does
 _CLEAR = Change(dye_percent=-100.0)
 
 
@@ -66,7 +66,7 @@ class Measured:
 
 
 def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measured:
-    """Return the strength of the dye in a test piece.
+    """Compute the strength of a test piece's dye from counts through it and through a clear piece.
 
     Parameters
     ----------
@@ -133,18 +133,19 @@ def _even(logs: np.ndarray) -> np.ndarray:
 
 
 def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> float:
-    """Return the dose in g of tint in 100 g that gives a wanted strength.
+    """Return the dose of tint that gives the dye a wanted strength.
 
     Parameters
     ----------
     test_dose : float
-        Dose of the test piece, in g of tint in 100 g.
+        Dose of the test piece, in g of tint in 100 g of rubber.
     measured_per_mm, wanted_per_mm : float
         Strength of the dye in the test piece and in the strip.
 
     Returns
     -------
     float
+        Dose in g of tint in 100 g of rubber.
 
     Raises
     ------

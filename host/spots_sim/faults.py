@@ -1,4 +1,4 @@
-"""Applies a scenario's faults to a link, a bus and a board, and counts them.
+"""Simulates faults of a serial link, an I2C bus and a board, and counts them.
 
 Each fault has its own random generator, which depends only on the seed. So the sensor's noise is
 the same with and without faults, and one fault does not change another. All times are simulated
@@ -117,7 +117,9 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes sent in one direction, no matter how they are split into calls.
+    """Damages the bytes that a link sends in one direction.
+
+    The damage does not depend on how the bytes are split into calls.
 
     Parameters
     ----------
@@ -192,7 +194,7 @@ class Damage:
 
 
 class FaultyLink(LinkWrapper):
-    """A link whose bytes are damaged in both directions.
+    """A connection to a board (link) whose bytes are damaged in both directions.
 
     Parameters
     ----------
@@ -376,7 +378,7 @@ class BoardFaults:
 
 
 class Faults:
-    """All faults of one run.
+    """All faults of one run of a virtual board.
 
     Parameters
     ----------

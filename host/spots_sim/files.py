@@ -123,7 +123,10 @@ class ContactFile(toml.Strict):
 
 
 class Converter(toml.Strict):
-    """The chip's noise (`chip.ChipNoise`), and behaviour that no document defines (`Quirks`)."""
+    """The chip's noise, and its behaviour that no document defines.
+
+    `chip.ChipNoise` and `chip.Quirks` describe attributes with these or similar names.
+    """
 
     read_noise_counts: NotNegative
     electrons_per_count_1x: Positive

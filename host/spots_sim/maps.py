@@ -32,7 +32,8 @@ def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> t
     Returns
     -------
     x_mm, y_mm : numpy.ma.MaskedArray, shape (n,)
-        Positions of the end point in mm; masked outside the workspace.
+        Positions of the end point in mm; masked where the linkage cannot reach, or `usable` is
+        false.
     """
     other = np.linspace(-np.pi, np.pi, _SAMPLES)
     theta = (theta_rad, other) if joint == 0 else (other, theta_rad)

@@ -1,4 +1,6 @@
-"""A simulated five-bar linkage with backlash and errors of its lengths; it moves two indenters.
+"""A simulated five-bar linkage with backlash and errors of its lengths.
+
+Each of its two base joints moves an indenter along a strip.
 
 Its true positions test the digital twin (`spots.Twin`), which computes positions from readings of
 the strips. So this module shares no formula with `spots.linkage.fivebar`.
@@ -26,7 +28,7 @@ _PAUSE_S = 0.2  # after each stroke, and before the next one
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of the end point, sampled over time.
+    """A motion of a linkage's end point, sampled over time.
 
     Attributes
     ----------

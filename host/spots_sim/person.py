@@ -20,9 +20,9 @@ _PRESS = re.compile(
 )
 _CHANGE = re.compile(r"without lifting, go to about (\d+) g")
 _QUESTION = re.compile(r"what (?:does|do) (?:the )?(?:ruler|scale)")
-_FINGER_MM, _INDENTER_MM = 8.0, 4.0
+_FINGER_MM, _INDENTER_MM = 8.0, 4.0  # widths along the strip
 _FIRM_MN, _HARD_MN = (2500.0, 6000.0), (6000.0, 10_000.0)  # of presses without a scale
-_GRAM_MN = 9.80665
+_GRAM_MN = 9.80665  # weight of 1 g in mN
 _STARTS_S = 0.4  # from the request to the press
 _EARLY_S = 0.5  # a press that is lifted early lasts for this time or twice this time
 _RAMP_S, _RAMP_STEPS = 0.6, 6  # duration and steps of a change of the force

@@ -63,10 +63,7 @@ class Inlet:
         return bool(self._waiting)
 
     def write(self, data: bytes = b"") -> None:
-        """Write the buffered bytes, then `data`.
-
-        Buffer the bytes that the reader does not accept yet.
-        """
+        """Write the buffered bytes, then `data`; buffer what the reader does not accept yet."""
         self._waiting += data
         with contextlib.suppress(BlockingIOError):
             self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
@@ -75,8 +72,8 @@ class Inlet:
 class Console(PseudoTerminal):
     """The simulated board's port that has the MicroPython prompt.
 
-    It consists of two PTYs: one for the host and one for MicroPython, which gives a prompt only on
-    a terminal.
+    It consists of two pseudo-terminals: one for the host and one for MicroPython, which shows a
+    prompt only on a terminal.
     """
 
     def __init__(self):

@@ -39,7 +39,7 @@ _TAUS_S = np.array([0.5, 5.0, 50.0, 500.0])  # time constants of the creep
 _PLAYS_MN = (100.0, 300.0, 900.0, 2700.0)  # half-widths of the play operators
 _POWER, _SOONEST_S = 0.15, 0.05  # the creep after t s is proportional to (1 + t / 0.05)^0.15 - 1
 _STEP_S = 0.02  # changes of the force within this time count as one
-_WIDTH_MN = 1500.0  # change of the force after which the Bouc-Wen hysteresis is largely complete
+_WIDTH_MN = 1500.0  # change of the force that gives 63 % of the Bouc-Wen hysteresis
 _KEPT = 256  # number of cached durations; a simulation has few different ones
 _SOFTENED_MN = 4000.0  # scale of the force for the softening
 

@@ -92,7 +92,10 @@ class Stage:
         self.reader.set_up()
 
     def take_dark(self) -> None:
-        """If the LED is always on: unplug the LED, take a dark frame, and plug the LED in again."""
+        """Take a dark frame (counts without the LED's light) if the board cannot switch the LED.
+
+        An LED that is always on is unplugged for this time.
+        """
         if self.sensor.led.wired == "always":
             self.held.unplugged = True
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
@@ -197,7 +200,7 @@ class Stage:
 
 
 def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, ...]:
-    """Calibrate a simulated sensor.
+    """Calibrate a simulated sensor, and return the text of the calibration.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ class MicroPythonProcess:
     rate : float
         Seconds that the board's clock counts in one true second.
     reports_memory : bool
-        True if the board must report its free memory before every sleep and transfer; False for
-        before every 256th.
+        True if the board must report its free memory before every sleep and transfer; False if
+        only before every 256th sleep.
     cpu : cpu.Cpu, optional
         Processor time of the firmware; only in simulated time, and not on CircuitPython.
     strips : int
@@ -228,7 +228,7 @@ class MicroPythonProcess:
 
 
 def _shared_firmware(board: str, strips: int) -> Path | None:
-    """Return a folder with a board's firmware as bytecode, made once for all processes.
+    """Return a folder with a board's firmware as bytecode, which several processes share.
 
     With this folder, a board starts in half the time, because its modules are neither copied nor
     compiled. Main files stay sources. Without a folder for stored files (see `kept_folder`), this

@@ -217,7 +217,7 @@ def test_a_press_that_is_too_dark_is_asked_for_again_with_more_force(tmp_path, m
         with pytest.raises(EnoughError):
             calibrate(room, tmp_path / "a.jsonl", "fine", 20)
     said = room.getvalue()
-    assert "198.0 mm with 0.23 N: too dark" in said
+    assert "198.0 mm with 0.23 N: the press is too dark" in said
     assert "press at 198.0 mm with about 33 g (0.32 N) and hold" in said
 
 
