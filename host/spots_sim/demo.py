@@ -162,8 +162,8 @@ def _with_link(board: Board, figures: dict) -> dict:
 
 
 # Function and default scenario of each application. The function gets the board, the scenario, the
-# host time in s at the scenario's time 0, the duration in s, and whether to print nothing. It
-# returns the results of the run.
+# host time in s at the scenario's time 0, and the duration in s. Its last argument is true to
+# print nothing. It returns the results of the run.
 USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
     "strip": (_strip, "demo"),
     KEYBOARD: (_keyboard, "typing"),

@@ -271,8 +271,9 @@ def sensor_toml(found: Design) -> str:
 def design_command(options: argparse.Namespace) -> None:
     """Run ``spots design`` with the options that `cli` parsed.
 
-    The folder ``options.out`` gets the sensor file and a figure and, if moulds can be made for the
-    length, moulds, drawings and recipe. If ``options.out`` is None, no files are written.
+    The folder ``options.out`` gets the sensor file and a figure. If moulds can be made for the
+    length, it also gets moulds, drawings and recipe. If ``options.out`` is None, no files are
+    written.
     """
     out, shape = options.out, None
     recipe = strip_recipe.checked(options.strips)

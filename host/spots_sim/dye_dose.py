@@ -1,10 +1,10 @@
 """``spots design --measure-dye``: computes the dose of dye from a clear and a dyed test piece.
 
-Both pieces have the same length and are put between LED and sensor, one after the other. The ratio
-of their counts is the decay by the dye times an unknown factor, because one piece may be coupled
-better to LED and sensor than the other. This factor is the same for all channels, so only
-differences between channels are used. The result is the dye strength whose decay (`optics`, Eq. 1
-of the paper) fits these differences best. The dose is proportional to this strength.
+Both pieces have the same length and are put between LED and sensor, one after the other. One piece
+may be coupled better to LED and sensor than the other. So the ratio of their counts is the decay by
+the dye times an unknown factor. This factor is the same for all channels, so only differences
+between channels are used. The result is the dye strength whose decay (`optics`, Eq. 1 of the paper)
+fits these differences best. The dose is proportional to this strength.
 """
 
 from __future__ import annotations

@@ -409,12 +409,12 @@ class FaultsFile(toml.Strict):
 class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are measured along the stretched strip. These keys are lists of points: `strain` (time
-    s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact, position mm), and
-    each key of `change` (time s, change since calibration). A leak is light that couples at a
-    position without a finger. Points are joined by straight lines; before the first and after the
-    last point the value is constant. `strain_percent` and `bend_deg` are constants that replace the
-    points of `strain` and `bend`.
+    `strain`, `bend`, `leak` and each key of `change` are lists of points, joined by straight lines.
+    Before the first and after the last point, the value is constant. A point has a time in s, and
+    then the strain in per cent, the bending angle in degrees, or the change since the calibration.
+    A point of `leak` has two values: a share of full contact, and a position in mm. A leak is light
+    that couples at a position without a finger. Positions are measured along the stretched strip.
+    The constants `strain_percent` and `bend_deg` replace the points of `strain` and `bend`.
     """
 
     seconds: Cycle

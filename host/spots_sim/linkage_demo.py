@@ -139,9 +139,9 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     Returns
     -------
     dict
-        Results of the run: in simulated time those of `survey.PathRun.summary`. In real time
-        ``terminals``, the number of estimated positions, and ``frames`` and ``lost``, the numbers
-        of received and of lost frames of both boards.
+        Results of the run: in simulated time those of `survey.PathRun.summary`. In real time,
+        ``terminals``: number of estimated positions; ``frames`` and ``lost``: numbers of received
+        and of lost frames, of both boards together.
 
     Raises
     ------

@@ -52,8 +52,8 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
         Text lines of the sensor's calibration.
     loads : sequence of (float, float, float, float)
         Each load: its position as a share of the length, its largest force in mN, the duration of
-        the loading (the unloading lasts as long), and the duration of the hold before the
-        unloading, in s.
+        the loading in s, and the duration of the hold in s. The unloading lasts as long as the
+        loading.
     seed : int
         Random seed of the noise.
     led : str
