@@ -53,7 +53,8 @@ def demo(parser: Parser):
         "--page", action="store_true", help="open the web UI in a browser, until Ctrl-C"
     )
     parser.add_argument(
-        "--use", help="application to run: strip, keyboard, controller, wearable or fivebar"
+        "--use",
+        help="application to run: strip (if not given), keyboard, controller, wearable or fivebar",
     )
     parser.add_argument(
         "--layout",
@@ -147,23 +148,29 @@ def design(parser: Parser):
     parser.option(
         "--out", "DIR", "write sensor file, figure, moulds, drawings and recipe into this folder"
     )
-    parser.option("--strips", "N", "number of strips in the recipe", type=_whole, default=1)
+    parser.option(
+        "--strips", "N", "number of strips in the recipe; 1 if not given", type=_whole, default=1
+    )
     parser.option(
         "--breakout",
         "NAME",
-        "AS7341 breakout that the caps must fit: adafruit-4698 or sparkx-17719",
+        "AS7341 breakout that the caps must fit: adafruit-4698 (if not given) or sparkx-17719",
         default="adafruit-4698",
     )
     parser.flag("--measure-dye", "read a clear and a dyed test piece, and print the dose of dye")
     parser.option(
         "--test-dose",
         "G",
-        "dose of the dyed test piece: g of tint in 100 g of rubber",
+        "dose of the dyed test piece: g of tint in 100 g of rubber; 2 if not given",
         type=_dose,
         default=2.0,
     )
     parser.option(
-        "--test-length-mm", "N", "length of both test pieces in mm", type=_test_mm, default=60.0
+        "--test-length-mm",
+        "N",
+        "length of both test pieces in mm; 60 if not given",
+        type=_test_mm,
+        default=60.0,
     )
     arguments.add_port(parser)
     return _design
