@@ -98,7 +98,7 @@ class I2CBus:
     frequency_hz : int
         Frequency of the bus in Hz.
     ledger : BusCost
-        Cost of all transfers so far.
+        Cost of all transfers since the start.
     call_us : float
         Processor time of each transfer in us, in addition to the time of its bits on the wire.
     """
@@ -215,7 +215,7 @@ class I2CBus:
         self.chip.switch_light(bool(level))
 
     def refuse(self) -> None:
-        """Spend the bus time of an address that no chip acknowledges; raise OSError(ENODEV)."""
+        """Simulate a transfer to an address that no chip acknowledges: raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 

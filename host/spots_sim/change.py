@@ -114,6 +114,7 @@ class Temperature(msgspec.Struct, **_Struct):
         Returns
         -------
         Change
+            The sum, with the `temperature_K` of `change`.
         """
         return change + Change(
             **{

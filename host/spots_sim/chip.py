@@ -174,7 +174,7 @@ class AS7341:
             self._pointer = (self._pointer + 1) & 0xFF
 
     def read(self, size: int) -> bytes:
-        """Handle a read transfer: return `size` bytes from the register pointer."""
+        """Handle a read transfer: return `size` bytes from the register pointer on."""
         data = bytearray()
         while len(data) < size:
             pointer = self._pointer

@@ -88,7 +88,10 @@ class ControllerScore:
         self.states += 1
 
     def _wanted(self, time_s: float) -> int | None:
-        """Return the true X at `time_s` (host time); None if the number of fingers is not 1."""
+        """Return the true value of the axis X at `time_s` seconds of host time.
+
+        None if the number of fingers is not 1, or the controller has no axis X.
+        """
         presses = self._scenario.presses(time_s - self._started_s)
         if len(presses) != 1 or self._settings is None:
             return None

@@ -1,4 +1,4 @@
-"""``spots demo``: runs the virtual board with one of the applications."""
+"""``spots demo``: runs a virtual board with an application, such as the keyboard."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def demo(
     Parameters
     ----------
     sensor : str
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     scenario : str or None
-        Scenario file: a path or a name. None selects the default scenario of the application.
+        Scenario file: a path, or a name such as ``demo``. None selects the application's default.
     seed : int
         Random seed of the noise.
     seconds : float or None
@@ -66,7 +66,7 @@ def demo(
     use : str
         Application: a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage.
     layout : str, optional
-        Key layout of the application `keyboard`: a path or a name.
+        Key layout of the application ``keyboard``: a path, or a name such as ``mini``.
     rezeroed : bool, optional
         The sensor file may describe a change of the strip since its calibration (`change`). True
         if the calibration was corrected after this change with a few presses (re-zero). Needs
@@ -187,7 +187,7 @@ def open_fast(
     Parameters
     ----------
     sensor : str
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     truth : Scenario
         Fingers, strain and light over time.
     seed : int
@@ -240,7 +240,7 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
         Application to show. ``fivebar`` shows a simulated linkage. Any other application shows a
         strip, with the application's panel directly below it.
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise.
     """

@@ -392,7 +392,7 @@ class Faults:
     Attributes
     ----------
     ledger : FaultLedger
-        Counts of all faults so far.
+        Counts of all faults since the start of the run.
     to_host, to_board : Damage
         Damage to the bytes in each direction.
     """

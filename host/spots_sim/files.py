@@ -371,7 +371,7 @@ class BusFaults(toml.Strict):
 
 
 class PowerFaults(toml.Strict):
-    """Power faults: brown-outs stop board and sensor; the other faults affect the sensor only."""
+    """Power faults: brown-outs stop board and sensor; all others affect only the sensor."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -396,7 +396,7 @@ class FaultsFile(toml.Strict):
     clock: ClockFaults = ClockFaults()
 
     def moments(self) -> dict[str, Moments]:
-        """Return all `Moments` as a dict by their keys in the file, such as ``clock.stalls``."""
+        """Return the times of all faults by their keys in the file, such as ``clock.stalls``."""
         parts = (getattr(self, name) for name in self.__struct_fields__[1:])
         return {
             f"{part}.{name}": value

@@ -40,7 +40,7 @@ _MARK_SAMPLES = 200
 
 
 def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dict:
-    """Type random digits after the board is switched on; count the errors.
+    """Type random digits while the LED warms up, and count the errors.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
 def joint(
     sensor: SensorFile, minutes: float, seed: int, average: int, warm_min: int = WARM_MIN
 ) -> list[dict]:
-    """Measure errors of a joint's angle after the board is switched on; correct the drift once.
+    """Measure errors of a joint's angle while the LED warms up; correct the drift one time.
 
     Parameters
     ----------
@@ -92,9 +92,9 @@ def joint(
     Returns
     -------
     list of dict
-        One dict for each minute, measured in the middle of this minute: ``minute``; ``rezeroed``,
-        whether the drift is corrected by then; ``accuracy_deg``, the mean absolute error of single
-        readings.
+        One dict for each minute, measured in the middle of this minute. ``minute``: its number,
+        from 1. ``rezeroed``: whether the drift was corrected before. ``accuracy_deg``: mean
+        absolute error of single readings, in degrees.
     """
     with Rig(sensor, seed, 10_000, average) as rig:
         conditions, lines = rig.conditions, rig.lines

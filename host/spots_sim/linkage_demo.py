@@ -38,7 +38,7 @@ def endless(
     Parameters
     ----------
     sensor, linkage, path : str
-        Sensor, linkage and path file: a path or a name.
+        Sensor, linkage and path file: each a path, or a name such as ``default`` or ``sust``.
     seed : int
         Random seed of the noise.
     exposure_us : int
@@ -126,7 +126,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     Parameters
     ----------
     sensor : str
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     seed : int
         Random seed of the noise.
     seconds : float or None

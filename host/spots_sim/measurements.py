@@ -367,7 +367,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return the result of `_accuracy_um` for the flat, unstretched strip from `run.series`."""
+    """Return the errors of the flat, unstretched strip, in the form that `_accuracy_um` returns."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 

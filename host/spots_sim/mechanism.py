@@ -305,7 +305,7 @@ def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motio
 
 
 def closed(file: PathFile) -> PathFile:
-    """Return a path with an additional last stroke back to its first point."""
+    """Return a path with an additional last stroke to its first point, so that it can repeat."""
     back = Stroke(points=[file.stroke[-1].points[-1], file.stroke[0].points[0]])
     return msgspec.structs.replace(file, stroke=[*file.stroke, back])
 
@@ -325,10 +325,11 @@ def _line(stroke: Stroke) -> np.ndarray:
 
 
 def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
-    """Intersect two circles, and return the angle of an inner bar, in rad from +y.
+    """Return the angle of an inner bar in rad, from the direction of y.
 
     `x_mm` and `y_mm` are the position of the end point relative to the joint; `inner` and `outer`
-    are the lengths of the bars in mm.
+    are the lengths of the bars in mm. The elbow is where two circles intersect: one around the
+    joint with the radius `inner`, one around the end point with the radius `outer`.
     """
     reach2 = x_mm**2 + y_mm**2
     with np.errstate(all="ignore"):

@@ -84,7 +84,7 @@ class Console(PseudoTerminal):
         self.raw_prompt = False
 
     def pass_on(self, damaged) -> None:
-        """Read the host's bytes, and send the result of ``damaged(data)`` to the board."""
+        """Pass the host's bytes to the board; ``damaged(data)`` returns the bytes that arrive."""
         data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
@@ -145,7 +145,7 @@ def main(
     Parameters
     ----------
     sensor_name, scenario_name : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of noise and faults.
     board : str

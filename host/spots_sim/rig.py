@@ -121,7 +121,7 @@ class Rig:
         self._use()
 
     def set_average(self, average: int) -> None:
-        """Set the number of samples in a reading."""
+        """Set the number of samples that the board averages in a reading."""
         self.board.command(f"set average={average}")
         self.average = average
 

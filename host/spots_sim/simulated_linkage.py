@@ -1,4 +1,4 @@
-"""A simulated linkage with two strips, read through virtual boards in simulated time."""
+"""A simulated five-bar linkage with a strip in each base joint, read through virtual boards."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip and its joint.
+    """Calibrate a simulated strip and the joint in which it is mounted.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ class Simulation:
 
 
 class Endless:
-    """A simulated linkage that repeats a path without end, in real time.
+    """A simulated five-bar linkage that repeats a path without end, in real time.
 
     Parameters
     ----------

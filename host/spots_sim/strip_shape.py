@@ -1,4 +1,4 @@
-"""Dimensions of a strip, its moulds and its caps, for the moulds, the drawings and the recipe.
+"""Dimensions of a strip and its caps, from which moulds, drawings and recipe are made.
 
 The cross-section is that of the SPOTS paper (section II.B): a strip 3 mm thick and 12 mm wide with
 two guides of 8 x 1 mm in a support. Nobody has tried the dimensions that the paper does not give; a

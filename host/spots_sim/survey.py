@@ -94,7 +94,10 @@ def survey(
     pitch_mm: float = 10.0,
     **condition: bool,
 ) -> Survey:
-    """Calibrate a linkage, then measure its digital twin's error on a grid over the workspace.
+    """Calibrate a simulated five-bar linkage, then measure its digital twin's error on a grid.
+
+    The digital twin (`spots.Twin`) computes the position of the end point from readings of the
+    strips. The grid covers the workspace.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ class TypingScore:
         self.late_ms: list[float] = []  # latency of each correct press, after `summary`
 
     def key(self, page: int, usage: int, pressed: bool, time_s: float) -> None:
-        """Add a key event.
+        """Record that the board pressed or released a key.
 
         Parameters
         ----------

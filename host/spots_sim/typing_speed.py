@@ -43,7 +43,7 @@ def typed(
     seed : int
         Random seed of the text, the touches and the noise.
     sensor : str, optional
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     rezeroed : bool, optional
         The sensor file may describe a change of the strip since its calibration (`change`). True
         if the calibration was corrected after this change with a few presses (re-zero).
@@ -52,7 +52,7 @@ def typed(
     lines : tuple of str, optional
         Text lines of the calibration to use; by default, the sensor is calibrated.
     layout : str, optional
-        Key layout: a path or a name.
+        Key layout: a path, or a name such as ``mini``.
 
     Returns
     -------

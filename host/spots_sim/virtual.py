@@ -49,7 +49,7 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     rest : str
         Text after ``virtual:`` in the port; must be empty.
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise.
 
@@ -75,7 +75,7 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     rest : str
         Text after ``virtual:`` in the port; must be empty.
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Ignored.
 
@@ -203,7 +203,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     Parameters
     ----------
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise, 0 or more.
 
@@ -264,7 +264,7 @@ def start_simulator(
     Parameters
     ----------
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise.
     folder : str

@@ -219,7 +219,7 @@ class MicroPythonProcess:
         self._process = None
 
     def close(self) -> None:
-        """Stop MicroPython and remove a temporary file system."""
+        """Stop MicroPython; remove the board's file system if it is temporary."""
         self.shut_down()
         self._keeper.stdin.close()
         self._keeper.wait()
