@@ -64,7 +64,7 @@ def own_variance(samples: np.ndarray) -> np.ndarray:
     """Return the variance of each channel, without the noise that all channels share.
 
     The difference of the logarithms of two channels contains the noise of these two channels only.
-    Least squares over all pairs of channels separates the variances.
+    Weighted least squares over all pairs of channels separates the variances.
 
     Parameters
     ----------
@@ -82,7 +82,12 @@ def own_variance(samples: np.ndarray) -> np.ndarray:
     one = np.eye(samples.shape[1])
     design = one[i] + one[j]
     values = np.var(relative[:, i] - relative[:, j], axis=0, ddof=1)
-    return np.linalg.lstsq(design, values, rcond=None)[0] * mean**2
+    found = least = ROUNDING_VARIANCE / mean**2
+    for _ in range(_REWEIGHTINGS):
+        # As in `Noise.of`. Without weights, dim channels would hide the noise of bright ones.
+        weight = 1 / (design @ np.maximum(found, least))
+        found = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
+    return found * mean**2
 
 
 @dataclass(frozen=True)
