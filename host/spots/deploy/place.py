@@ -1,4 +1,4 @@
-"""Finds a board's file system, and the port on which the board answers after a restart."""
+"""Finds a board's file system, and the serial port on which the board answers after a restart."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -38,7 +38,7 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
     Parameters
     ----------
     device : staging.Device
-        Content of the wanted board's board file.
+        Description of the board to find.
     port : str, optional
         Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
 
@@ -89,7 +89,7 @@ def _on_drive(folder: str) -> Place:
     with Drive(folder) as drive:
         uid = (drive.facts["uid"] or "").lower()
 
-    def ports_now() -> list[str]:  # the console first
+    def ports_now() -> list[str]:  # the console first, then the port of the frames
         ports = usb_ports() if uid else []
         return [usb.device for usb in ports if (usb.serial_number or "").lower() == uid]
 

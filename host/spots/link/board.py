@@ -28,8 +28,9 @@ from .serial_link import Link
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
 from .turn import Turn
 
-# Timeouts of replies. These commands reply when their work is done, others at once. The usual
-# timeout is long, because a virtual board may get no processor time for seconds on a busy computer.
+# Timeouts of replies, in s. These commands reply when their work is done, all others immediately.
+# The usual timeout is long, because on a busy computer a simulated board may get no processor time
+# for seconds.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
 _USUAL_REPLY_S = 4.0
 _HELLO_TIMEOUT_S = 1.0
@@ -40,8 +41,9 @@ _SYNC_TRIES = 4
 _STREAM_TRIES = 3
 _LATEST_S = 2.0
 _RATE_READINGS = 64
-# Streams by kind of frame. Keys have none: they come after the command `keys on`. Contacts
-# come only while a finger touches, so readings show that the board runs.
+# Streams by kind of frame. Keys need no stream: the board sends them after the command `keys on`.
+# Contacts come only while a finger touches, so readings are streamed, too: they show that the board
+# runs.
 _STREAMS: dict[type, tuple[str, ...]] = {
     Touch: ("touch",),
     Spectrum: ("spectrum",),
@@ -97,10 +99,10 @@ def addressed(line: str, sensor: int) -> str:
 class Board:
     """A connected SPOTS board. Close this object, or use it in a ``with`` block.
 
-    A board that restarts (a brown-out, a crash) stops its streams, and its port may disappear for
-    a while and appear again under another name. While a program waits for frames, this object
-    opens the port again and resumes the streams; see `state` and `stats.restarts`. If another
-    board is on the port, this object refuses that board.
+    When a board restarts, for example after a brown-out, its streams stop. Its port may disappear
+    and appear again under another name. While a program waits for frames, this object opens the
+    port again and resumes the streams; see `state` and `stats.restarts`. If another board is on the
+    port, this object refuses that board.
 
     Several threads may use this object in parallel. Each iterator over frames yields every frame of
     its kinds. A command in one thread does not delay frames for other threads.
@@ -451,8 +453,8 @@ class Board:
         """Iterate over frames of all kinds; see `touches`.
 
         This starts the streams of readings and spectra, unless ``command("stream ...")`` has chosen
-        the streams. Contacts are included after `contacts` or such a command has started their
-        stream.
+        the streams. Contacts are included only after `contacts` or
+        ``command("stream contact touch")`` has started their stream.
         """
         kinds = () if self._chosen else (Touch, Spectrum)
         self._want(*kinds)
@@ -581,7 +583,7 @@ class Board:
         except PortLostError:
             if not before:
                 raise
-            self._streams[sensor] = sorted(streams)  # they start when it is connected again
+            self._streams[sensor] = sorted(streams)  # they start when the board is connected again
         except CommandError as error:
             if Contact not in kinds:
                 raise
@@ -675,7 +677,7 @@ class Board:
     def tap(self, look: Callable[[bytes, float], None]) -> Handle:
         """Register ``look(data, now_s)``, which is called with all bytes that arrive from now on.
 
-        The call comes before the bytes are decoded.
+        `now_s` is the link's time in seconds. The call comes before the bytes are decoded.
         """
         return Handle(self._on_data, look)
 
@@ -702,7 +704,7 @@ class Board:
         replies = (self._exchange("hello", _HELLO_TIMEOUT_S) for _ in range(_HELLO_TRIES))
         info = self._checked(next(filter(None, replies), None))
         self._late = False
-        # The bytes before the reply may start in the middle of a frame.
+        # The bytes before the reply may start in the middle of a frame: that is no loss.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
         return info
 
@@ -779,7 +781,7 @@ class Board:
             self._link.write(question)
 
     def _reconnect(self, timeout_s: float) -> None:
-        # One attempt only: an application must return in time to release its keys.
+        # Only one attempt in each call: an application must return in time to release its keys.
         loss = self._loss
         wait_s = loss.reopen_s - self.now_s()
         if wait_s > 0:
@@ -789,11 +791,11 @@ class Board:
             if not loss.is_open:
                 self._link.reopen()
                 loss.reopened()
-                self._decoded(b"\0")  # ends the frame that was cut off
+                self._decoded(b"\0")  # ends the frame that the disconnect cut off
             reply = self._exchange("hello", WHO_S)
             loss.tries += 1
             if reply is None and loss.tries < WHO_TRIES:
-                return  # its firmware may be starting
+                return  # the board's firmware may be starting
             info, known = self._checked(reply), self.info.get("id")
             if info.get("id") != known:
                 self._link.close_port()
@@ -823,7 +825,7 @@ class Board:
             return
         known = self._validated(reply)
         if known["stream"] != [] and not self._stopped:
-            return  # it still streams, or its firmware does not report its streams
+            return  # the board still streams, or its firmware does not report its streams
         if not self._stopped:
             # This reply may answer any query since the first one.
             self._restarted(loss.first_asked_s, known["t_us"])

@@ -26,13 +26,14 @@ def open(
     Parameters
     ----------
     port : str or Path, optional
-        Name of a serial port, or one of these: ``"virtual"`` starts a simulated board in real time,
-        ``"recording:FILE"`` plays a recording, ``"zenoh:ID"`` reads a board that ``spots publish``
-        publishes on another machine, and ``"zenoh:"`` reads the only published board. If not given,
-        the only board on USB is opened; to find it, ``hello`` is sent to every USB serial port.
+        Name of a serial port; ``"PORT#N"`` opens only strip N of a board with several strips. Other
+        values: ``"virtual"`` starts a simulated board in real time. ``"recording:FILE"`` plays a
+        recording. ``"zenoh:ID"`` reads a board that ``spots publish`` publishes on another machine;
+        ``"zenoh:"`` reads the only published board. If not given, the only board on USB is opened;
+        to find it, ``hello`` is sent to every USB serial port.
     sensor, scenario : str
-        Sensor file and scenario file of the virtual board: a path, or the name of a file in the
-        package.
+        Sensor file (the strip) and scenario file (the presses) of the virtual board: a path, or the
+        name of a file in the package.
     seed : int
         Seed of the virtual board's noise, 0 or more.
 
@@ -77,7 +78,7 @@ def _opened(port: str) -> Board:
 
 
 def open_named(options: Namespace) -> Board:
-    """Open the board that the options of a command name: port, sensor, scenario and seed."""
+    """Open a board with a command's options ``port``, ``sensor``, ``scenario`` and ``seed``."""
     return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
 
 
@@ -106,8 +107,8 @@ def find() -> tuple[list[Board], list[str]]:
 def survey() -> list[dict[str, str]]:
     """Try to open a board on each USB serial port; return a row for each port.
 
-    A row has the name of the port, the USB device, and the answer: a line with board, firmware,
-    runtime and id, or the error message.
+    Keys of a row: ``port``, its name; ``device``, the USB device's description; ``answer``, a line
+    with board, firmware, runtime and id, or the error message.
     """
     rows: list[dict[str, str]] = []
     for port in usb_ports():

@@ -1,4 +1,6 @@
-"""Decodes the bytes of a board into frames; see docs/protocol.md. Encodes notes of recordings.
+"""Decodes the bytes of a board into frames; see docs/protocol.md.
+
+A recording also contains notes: frames that the recorder adds. They are encoded and decoded here.
 
 The decoder has no I/O and no threads. Live links, recordings and the simulator all use it.
 """
@@ -24,22 +26,25 @@ _SPECTRUM = struct.Struct(_SPECTRUM_BODY)
 _KEY = struct.Struct(frame.KEY_BODY)
 _CONTACT = struct.Struct(frame.CONTACT_BODY)
 _CRC = struct.Struct("<I")
-# COBS adds one byte, and another for every 254 bytes.
+# Bytes of the longest frame, without its delimiter. COBS adds one byte, and another for every 254
+# bytes.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
 _SEQUENCES = 1 << 16
 _READINGS = frame.TOUCH, frame.SPECTRUM, frame.CONTACT
-NOTE = 15
+NOTE = 15  # kind of a note
 
 
 def whole(data: bytes) -> int:
-    """Return the number of bytes up to and including the last delimiter (a zero byte).
+    """Return the number of bytes after which data can be cut without splitting a frame.
 
-    Without a delimiter, return 0; but if the data is longer than any frame, return ``len(data)``.
+    The cut is after the last delimiter (a zero byte). Without a delimiter, return 0; but if the
+    data is longer than any frame, return ``len(data)``.
     """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
 
 
+# Flags of an untrusted reading.
 DOUBTFUL = (
     decode.SATURATED | decode.TOO_DARK | decode.MISFIT | decode.NOT_CALIBRATED | decode.LED_OFF
 )
@@ -62,7 +67,7 @@ class Touch(NamedTuple):
     sensor : int
         Number of the sensor on the board, from 0.
     sequence : int
-        Number of the frame on its link, modulo 2**16.
+        Number of the frame, modulo 2**16; the board counts all its frames.
     t_us : int
         Board time of the middle of the integration, in us, modulo 2**32.
     flags : int
@@ -99,7 +104,7 @@ class Touch(NamedTuple):
 
     @property
     def touching(self) -> bool:
-        """Whether a finger is on the strip, with hysteresis."""
+        """Whether a finger is on the strip; the force at its release is lower than at its start."""
         return bool(self.flags & decode.TOUCHING)
 
     @property
@@ -233,7 +238,14 @@ class Contact(NamedTuple):
 
 
 class Text(NamedTuple):
-    """A reply to a command, or a log line, of the board.
+    """A board's reply to a command, or a log line.
+
+    Attributes
+    ----------
+    sensor, sequence, t_us
+        See `Touch`; in a reply, `t_us` is the time at which it was sent.
+    content : dict
+        The JSON object of the reply or log line, see docs/protocol.md.
 
     Examples
     --------
@@ -342,7 +354,7 @@ class Decoder:
         return self._rest
 
     def forget(self) -> None:
-        """Drop the incomplete frame, and accept any sequence number next."""
+        """Drop the incomplete frame, and do not count a gap before the next frame as loss."""
         self._rest, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -356,9 +368,9 @@ class Decoder:
     def restarted(self, restarts: int) -> None:
         """Set the number of restarts of the board.
 
-        If the number has grown, the board's sequence numbers have started from 0 again. The gap in
-        the sequence numbers is then not counted as loss: after a restart, a board sends no readings
-        until its streams resume.
+        If the number has grown, the board's sequence numbers have started from 0 again. Frames that
+        seem lost since the last reading are then not counted: after a restart, a board sends no
+        readings until its streams resume.
         """
         if restarts > self.restarts:
             self.restarts = restarts
@@ -493,7 +505,7 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TEXT: _text,
     NOTE: _note,
 }
-# Kinds whose body has one size: their type, and the format of the body for `struct`.
+# Kinds of frames whose body has a fixed size: their type, and the body's format for `struct`.
 LAYOUTS: dict[int, tuple[type[Reading], str]] = {
     frame.TOUCH: (Touch, TOUCH_BODY),
     frame.SPECTRUM: (Spectrum, _SPECTRUM_BODY),

@@ -12,8 +12,9 @@ and may have
 ``check(rest, *, sensor, scenario, seed)``
     Raises SpotsError for wrong arguments, with which no board can ever be opened.
 ``calibration_setup(options, made, path, guide)``
-    Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. ``made`` is the
-    session of ``spots calibrate``, or the calibration file that ``spots rezero`` corrects.
+    Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. ``options`` are
+    those of the command line. ``made`` is the session of ``spots calibrate``, or the calibration
+    that ``spots rezero`` corrects. ``path`` is the file to write; ``guide`` prints the progress.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Returns a `linkage.twin_source.DrivenLinkage`: a five-bar linkage that opens its boards itself.
     `path`, `seed` and `exposure_us` must have defaults.
