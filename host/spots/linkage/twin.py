@@ -1,4 +1,4 @@
-"""``spots twin``: shows a linkage's digital twin; also calibrates or tests a linkage."""
+"""``spots twin``: shows a linkage's digital twin, or calibrates or simulates a linkage."""
 
 import argparse
 import json
@@ -69,7 +69,7 @@ def twin_command(options: argparse.Namespace) -> None:
 
 
 def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
-    """Show a linkage's digital twin as a live picture or as lines, until the end or Ctrl-C.
+    """Show a linkage's digital twin as a live picture or as lines, until it ends or Ctrl-C.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _json(terminal: Terminal) -> None:
 
 
 class Lines:
-    """Prints positions of the end point as lines, at most four a second."""
+    """Prints positions of the end point as lines, at most four in a second."""
 
     def __init__(self):
         self._began_s: float | None = None

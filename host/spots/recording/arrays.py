@@ -76,7 +76,7 @@ _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
 }
 
 
-# By kind: indices of the pieces, and the bytes of their payloads, a column for each piece.
+# By kind of frame: indices of its pieces, and their payloads, shape (bytes, number of pieces).
 _Groups = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
@@ -172,7 +172,7 @@ class Arrays:
                    NaN if the clocks were never compared
     arrived_s  f8  time of arrival on the same clock, in s, as in `Recording`
     t_us       u4  board time in us, modulo 2**32
-    sequence   u2  number of the frame on its link, modulo 2**16
+    sequence   u2  number of the frame, modulo 2**16, as in `Touch`
     sensor     u1  number of the sensor on the board
     ========== === =============================================================
 

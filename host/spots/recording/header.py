@@ -43,11 +43,13 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         Version of the file format.
     program : str
         Name and version of the program that wrote the recording.
-    set, part : str, int
-        Random name that all files of one recording share, and the number of this file, from 0.
+    set : str
+        Random name that all files of one recording share.
+    part : int
+        Number of this file in the recording, from 0.
     host_s, utc_s : float
-        Start of the recording, which is time 0 of its notes, in seconds: on the host's monotonic
-        clock, and since 1970.
+        Start of the file, in seconds: on the host's monotonic clock, and since 1970. The times of
+        the file's notes are counted from here.
     info : dict
         The board's reply to ``hello``.
     clock : Clock
@@ -71,7 +73,7 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def encoded(header: Header) -> bytes:
-    """Return a header as notes. Each note occurs twice, in case one copy is damaged."""
+    """Encode a header as notes. Each note occurs twice, in case one copy is damaged."""
     text = json.dumps(msgspec.to_builtins(header))  # ASCII, so no cut divides a character
     pieces = [text[i : i + _PIECE] for i in range(0, len(text), _PIECE)]
     of = len(pieces)

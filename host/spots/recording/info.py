@@ -11,7 +11,9 @@ from .table import TABLES, shown
 
 
 def summary(path: str | Path) -> dict:
-    """Read a recording to its end and return its summary, as ``spots info --json`` prints it.
+    """Read a recording to its end and return its summary.
+
+    It is the dict that ``spots info --json`` prints; docs/recording.md explains it.
 
     Raises
     ------

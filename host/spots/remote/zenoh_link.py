@@ -8,7 +8,7 @@ from ..link.serial_link import Link
 from .mailbox import Mailbox
 from .zenoh_session import READ_ONLY, direct, key
 
-_RUN_BYTES_MAX = 64
+_RUN_BYTES_MAX = 64  # of the name of a publisher's run, which also changes at a board's restart
 _ERROR_BYTES_MAX = 600  # the longest text of a board
 
 
@@ -102,7 +102,7 @@ class ZenohLink(Link):
                 if len(reply.err.payload) <= _ERROR_BYTES_MAX:
                     text = bytes(reply.err.payload).decode(errors="replace")
                     if text == "Timeout":
-                        continue  # Zenoh's own error, of this or of the other side
+                        continue  # Zenoh's own error, from this or from the other machine
                     return {"re": command, "error": text}
                 continue
             try:
@@ -123,7 +123,7 @@ class ZenohLink(Link):
         )
 
     def _whole_run(self) -> bytes:
-        # All waiting messages together: decoding costs less, and a view lags less.
+        # All waiting messages together: decoding then costs less, and a live view lags less.
         pieces = []
         while self._mail:
             run, data = self._mail.take()
