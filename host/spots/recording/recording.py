@@ -21,8 +21,8 @@ class Recording:
     """A recording. Iterate over this object to read it, any number of times.
 
     The iteration yields pairs (time of arrival, frame). The time of arrival is on the host's
-    monotonic clock, in seconds; it is exact or up to 5 ms (`recorder.ARRIVAL_STEP_S`) too early. The
-    ``time_s`` of a frame is the same as during the recording.
+    monotonic clock, in seconds. It is exact, or up to 5 ms (`recorder.ARRIVAL_STEP_S`) too early.
+    The ``time_s`` of a frame is the same as during the recording.
 
     Parameters
     ----------

@@ -11,8 +11,8 @@ from .samples import encode
 from .zenoh_session import READ_ONLY, direct, key
 
 # Pause between two rounds of answers: at least `_EVERY_S`, and at least ten times the duration of
-# the last round. While the board replies, the pause is at most `_PAUSE_MAX_S`, because a client that
-# reconnects needs answers.
+# the last round. While the board replies, the pause is at most `_PAUSE_MAX_S`, because a client
+# that reconnects needs answers.
 _EVERY_S = 0.05
 _PAUSE_SHARE = 10
 _PAUSE_MAX_S = 1.0

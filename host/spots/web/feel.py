@@ -32,17 +32,17 @@ class Feel:
     board : Board
         The board that is read.
     info : dict
-        The board's reply to ``hello``. Without a calibration only the readings are shown.
+        The board's reply to ``hello``. If it shows no calibration, only the readings are shown.
     state : PageState
         State of the web UI; its parts ``touch``, ``keys``, ``stick`` and ``untrusted`` are set, and
         events are added.
     layout : KeyLayout
-        Key layout; gives only the zones of the keys if the board itself is a keyboard.
+        Key layout. If the board itself is a keyboard, only the zones of the keys are used.
     controller : ControllerSettings, optional
         Settings of the gamepad; by default those of the package.
     draft : callable
-        Returns a draft: a key layout to try beside `layout`; or None. A key that the draft would
-        press is shown as an event ``tried``.
+        ``draft()`` returns None, or a draft: a key layout to try in addition to `layout`. A key
+        that the draft would press is shown as an event ``tried``.
     gestures : Mapping, optional
         Keys of the gestures; each gesture is shown with the name of the key that it presses.
     """
@@ -118,7 +118,7 @@ class Feel:
         self._state.add_event({"kind": "tried", "name": _name(page, usage), "pressed": pressed})
 
     def take_key(self, key: Key) -> None:
-        """Show a key event of a board that is a keyboard itself."""
+        """Show a key event from a board that is itself a keyboard; ignore it from other boards."""
         if self._own:
             self.key(key.page, key.usage, key.modifiers, key.pressed)
 
@@ -129,7 +129,7 @@ class Feel:
         self._show()
 
     def silence(self, sentence: str) -> None:
-        """Until the next reading, show `sentence`, which says why no readings arrive."""
+        """Show why no readings arrive (`sentence`), until the next reading."""
         if not self._silent:
             self.release()
             self._silent = sentence

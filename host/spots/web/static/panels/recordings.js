@@ -44,7 +44,7 @@ export function recordings(root) {
       box.type = "checkbox";
       box.ariaLabel = `Compare ${name}`;
       box.checked = chosen.includes(name);
-      // At most two are chosen: the last two.
+      // At most two recordings are chosen to compare: the last two that were clicked.
       box.addEventListener("change", () => {
         chosen = [...chosen.filter((one) => one !== name), ...(box.checked ? [name] : [])].slice(-2);
         for (const one of list.querySelectorAll("input")) one.checked = chosen.includes(one.value);

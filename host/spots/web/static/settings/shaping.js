@@ -1,4 +1,5 @@
-// The signal of an axis, computed as the controller does (controller/shaping.py, one_euro.py): a test compares both.
+// Computes the signal of an axis as the controller does (controller/shaping.py, one_euro.py). A test
+// compares both implementations.
 
 export function deflection(value, rest, low, high) {
   const share = value >= rest ? (value - rest) / (high - rest) : (value - rest) / (rest - low);
@@ -11,7 +12,7 @@ export function shaped(u, { deadband, expo, invert }) {
   return invert ? -out : out;
 }
 
-// The value of the strip that an axis follows, and the range of this value.
+// Returns the name of the reading's value that an axis follows, and the rest and bounds of this value.
 export function range(axis, length_um) {
   if (axis.from === "force") return { name: "force_mN", rest: axis.rest_mN, low: -Infinity, high: axis.max_mN };
   const [rest, low, high] = [axis.rest_percent, axis.min_percent, axis.max_percent].map((one) => (one * length_um) / 100);
