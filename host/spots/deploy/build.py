@@ -12,7 +12,8 @@ from ..errors import SpotsError, missing
 from . import constants, manifest
 from .staging import CONFIG, Device, device_of, stage
 
-# Names by number in the header of an .mpy file; 0 is bytecode (MicroPython, py/persistentcode.h).
+# Architectures by their number in the header of an .mpy file (MicroPython, py/persistentcode.h).
+# Number 0 is bytecode, which runs on every chip.
 ARCHITECTURES = (
     None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp",
     "xtensa", "xtensawin", "rv32imc", "rv64imc",

@@ -41,7 +41,7 @@ _WIRES = {
 
 
 class Finding(NamedTuple):
-    """Result of a check.
+    """Result of one check of ``spots doctor``.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ def examine_board(board: Board) -> Iterator[Finding]:
     count = max(_SPECTRA, round(_RATE_S / reading_s))
     missed = board.command("get")["missed"]
     spectra = list(islice(board.spectra(1 + 3 * count * reading_s), count))
-    missed = max(0, board.command("get")["missed"] - missed)  # 0 again if the sensor restarted
+    missed = max(0, board.command("get")["missed"] - missed)  # negative if the sensor restarted
     if state["led"] == "ldr" and not state["led_mA"]:
         yield Finding("light", False, "the LED is off: run 'spots command set led_mA=20'")
     else:
@@ -217,7 +217,7 @@ def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
 
 def _lamps(board: Board, state: Get) -> Iterator[Finding]:
     mains_hz = state.get("mains_hz")
-    if mains_hz is None:  # an older firmware
+    if mains_hz is None:  # the firmware is too old for this setting
         return
     found_hz = lamps.mains_hz(board)
     text = f"lamps flicker at {2 * found_hz} Hz: " if found_hz else "no lamp flickers: "

@@ -52,9 +52,9 @@ class Plan:
     need : int
         Number of free bytes that the copy needs on the board.
     claim : bytes
-        Manifest of old and new files, stored on the board during the copy. After an interrupted
-        copy, the next ``spots flash`` finds the firmware's files in this manifest. Empty if the
-        manifest does not change.
+        Manifest (list of paths and SHA-256) of old and new files, which is stored on the board
+        during the copy. After an interrupted copy, the next ``spots flash`` finds the firmware's
+        files in this manifest. Empty if the manifest does not change.
     """
 
     remove: list[str]
@@ -198,9 +198,9 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
 class Known:
     """Separates the firmware's files on a board from the user's files.
 
-    A file that the manifest on the board lists belongs to the firmware if its hash is unchanged.
-    An unlisted file belongs to the firmware if this version, or version 0.1.0 (which wrote no
-    manifest), has a file of that name.
+    A file that the manifest on the board lists belongs to the firmware if its SHA-256 is unchanged.
+    Version 0.1.0 wrote no manifest. So an unlisted file belongs to the firmware if `claimed` is
+    true, and this version or version 0.1.0 has a file of that name.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
         Paths of the removed files.
     """
     folders = {str(parent) for path in removed for parent in PurePosixPath(path).parents} - {"."}
-    for folder in sorted(folders, reverse=True):  # a folder after the folders in it
+    for folder in sorted(folders, reverse=True):  # inner folders first
         target.remove_folder(folder)
 
 

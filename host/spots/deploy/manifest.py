@@ -13,7 +13,10 @@ _LINE = re.compile(rb"([0-9a-f]{64})  (\w[\w.-]*(?:/\w[\w.-]*)*)")
 
 
 def entries_of(files: dict[str, bytes]) -> set[tuple[str, str]]:
-    """Return the entries of a manifest for these files: pairs of path and SHA-256 (hexadecimal)."""
+    """Return the entries of a manifest: pairs of path and hexadecimal SHA-256.
+
+    `files` has the content of each file, by its path on the board.
+    """
     return {(path, hashlib.sha256(data).hexdigest()) for path, data in files.items()}
 
 

@@ -33,7 +33,7 @@ class Place:
 
 @contextlib.contextmanager
 def place(device: Device, port: str | None) -> Iterator[Place]:
-    """Find the only board, or start a virtual board that runs until the ``with`` block ends.
+    """Find a board to flash, or start a simulated board that runs until the ``with`` block ends.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
     Raises
     ------
     SpotsError
-        If no board or more than one board is found.
+        If `port` is not given, and no board or more than one board is found.
     """
     started = offered(port or device.port, "flash_place")
     if started is not None:

@@ -124,7 +124,7 @@ class Prompt:
 
     def __exit__(self, *exception) -> None:
         if self._transport is not None:
-            self.reset()  # entering interrupted the application
+            self.reset()  # the prompt has interrupted the application
 
     def run(self, program: str) -> str:
         """Run a program on the board and return its output."""

@@ -46,7 +46,7 @@ VIPER = "_viper"
 
 
 class Device(toml.Strict, kw_only=True):
-    """Content of a board file, board.toml.
+    """Content of a board file (board.toml), which describes a kind of board.
 
     Attributes
     ----------

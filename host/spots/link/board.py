@@ -88,8 +88,8 @@ def addressed(line: str, sensor: int) -> str:
     Returns
     -------
     str
-        The command with ``sensor=``. A command for all strips, or a line of an upload, stays
-        unchanged.
+        The command with ``sensor=``. Commands for all strips stay unchanged. So do the lines of an
+        upload after its first line, which names the sensor for all of them.
     """
     if line.partition(" ")[0] in _OF_ALL or _UPLOADED.match(line):
         return line
@@ -104,8 +104,9 @@ class Board:
     port again and resumes the streams; see `state` and `stats.restarts`. If another board is on the
     port, this object refuses that board.
 
-    Several threads may use this object in parallel. Each iterator over frames yields every frame of
-    its kinds. A command in one thread does not delay frames for other threads.
+    Several threads may use this object in parallel. A frame is one message of the board, such as a
+    reading. Each iterator over frames, such as `touches`, yields every frame of its kinds. A
+    command in one thread does not delay frames for other threads.
 
     Parameters
     ----------
@@ -208,7 +209,7 @@ class Board:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of the last 64 readings by the board's clock; NaN before the second reading.
+        """Mean rate of the last 64 readings in Hz, by the board's clock; NaN before two readings.
 
         On a board with several strips, this is the rate of sensor 0.
         """
@@ -219,7 +220,10 @@ class Board:
 
     @property
     def drift_ppm(self) -> float:
-        """How much faster the board's clock is than the host's, in ppm; valid after a minute."""
+        """How much faster the board's clock runs than the host's, in ppm.
+
+        Valid after the board has streamed for a minute; before that, it may be 0.
+        """
         return self._clocks.clock.drift_ppm
 
     @property
@@ -326,7 +330,7 @@ class Board:
             timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         with self._turn:
             if self._late:
-                # The board replies in order, so no late reply follows the reply to this `hello`.
+                # The board replies in order: a late reply comes before the one to `hello`.
                 hello_s = min(timeout_s, _HELLO_TIMEOUT_S)
                 self._late = self._exchange("hello", hello_s) is None
             reply = self._exchange(line, timeout_s)
@@ -380,10 +384,11 @@ class Board:
         return range(count if isinstance(count, int) and 0 < count <= _SENSORS_MAX else 1)
 
     def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
-        """Iterate over the readings of all strips as they arrive; unread older readings come first.
+        """Iterate over the readings of all strips as they arrive.
 
-        This starts the stream of readings, which continues until the board is closed. On a board
-        with several strips, `frames.Touch.sensor` is the number of the strip.
+        Earlier readings that no iterator has read come first. This method starts the stream of
+        readings, which continues until the board is closed. On a board with several strips,
+        `frames.Touch.sensor` is the number of the strip.
 
         Parameters
         ----------
@@ -426,7 +431,7 @@ class Board:
             raise SpotsError(
                 f"the keys of the board on {self.port} are off: send the command 'keys on'"
             )
-        self._want(Touch)  # without a stream, a restart of the board would not be noticed
+        self._want(Touch)  # a stream that stops shows that the board has restarted
         return self._start(seconds, Key)
 
     def contacts(self, seconds: float | None = None) -> FrameIterator[Contact]:
@@ -553,7 +558,7 @@ class Board:
         )
 
     def close(self) -> None:
-        """Stop the streams and close the port. Idempotent; iterators raise ClosedError."""
+        """Stop the streams and close the port. Idempotent; iterators then raise ClosedError."""
         if self._closed:
             return
         self._closed = True  # other threads stop using the link
@@ -677,16 +682,17 @@ class Board:
     def tap(self, look: Callable[[bytes, float], None]) -> Handle:
         """Register ``look(data, now_s)``, which is called with all bytes that arrive from now on.
 
-        `now_s` is the link's time in seconds. The call comes before the bytes are decoded.
+        `now_s` is the link's time in seconds. The call comes before the bytes are decoded. Return a
+        handle that cancels the registration.
         """
         return Handle(self._on_data, look)
 
     def when_closed(self, action: Callable[[], None]) -> Handle:
-        """Register ``action()``, which is called after the port is closed."""
+        """Register ``action()``, to be called after the port is closed; return a `Handle`."""
         return Handle(self._on_close, action)
 
     def when_state_changes(self, action: Callable[[str], None]) -> Handle:
-        """Register ``action(state)``, which is called at each change of `state`.
+        """Register ``action(state)``, to be called at each change of `state`; return a `Handle`.
 
         The call comes from the thread that waits for frames.
         """
@@ -753,7 +759,7 @@ class Board:
             except SpotsError:
                 if not tries_left:
                     raise
-                # The board answers in order, so a late reply is not taken for the next one.
+                # A late reply comes before the reply to `hello`, and is dropped.
                 self._hello()
             else:
                 self._clocks.clock.round_trip(sent_s, reply["t_us"], self.now_s())
@@ -827,7 +833,7 @@ class Board:
         if known["stream"] != [] and not self._stopped:
             return  # the board still streams, or its firmware does not report its streams
         if not self._stopped:
-            # This reply may answer any query since the first one.
+            # This reply may belong to any query since the first one.
             self._restarted(loss.first_asked_s, known["t_us"])
         for _ in range(_STREAM_TRIES):
             try:

@@ -71,7 +71,7 @@ def _opened(port: str) -> Board:
     if not mark or not number.isdecimal():
         return Board(SerialLink(port))
     board = Board(SerialLink(name), int(number))
-    if board.info.get("sensor", 0) != int(number):  # a firmware for one strip
+    if board.info.get("sensor", 0) != int(number):  # the firmware is for one strip
         board.close()
         raise SpotsError(f"the board on {name} has one strip: leave out #{number}")
     return board
@@ -165,7 +165,7 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     ------
     SpotsError
         If the calibration is invalid, or was made on another board or with other settings. The
-        board then keeps its old calibration.
+        board then keeps its previous calibration.
     """
     made = _checked(calibration)
     i: Any = board.command(of_sensor("hello", sensor))
@@ -182,12 +182,12 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
 
 
 def upload_lines(board: Board, command: str, lines: Sequence[str], sensor: int = 0) -> str:
-    """Upload lines to a board.
+    """Upload a calibration or a key layout to a board.
 
     Parameters
     ----------
     board : Board
-        Board that gets the lines.
+        The board.
     command : str
         ``cal`` for a calibration, ``layout`` for a key layout.
     lines : sequence of str
@@ -203,7 +203,7 @@ def upload_lines(board: Board, command: str, lines: Sequence[str], sensor: int =
     Raises
     ------
     SpotsError
-        If the board refuses the lines. It then keeps the previous ones.
+        If the board refuses the lines. The board is then unchanged.
     """
     board.command(of_sensor(f"{command} begin", sensor))
     for line in lines:

@@ -69,14 +69,14 @@ class Touch(NamedTuple):
     sequence : int
         Number of the frame, modulo 2**16; the board counts all its frames.
     t_us : int
-        Board time of the middle of the integration, in us, modulo 2**32.
+        Board time of the middle of the exposure, in us, modulo 2**32.
     flags : int
-        Bits that the module `spots_device.decode` defines.
+        Bits that the module `spots_device.decode` defines, such as `TOUCHING`.
     contrast_q20, brightness_q20 : int
         Values of `contrast` and `brightness`, times 2**20.
     position_um : float
-        Distance of the press from the sensor's end of the strip, in um; NaN without a press, and
-        while the LED is off. Inaccurate below the force of a touch (while `touching` is false).
+        Distance of the press from the sensor's end of the strip, in um. NaN without a press,
+        without a calibration, and while the LED is off. Inaccurate while `touching` is false.
     force_mN : float
         Force of the press, in mN; NaN without a calibration, and while the LED is off. If
         ``board.info["relative_force"]`` is true, the force has no unit.
@@ -104,7 +104,7 @@ class Touch(NamedTuple):
 
     @property
     def touching(self) -> bool:
-        """Whether a finger is on the strip; the force at its release is lower than at its start."""
+        """Whether a finger touches. A touch ends at a lower force than it begins (hysteresis)."""
         return bool(self.flags & decode.TOUCHING)
 
     @property
@@ -123,14 +123,14 @@ class Touch(NamedTuple):
 
     @property
     def contrast(self) -> float:
-        """Weighted sum of log2 counts that depends only on the position; NaN if unknown."""
+        """Weighted sum of the counts' log2, which depends only on the position; NaN if unknown."""
         return _log2(self.contrast_q20, self.flags)
 
     @property
     def brightness(self) -> float:
-        """Weighted sum of log2 counts that depends only on the coupled light; NaN if unknown.
+        """Weighted sum of the counts' log2, which depends only on the coupled light; may be NaN.
 
-        The coupled light is the light that a press lets into the dyed guide.
+        The coupled light is the light that a press lets into the dyed guide. NaN if unknown.
         """
         return _log2(self.brightness_q20, self.flags)
 
@@ -145,7 +145,7 @@ class Spectrum(NamedTuple):
     gain : int
         Code of the gain register, 0 to 10 for 0.5x to 512x.
     counts : tuple of int
-        Counts of ADC 0 to 5, in the order of the board's channel plan.
+        Counts of ADC 0 to 5. The board's setting ``plan`` names the channel of each ADC.
 
     Examples
     --------
@@ -329,7 +329,7 @@ class Decoder:
     stats : LinkStats
         Statistics of the stream.
     restarts : int
-        Number of restarts of the board, from calls of `restarted` or from notes.
+        Number of restarts of the board, from calls of `restarted` or from notes of a recording.
 
     Examples
     --------
@@ -436,7 +436,7 @@ def checked(piece: bytes) -> bytes | None:
 
 
 def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
-    """Encode a note.
+    """Encode a note, an entry that a recorder adds between frames; see `Note`.
 
     Parameters
     ----------

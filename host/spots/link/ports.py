@@ -43,20 +43,20 @@ def known() -> str:
 
 
 def no_port(port: str) -> str:
-    """Return the error message for a port that does not exist; suggest a similar scheme."""
+    """Return the error message for a port that does not exist; suggest a similar name."""
     names = (entry.name for entry in entry_points(group=GROUP))
     hint = did_you_mean(port.partition(":")[0], names, "'spots ports' lists the ports", _FORMS)
     return f"there is no port {port}: {hint}"
 
 
 def scheme_name(port: str | None) -> str:
-    """Return the name of a port's scheme; empty for a serial port and for None."""
+    """Return the scheme of a port: ``zenoh`` for ``zenoh:ID``, empty for a serial port or None."""
     name = (port or "").partition(":")[0]
     return name if entry_points(group=GROUP, name=name) else ""
 
 
 def scheme(port: str | None) -> tuple[ModuleType | None, str]:
-    """Return the module of a port's scheme, and the text after the colon.
+    """Return the module that opens a port such as ``zenoh:ID``, and the text after the colon.
 
     Parameters
     ----------
@@ -88,18 +88,20 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
 
 
 def offered(port: str | None, what: str) -> Any:
-    """Return an optional function of a port's scheme.
+    """Return an optional function of the module that opens a port such as ``zenoh:ID``.
+
+    The docstring of this file lists these functions.
 
     Parameters
     ----------
     port : str or None
         Port as for `spots.open`.
     what : str
-        Name of the function in the module of the scheme.
+        Name of the function.
 
     Returns
     -------
     callable or None
-        None if the scheme has no such function.
+        None if the module has no such function, or the port is a serial port.
     """
     return getattr(scheme(port)[0], what, None)

@@ -71,7 +71,7 @@ class Link(Protocol):
 
 
 class SerialLink(Link):
-    """A serial port that pyserial opens for this program only.
+    """Link to a board over a serial port, which no other program can open meanwhile.
 
     Parameters
     ----------

@@ -115,7 +115,7 @@ class LinkLoss:
         return now_s - self._expected_s > silent_s(least_s, self.every_s)
 
     def heard(self, now_s: float) -> None:
-        """Record the arrival of a frame of any kind but KEY, which comes without a stream."""
+        """Record the arrival of a frame, except a KEY frame, which is sent without a stream."""
         self._asked = 0
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 

@@ -26,7 +26,7 @@ class Turn:
     def take(
         self, timeout_s: float | None = None, unless: Callable[[], bool] = lambda: False
     ) -> bool:
-        """Wait for the lock and acquire it; give up after a timeout, or if ``unless()`` is true.
+        """Acquire the lock; stop waiting for it after a timeout, or if ``unless()`` is true.
 
         Parameters
         ----------

@@ -118,7 +118,7 @@ class Twin:
     Attributes
     ----------
     trail : collections.deque of Terminal
-        The latest positions of the end point, oldest first.
+        The latest 4096 positions of the end point, oldest first.
 
     Notes
     -----
@@ -199,7 +199,7 @@ class Twin:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a warning that names each joint without a new angle for 3 s; empty if none."""
+        """Return a warning that names each joint without an angle for 3 s; may be empty."""
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
@@ -211,7 +211,7 @@ class Twin:
     def _moments(self) -> list[float]:
         """Return the times of new readings, up to the latest time that both joints have reached.
 
-        Each time is returned only one time.
+        No time is returned twice.
         """
         if not all(self._angles):
             return []

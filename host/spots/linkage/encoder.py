@@ -46,7 +46,7 @@ class Angle(NamedTuple):
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.
     within : bool
-        Whether the angle is inside the calibrated range.
+        Whether the angle is inside the calibrated range, extended by 5 % at both ends.
     """
 
     time_s: float
@@ -87,9 +87,10 @@ class Encoder:
 
     Notes
     -----
-    With backlash between joint and indenter, the moving indenter lags behind the joint by half the
-    backlash. When the position changes by more than its noise, the direction of movement is known.
-    Half the backlash is then added to the angle or subtracted from it.
+    The joint moves an indenter, which presses the strip. With backlash between joint and indenter,
+    the moving indenter lags behind the joint by half the backlash. When the position changes by
+    more than its noise, the direction of movement is known. Half the backlash is then added to the
+    angle or subtracted from it.
     """
 
     def __init__(

@@ -151,7 +151,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the linkage cannot be closed at these angles.
+            For scalars, if the outer bars cannot meet at these angles.
         """
         return _answer(self._forward, _ANGLES, theta1_rad, theta2_rad)
 
@@ -186,7 +186,7 @@ class Linkage:
         Returns
         -------
         numpy.ndarray of int8
-            Codes; 0 where the linkage can be closed.
+            Codes; 0 where the outer bars can meet.
         """
         return self._forward(*_arrays(theta1_rad, theta2_rad))[-1]
 
@@ -221,8 +221,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the linkage cannot be closed at these angles, or the outer bars are in
-            line.
+            For scalars, if the outer bars cannot meet at these angles, or are in line.
         """
         (found,) = _answer(self._jacobian, _ANGLES, theta1_rad, theta2_rad)
         return found
@@ -270,7 +269,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the linkage cannot be closed at these angles.
+            For scalars, if the outer bars cannot meet at these angles.
         """
         (found,) = _answer(self._outer_angle, _ANGLES, theta1_rad, theta2_rad)
         return found
@@ -348,7 +347,7 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
         broadcast.
     least : float
         Lower bound of `off2` in the solution. A value above 0 keeps a fit smooth at angles where
-        the linkage cannot be closed.
+        the outer bars cannot meet.
 
     Returns
     -------
@@ -358,7 +357,7 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
         Squared distance of the elbows, in mm**2.
     off2 : numpy.ndarray
         Squared distance of the end point from the line through the elbows, divided by `apart2`;
-        negative where the linkage cannot be closed.
+        negative where the outer bars cannot meet.
     """
     a1, b1, b2, a2 = bar_mm
     x1, y1 = a1 * np.sin(theta1), a1 * np.cos(theta1)

@@ -53,7 +53,8 @@ class Kinematics:
         Names of the fitted (free) parameters.
     values, standard_errors : dict of str to float
         Value and standard error of each parameter, by name. The error of a fixed parameter is 0. If
-        the measured points do not determine a parameter, its error is the prior standard deviation.
+        the points do not determine a parameter, its error is its prior standard deviation, see the
+        top of this file.
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
@@ -301,7 +302,7 @@ class _Fit:
         bar_mm = [values[name] for name in LENGTHS[:4]]
         t1 = values["offset1_rad"] + values["gain1"] * angles[0]
         t2 = values["offset2_rad"] + values["gain2"] * angles[1]
-        # A fit may pass through angles at which the linkage cannot be closed.
+        # A fit may pass through lengths with which the outer bars cannot meet.
         x, y, *_ = assembled(bar_mm, values["base_mm"], self._side, t1, t2, least=1e-12)
         return np.stack(framed(values, x, y), axis=-1)
 

@@ -69,14 +69,14 @@ def twin_command(options: argparse.Namespace) -> None:
 
 
 def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
-    """Show a linkage's digital twin as a live picture or as lines, until it ends or Ctrl-C.
+    """Show a linkage's digital twin as a live picture or as lines, until Ctrl-C or `seconds`.
 
     Parameters
     ----------
     source : Source
         The twin and its boards.
     seconds : float or None
-        Time after which to end, in seconds; no limit if None.
+        Time after which to end, in seconds; no limit if None. The end of recordings also ends it.
     as_json : bool
         Whether to print each position as a JSON object. Otherwise a terminal window shows a
         picture, and any other output gets four lines a second.

@@ -34,7 +34,7 @@ class Source(NamedTuple):
         Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
     restarted : callable
         Called with a board after it restarted, see `digital_twin.readings`.
-    sensors : tuple of int
+    sensors : tuple of int or None
         Number of each joint's strip on its board. If None, see `digital_twin.readings`.
     """
 
@@ -161,9 +161,9 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_factory(ports: list[str]):
-    """Return the function `linkage` of the first port whose scheme has this function, else None.
+    """Return the function that makes a `DrivenLinkage` for one of the ports; None if there is none.
 
-    The function makes a `DrivenLinkage`, see `link.ports`.
+    It is the function `linkage` of the module that opens the port, see `link.ports`.
     """
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 

@@ -20,7 +20,7 @@ _LAST_DOT = np.array([4 * _ROWS - 1, 2 * _COLUMNS - 1])
 
 
 class TwinView:
-    """Draws a digital twin in a plot whose range grows to contain all points shown so far.
+    """Draws a digital twin in a plot whose range grows to contain all points that were drawn.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class TwinView:
         return min((dots / mm for dots, mm in spans if mm > 0), default=1.0)
 
     def _dots(self, points: np.ndarray) -> np.ndarray:
-        """Return row and column of the braille dot for each point, shape (..., 2) in mm."""
+        """Return row and column of the braille dot of each point; `points` are in mm."""
         low, high = self._frame
         x_mm, y_mm = (points - [(low[0] + high[0]) / 2, low[1]]).T * self._scale()
         dots = np.stack([_LAST_DOT[0] - y_mm, _LAST_DOT[1] / 2 + x_mm], axis=-1)

@@ -25,7 +25,7 @@ _HEADER = [*_TIMES, ("t_us", "<u4"), ("sequence", "<u2"), ("sensor", "u1")]
 
 
 class _Table:
-    """Layout of one kind of frame: as bytes on the link, and as a row of an array.
+    """One kind of frame: its layout as bytes on the link, and as a row of an array.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class _Table:
         columns = list(zip(names, ["<" + code for code in re.findall(r"\d*\w", body)]))
         self._wire = np.dtype(header + columns)
         self.size = self._wire.itemsize + CRC_SIZE + _COBS_SIZE
-        # On the wire, true is any byte but 0.
+        # On the link, any byte except 0 means true.
         columns = [(name, "?" if name == "pressed" else code) for name, code in columns]
         self.dtype = np.dtype([*_HEADER, *columns], align=True)
 
@@ -267,7 +267,7 @@ class RecordingBlocks(Recording):
 
 
 def _joined(parts: list[np.ndarray], dtype: np.dtype) -> np.ndarray:
-    # Usually a block has one part, and copying it costs a tenth of the decoding.
+    # Usually a block has one part. A copy of it would take a tenth of the decoding time.
     if len(parts) == 1:
         return parts[0]
     return np.concatenate(parts) if parts else np.empty(0, dtype)

@@ -7,7 +7,7 @@ from .table import Table
 _TYPES = {"?": "boolean", "f": "number", "i": "integer", "u": "integer", "U": "string"}
 _TIME = {"type": "object", "title": "time"}
 _TIME["properties"] = {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}
-# Foxglove's Log schema; its Log panel shows every topic that has it.
+# Foxglove's Log panel shows every topic with this schema.
 LOG_SCHEMA = {
     "title": "foxglove.Log",
     "type": "object",

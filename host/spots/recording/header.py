@@ -16,7 +16,8 @@ from ..link.replies import validated
 VERSION = 1
 _PIECE = 200  # characters of the header in a note; JSON's escapes may double their number
 _COPIES = 2
-# Both copies of a header with the longest calibration of a board, and some reserve.
+# Number of bytes that are searched for the header: enough for both copies of a header with the
+# longest calibration.
 _SEARCHED_BYTES = 1 << 17
 
 # Seconds since the start of a clock; at 1e9 s a float still resolves 1e-6 s.

@@ -17,8 +17,8 @@ from ..link.readers import Handle
 from .disk import Disk
 from .header import VERSION, Header, encoded
 
-# Data that arrives within this time shares one note of the arrival time. A shorter step is more
-# precise and takes more bytes.
+# Data that arrives within this time, in s, shares one note of the arrival time. A shorter step is
+# more precise and takes more bytes.
 ARRIVAL_STEP_S = 0.005
 
 
@@ -51,7 +51,7 @@ class Recorder:
     bytes : int
         Size of all files together.
     handles : list of readers.Handle
-        Registrations at a board, which `stop` cancels.
+        Registrations of callbacks at a board; `stop` cancels them.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class Recorder:
         self._tail = begun
         self._between_frames = True
         self._disk: Disk | None = None
-        self._lock = threading.RLock()  # a Ctrl-C may leave it locked by this thread
+        self._lock = threading.RLock()  # after Ctrl-C, this thread may still hold it
         self.paths: list[Path] = []
         self.bytes = 0
         self.handles: list[Handle] = []

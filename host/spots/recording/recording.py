@@ -18,7 +18,7 @@ _BLOCK_BYTES = 512
 
 
 class Recording:
-    """A recording. Iterate over this object to read it, any number of times.
+    """Reads a recording: iterate over this object, any number of times.
 
     The iteration yields pairs (time of arrival, frame). The time of arrival is on the host's
     monotonic clock, in seconds. It is exact, or up to 5 ms (`recorder.ARRIVAL_STEP_S`) too early.

@@ -25,7 +25,7 @@ _PARAMETERS_MAX = 256  # characters; SPOTS itself sends none
 
 
 class Answers:
-    """Collects queries of remote readers, and answers them with the board's replies.
+    """Collects queries from other machines, and answers them with the board's replies.
 
     All waiting queries for the same command get the same reply, which is at most a second old.
 
@@ -67,7 +67,7 @@ class Answers:
         self._due_s = now_s + min(pause_max_s, max(_EVERY_S, _PAUSE_SHARE * (now_s - began_s)))
 
     def close(self) -> None:
-        """Stop accepting queries from remote readers."""
+        """Stop accepting queries."""
         for queryable in self._queryables.values():
             queryable.undeclare()
 

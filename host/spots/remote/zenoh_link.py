@@ -8,8 +8,10 @@ from ..link.serial_link import Link
 from .mailbox import Mailbox
 from .zenoh_session import READ_ONLY, direct, key
 
-_RUN_BYTES_MAX = 64  # of the name of a publisher's run, which also changes at a board's restart
-_ERROR_BYTES_MAX = 600  # the longest text of a board
+# Longest name of a run. A publisher begins a run, with a new name, at its start and at each restart
+# of the board.
+_RUN_BYTES_MAX = 64
+_ERROR_BYTES_MAX = 600  # longer error messages are ignored
 
 
 class ZenohLink(Link):
@@ -71,7 +73,7 @@ class ZenohLink(Link):
         self.listen(False)
 
     def reopen(self) -> None:
-        """Subscribe to the board again, or raise SpotsError if the board is not published."""
+        """Prepare for another `listen`; raise SpotsError if the board is not published."""
         self.listen(False)
         self._run = None
         if not self._alive:

@@ -54,8 +54,8 @@ class BoardReader:
     layout : KeyLayout
         Key layout to show until a request changes the layout.
     state : PageState
-        State of the web UI; its parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick`` and
-        ``link`` are set, see docs/page.md.
+        State of the web UI; its parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick``,
+        ``untrusted``, ``beside`` and ``link`` are set, see docs/page.md.
     search_every_s : float
         Time between two searches for a board, in seconds.
     on_touch : callable

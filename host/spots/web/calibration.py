@@ -40,8 +40,8 @@ _BEHIND = "the answer is for an earlier step: answer the step that the web UI sh
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
     """Request of a browser: start or continue a session with a strip of length `length_mm`.
 
-    `kind` is ``rough`` (pressed with a fingertip), ``fine`` (pressed with an indenter on a scale)
-    or ``rezero`` (corrects the drift of the calibration, and uses the length in the calibration).
+    `kind` is ``rough`` (with a fingertip and a ruler), ``fine`` (with an indenter, a ruler and a
+    scale) or ``rezero`` (corrects the drift of a calibration, and uses the calibration's length).
     """
 
     kind: Literal["rough", "fine", "rezero"]
@@ -65,7 +65,7 @@ class Undo(msgspec.Struct, tag_field="do", tag="undo", forbid_unknown_fields=Tru
 
 
 class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields=True):
-    """Request of a browser: end the session; the session file keeps the presses."""
+    """Request of a browser: end the session. The presses stay in the session file."""
 
 
 class PageCalibration(Orders):
@@ -297,7 +297,7 @@ class _Person(Presser):
         super().press(wanted)
 
     def change(self, wanted: Wanted) -> None:
-        """Ask the person for the second force of a press."""
+        """Ask the person to change the force of the press to the second force of `wanted`."""
         self._page.request(PRESS)
         super().change(wanted)
 

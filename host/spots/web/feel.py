@@ -67,7 +67,7 @@ class Feel:
         length_um = info.get("length_um")
         if length_um:
             self._gestures = Gestures()
-            with contextlib.suppress(SpotsError):  # too slow for a gamepad
+            with contextlib.suppress(SpotsError):  # the board is too slow for a gamepad
                 settings = controller or load_controller()
                 self._buttons = max((one.number for one in settings.button), default=0)
                 self._controller = controller_for(board, settings)
@@ -235,7 +235,11 @@ def _is_on(info: Mapping, layout: KeyLayout) -> bool:
 
 
 def layout_shown(layout: KeyLayout) -> dict:
-    """Return a layout for the web UI as a JSON object: names, zones and labels of the keys."""
+    """Return a layout as a dict for the web UI.
+
+    ``layers`` has a list of keys for each layer: bounds of their zones (``low`` and ``high``, as
+    shares of the strip), and ``label``.
+    """
     return {
         "name": layout.name,
         "layers": {

@@ -7,7 +7,7 @@ import socket
 
 from aiohttp import web
 
-_COOKIE = "spots-token-{port}"  # browsers do not separate cookies by port
+_COOKIE = "spots-token-{port}"  # with the port, because a browser sends cookies to all ports
 _LOOKING = ("GET", "HEAD")  # methods that change nothing
 _ASK = "this request needs the token: open the address that 'spots serve' printed"
 # The Host header of a browser: a name, an IPv4 address or an IPv6 address in brackets; then a port.
