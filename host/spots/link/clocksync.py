@@ -5,13 +5,12 @@ from collections.abc import Iterator
 
 from .clockmap import ClockMap
 
-# Round trips when a board is opened or has restarted: their number, and the pause between them.
-TRIPS = 12
-_SOON_S = 0.03
-# Round trips should begin at different moments of the board's loop. So each pause is longer by up
-# to `_SPREAD_S`, in steps of the golden ratio, which are spread evenly over any period.
+TRIPS = 12  # number of round trips when a board is opened or has restarted
+# Round trips should begin at different moments of the board's loop. So each pause before a round
+# trip is longer by up to `_SPREAD_S`, in steps of the golden ratio, which are spread evenly.
 _SPREAD_S = 0.01
 _GOLDEN = 0.618034
+_SOON_S = 0.03  # pause between the `TRIPS` round trips after a restart
 # Later queries measure only the drift. Each may cost a sample, because the board collects garbage
 # after a command. The first pause is `_FIRST_S`; the pauses double up to `_EVERY_S`.
 _FIRST_S = 5.0

@@ -265,7 +265,7 @@ class Note(NamedTuple):
     Attributes
     ----------
     since_us : int
-        Host time since the recording began, in us; 48 bits.
+        Host time since the recording's file began, in us; 48 bits.
     content : dict
         Content of the entry; empty if the entry only has the time.
 
@@ -441,7 +441,7 @@ def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
     Parameters
     ----------
     since_us : int
-        Host time since the recording began, in us, 0 to 2**48 - 1.
+        Host time since the recording's file began, in us, 0 to 2**48 - 1.
     content : dict, optional
         Content of the note, up to `spots_device.frame.TEXT_MAX` bytes as JSON.
 

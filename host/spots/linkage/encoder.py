@@ -169,7 +169,7 @@ class Encoder:
     def _follow(self, indenter_deg: float, noise_deg: float) -> None:
         """Update the direction of movement if the indenter has moved by more than the noise.
 
-        One reading detects a large movement; means of 4 readings detect a small movement.
+        One reading detects a large movement; means of up to 4 readings detect a small movement.
 
         Parameters
         ----------

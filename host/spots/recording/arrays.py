@@ -90,7 +90,7 @@ class _Run(NamedTuple):
     t_us : ndarray, shape (n,), int64
         Time of each piece in us: board time modulo 2**32, or the low 32 bits of a note's time.
     notes_at, since_us : ndarray of int64
-        Index of each note, and its time in us since the recording began.
+        Index of each note, and its time in us since the recording's file began.
     tables : dict
         For each kind of frame: indices of its frames, and an array whose columns are the payloads.
     """
