@@ -33,14 +33,15 @@ from .turn import Turn
 # for seconds.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
 _USUAL_REPLY_S = 4.0
+# Timeouts and numbers of attempts when a board is opened.
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
-_POLL_S = 0.1
+_POLL_S = 0.1  # longest wait in one call of the link
 _SYNC_TIMEOUT_S = 0.5
 _SYNC_TRIES = 4
-_STREAM_TRIES = 3
-_LATEST_S = 2.0
-_RATE_READINGS = 64
+_STREAM_TRIES = 3  # attempts to resume the streams after a restart
+_LATEST_S = 2.0  # usual timeout of `Board.read_latest`
+_RATE_READINGS = 64  # number of readings from which the rate is computed
 # Streams by kind of frame. Keys need no stream: the board sends them after the command `keys on`.
 # Contacts come only while a finger touches, so readings are streamed, too: they show that the board
 # runs.

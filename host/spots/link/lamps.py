@@ -13,13 +13,13 @@ from .board import Board
 # like 100 or 120 Hz at one of these sample rates (aliasing), but not at both.
 _EXPOSURES_US = 2_780, 3_200
 _SECONDS = 0.5  # at each exposure
-_MAINS_HZ = 50, 60
-# Deviations of the flicker from 100 or 120 Hz at which it is searched: mains are within 1 %.
+_MAINS_HZ = 50, 60  # a lamp flickers at twice the mains frequency
+# Deviations in Hz from 100 or 120 Hz at which flicker is searched: mains are within 1 %.
 _OFF_HZ = np.linspace(-1, 1, 5)
 # Least power of a flicker, relative to the noise. Noise alone exceeds this limit in one of 10^7
 # measurements.
 _LEAST = 20.0
-_SAMPLES_MIN = 30
+_SAMPLES_MIN = 30  # with fewer samples, nothing is measured
 _ROUNDING = 1 / 12  # variance of the rounding of a count
 
 

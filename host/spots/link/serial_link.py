@@ -15,6 +15,7 @@ try:
     import termios
 except ImportError:  # Windows has no termios
     termios = None
+# Errors of a port that is disconnected or cannot be opened.
 _FAILURES = (serial.SerialException, OSError, *([termios.error] if termios else []))
 
 WRITE_TIMEOUT_S = 2.0

@@ -10,10 +10,11 @@ over frames raise PortLostError after `PATIENCE_S`.
 SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
 LOST, REFUSED = "lost", "refused"
 
-_NEVER = float("inf")
+_NEVER = float("inf")  # time of an event that is not expected
 # On slow boards ASK_S, STALLED_S and SEARCH_S are at least the time of this number of readings.
 _SILENT_READINGS = 3
 
+# Times in s without a reading, see the top of this file.
 ASK_S = 0.15
 RELEASE_S = 0.3  # without a reading for longer, it is unknown whether a finger touches
 STALLED_S = 0.5

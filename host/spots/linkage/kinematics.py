@@ -26,6 +26,8 @@ _PRIORS = {
     "frame_rad": 0.1,
     "frame_scale": 0.05,
 }
+# Names of the parameters. Bars are in the order of `Linkage`; `FRAME` is the linkage's position and
+# rotation in the measuring frame. `STANDARD` are the parameters that `calibrate` fits by default.
 LENGTHS = ("bar1_mm", "bar2_mm", "bar3_mm", "bar4_mm", "base_mm")
 MOUNTING = ("offset1_rad", "offset2_rad", "gain1", "gain2")
 FRAME = ("frame_x_mm", "frame_y_mm", "frame_rad")

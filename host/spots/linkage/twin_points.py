@@ -18,6 +18,7 @@ from .encoder import Angle, Encoder
 from .kinematics import calibrate
 from .twin_source import Source
 
+# Columns of a table of points: position, angles of the joints, standard errors of the angles.
 COLUMNS = ("x_mm", "y_mm", "joint1_deg", "joint2_deg", "sigma1_deg", "sigma2_deg")
 LASTS_S = 1.0  # duration of the measurement of a point
 _LEAST = 3  # least number of angles of each joint

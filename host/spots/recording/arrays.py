@@ -18,7 +18,7 @@ from .recording import Recording
 
 # Decoding a block needs about twenty times this size as working memory.
 _BLOCK_BYTES = 1 << 18
-_COBS_SIZE = 1
+_COBS_SIZE = 1  # bytes that COBS adds to a short frame
 
 _TIMES = [("time_s", "<f8"), ("arrived_s", "<f8")]
 _HEADER = [*_TIMES, ("t_us", "<u4"), ("sequence", "<u2"), ("sensor", "u1")]

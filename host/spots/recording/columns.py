@@ -16,7 +16,7 @@ from spots_device.kernel import CRC_SIZE
 SIZE_MAX = 254
 # CRC-32 is linear: the CRC of a piece is the CRC of as many zero bytes, plus (XOR) a table entry
 # for each byte, which depends on the byte's value and on the number of bytes after it.
-_POLYNOMIAL = 0xEDB88320
+_POLYNOMIAL = 0xEDB88320  # of CRC-32, with its bits reversed
 
 
 def _tables() -> np.ndarray:

@@ -20,7 +20,7 @@ LOG_SCHEMA = {
         "line": {"type": "integer"},
     },
 }
-_REPLY_LEVEL = 1
+_REPLY_LEVEL = 1  # level of replies in Foxglove's Log schema: debug
 _LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
 
 

@@ -15,7 +15,7 @@ from ..link.replies import validated
 
 VERSION = 1
 _PIECE = 200  # characters of the header in a note; JSON's escapes may double their number
-_COPIES = 2
+_COPIES = 2  # of the header in a file
 # Number of bytes that are searched for the header: enough for both copies of a header with the
 # longest calibration.
 _SEARCHED_BYTES = 1 << 17

@@ -31,8 +31,8 @@ STATIC = Path(__file__).parent / "static"
 # Files by name: no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
 _FILES["usages.txt"] = USAGES_FILE
-_CLIENTS_MAX = 64
-_ACK_MAX = 16  # bytes
+_CLIENTS_MAX = 64  # browser windows
+_ACK_MAX = 16  # bytes of a message from a browser
 _NUMBER = re.compile("[0-9]+")
 _HEARTBEAT_S = 20.0  # interval of aiohttp's pings, which detect lost browsers
 _ANSWER_S = 10.0  # longest wait for the answer to a request

@@ -28,7 +28,7 @@ from .one_strip import OneStrip
 from .orders import Orders
 from .state import Beside, PageState
 
-_TICK_S = 0.02
+_TICK_S = 0.02  # longest wait for frames before timeouts and requests are handled
 _SEARCH_EVERY_S = 1.0
 _HEALTH_PER_S = 2
 _RATE_OVER_S = 2.0  # time over which rate and latency are computed

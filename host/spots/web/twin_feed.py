@@ -17,7 +17,7 @@ from ..terminal.view import Pace
 from .board_feed import BoardReader, finder
 from .state import PageState
 
-_SHOWN_PER_S = 20
+_SHOWN_PER_S = 20  # states of the linkage
 # Each message contains the whole trail, so the trail's step and length are limited.
 _STEP_MM = 0.5
 _TRAIL = 1000

@@ -71,4 +71,4 @@ function look() {
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", look);
 look();
 
-export const FULL_FORCE_MN = 10000;
+export const FULL_FORCE_MN = 10000;  // force at the end of all force scales

@@ -5,7 +5,7 @@ import { make } from "./dom.js";
 import { makeDraft } from "./layout/draft.js";
 import { request } from "./request.js";
 
-const CHECK_MS = 250;
+const CHECK_MS = 250;  // pause between the last change and the check
 
 // `opener`: the button that opens the panel. `path`: path of the requests. `store`: name of the request
 // that stores the file. `it`: the part of the state that describes the file, from the server.

@@ -23,7 +23,7 @@ import { link } from "./panels/link.js";
 
 // Each panel, its largest drawing rate per second, and the parts of the state that it shows. Panels
 // that follow the finger are drawn in every frame, charts less often, and text least often.
-const ANSWER = Infinity, LOOK = 15, READ = 5;
+const ANSWER = Infinity, LOOK = 15, READ = 5;  // drawings per second
 const PANELS = [
   [strip, ANSWER, "board", "touch"],
   [keyboard, ANSWER, "board", "touch", "keys"],

@@ -2,7 +2,8 @@
 import { make } from "../dom.js";
 import { LAYER_VERBS } from "./file.js";
 
-const KEYBOARD = "0x07", MOST = 8;
+const KEYBOARD = "0x07", MOST = 8;  // HID usage page of keyboards; actions in a list
+// Short names of modifiers that a user may type.
 const SHORT = {
   shift: "LEFT_SHIFT", ctrl: "LEFT_CONTROL", control: "LEFT_CONTROL", strg: "LEFT_CONTROL",
   alt: "LEFT_ALT", option: "LEFT_ALT", altgr: "RIGHT_ALT", gui: "LEFT_GUI", win: "LEFT_GUI",

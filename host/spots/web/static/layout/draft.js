@@ -1,6 +1,6 @@
 // The file that is being edited, with undo and redo. It survives a reload of the window.
 
-const MOST = 100, STORED_MAX = 500_000;
+const MOST = 100, STORED_MAX = 500_000;  // steps of undo; characters that are stored for a reload
 
 export function makeDraft(STORED, onChange) {
   let past = [], future = [], now = null, base = null;  // texts of JSON

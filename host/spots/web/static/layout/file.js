@@ -9,7 +9,7 @@ export const SLOTS = {
 };
 export const SWIPES = { swipe_minus: "swipe to the sensor", swipe_plus: "swipe away" };
 export const LAYER_VERBS = ["layer", "toggle", "once"];
-export const LEAST_SHARE = 0.01;
+export const LEAST_SHARE = 0.01;  // smallest zone, as a share of the strip
 const KEY_PARTS = [...Object.keys(SLOTS), "width", "label"];
 
 export function empty() {

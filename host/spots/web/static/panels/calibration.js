@@ -234,7 +234,7 @@ function field(usual, unit) {
 }
 
 // Draws the error of each press as a line from 0: position errors over position, force errors over force.
-const HEIGHT = 132, TOP = 24, BOTTOM = 20, FORCES = [0.1, 20];
+const HEIGHT = 132, TOP = 24, BOTTOM = 20, FORCES = [0.1, 20];  // px; range of the force axis in N
 function residuals(root) {
   const words = make("p", "note");
   const charts = ["Position error of each press", "Force error of each press"].map((name) => {

@@ -5,6 +5,8 @@ import { choice, complete, fieldsOf } from "../settings/fields.js";
 import { settingsEditing } from "../settings/engine.js";
 import { deflection, oneEuro, range, shaped } from "../settings/shaping.js";
 
+// Length of a strip without a calibration; time that a chart shows; number of stored points; pause after
+// which the filter starts again; height and margin of a chart in px.
 const USUAL_LENGTH_UM = 85000, SPAN_S = 5, KEPT = 512, FORGET_S = 1, HEIGHT = 150, PAD = 18;
 const STRUCTS = { position: "PositionAxis", force: "ForceAxis", pressed: "Pressed", tapped: "Tapped" };
 const SOURCES = { "": "not used", position: "the position", force: "the force" };

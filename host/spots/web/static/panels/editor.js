@@ -7,7 +7,10 @@ import { actionField, cap, matches, readUsages } from "../layout/actions.js";
 import * as file from "../layout/file.js";
 import { comments } from "../toml.js";
 
+// Length of a strip without a calibration; steps of a border with the arrow keys; keys of the draft that
+// are shown.
 const USUAL_LENGTH_UM = 85000, STEP_MM = 0.5, FINE_MM = 0.1, TRIED = 8;
+// The chart of the force: the time that it shows, number of stored points, height in px.
 const FORCE_S = 4, FORCE_KEPT = 512, FORCE_HEIGHT = 130;
 const TUNING = {
   detect: ["Number of readings that make a press", ""], flavour: ["A hold is decided", ""],

@@ -2,6 +2,8 @@
 // if the board has no calibration.
 import { FULL_FORCE_MN, canvas, colours, make, several } from "../dom.js";
 
+// Time that the charts show; number of stored readings; time without readings after which the curves
+// stop; length of a strip without a calibration; step of the cursor; largest distance of a reading from it.
 const SPAN_S = 10, KEPT = 2048, STALE_S = 1.5, USUAL_LENGTH_UM = 85000, STEP_S = 0.1, NEAR_S = 0.1;
 const HEIGHT = 228, TOP = 18, GAP = 26, EACH = (HEIGHT - TOP - GAP - 1) / 2;
 

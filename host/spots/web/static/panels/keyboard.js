@@ -1,7 +1,7 @@
 // The keys of the layout, the pressed keys, and the last keys and gestures.
 import { make, placed } from "../dom.js";
 
-const SHORTEST_S = 0.15, TAPE = 12;
+const SHORTEST_S = 0.15, TAPE = 12;  // shortest highlight of a key; number of keys in the list
 
 export function keyboard(root) {
   const title = root.querySelector("h2");

@@ -3,7 +3,7 @@ import { button } from "../controls.js";
 import { FULL_FORCE_MN, canvas, colours, make } from "../dom.js";
 import { request } from "../request.js";
 
-const HEIGHT = 170, TOP = 18, BOTTOM = 18;
+const HEIGHT = 170, TOP = 18, BOTTOM = 18;  // of the chart, in px
 
 export function recordings(root) {
   const opener = document.getElementById("open-recordings");

@@ -6,7 +6,7 @@ const COLOURS = {
   F1: "#7600ed", F2: "#0028ff", F3: "#00b8e6", F4: "#1fd400", F5: "#9be000",
   F6: "#f2c800", F7: "#ff4f00", F8: "#d00000", CLEAR: "#a0a0a0", NIR: "#8a5a5a",
 };
-const LEAST_TOP = 1000;
+const LEAST_TOP = 1000;  // counts at full width if the full scale is unknown; more if a channel has more
 
 const COUNTED_S = 0.2;  // interval at which numbers change, slow enough to read
 

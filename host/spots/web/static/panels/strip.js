@@ -3,7 +3,7 @@
 import { FULL_FORCE_MN, make, placed, several } from "../dom.js";
 
 const USUAL_LENGTH_UM = 85000;
-const STEPS_MM = [1, 2, 5, 10, 20, 50, 100], MOST_TICKS = 9;
+const STEPS_MM = [1, 2, 5, 10, 20, 50, 100], MOST_TICKS = 9;  // of the ruler
 
 export function strip(root) {
   const press = make("div", "press"), others = [make("div", "other"), make("div", "other")];

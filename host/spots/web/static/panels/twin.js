@@ -2,7 +2,7 @@
 // docs/page.md describes the message.
 import { canvas, colours, list, make } from "../dom.js";
 
-const MARGIN = 24, ERRORS = 3;
+const MARGIN = 24, ERRORS = 3;  // px; size of the drawn error ellipse in standard errors
 
 export function twin(root) {
   let paint = null;
