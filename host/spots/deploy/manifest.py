@@ -1,7 +1,7 @@
 """The manifest on a board: path and SHA-256 of every file that ``spots flash`` wrote.
 
-When another version is flashed later, files of this list that it does not have are removed, unless
-the user has changed them. ``sha256sum -c`` can check a manifest.
+When another version is flashed later, listed files that the new version does not contain are
+removed, unless the user has changed them. ``sha256sum -c`` can check a manifest.
 """
 
 import hashlib

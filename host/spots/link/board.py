@@ -1,8 +1,9 @@
 """The class `Board`: connects to a SPOTS board, sends commands and receives frames.
 
-A frame is one message of a board, such as a reading (`frames.Touch`). A stream is a kind of frame
-that the board sends by itself after the command ``stream``. A board with several strips has one
-sensor for each strip; sensors are numbered from 0.
+A SPOTS board is a microcontroller that measures presses on one or more tactile strips. A frame is
+one message of a board, such as a reading (`frames.Touch`). A stream is a kind of frame that the
+board sends by itself after the command ``stream``. A board with several strips has one sensor for
+each strip; sensors are numbered from 0.
 """
 
 import asyncio

@@ -1,4 +1,4 @@
-"""Finds the mains frequency of lamps from the flicker of a board's counts."""
+"""Finds the mains frequency of lamps from the flicker of the light that a board measures."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,8 @@
 """Port schemes: names for `open` and ``--port`` that are not names of serial ports.
 
-A scheme is a module, registered as an entry point of the group ``spots.ports``. The name of the
-entry point is the word before the colon: ``zenoh`` in ``zenoh:ID``. The module must have
+A scheme is the word before the colon: ``zenoh`` in ``zenoh:ID``. Each scheme has a module, which is
+registered as an entry point of the group ``spots.ports`` with the scheme's name. The module must
+have
 
 ``open_port(rest, *, sensor, scenario, seed)``
     Returns a `Board`, or raises SpotsError. `rest` is the text after the colon; the other arguments
