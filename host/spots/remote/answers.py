@@ -51,7 +51,7 @@ class Answers:
             self._queryables[command] = session.declare_queryable(key(board_id, name), note)
 
     def give(self) -> None:
-        """Answer the waiting queries, if the rate limit allows.
+        """Answer the waiting queries, if the rate limit permits.
 
         A command is sent to the board only one time for all waiting queries.
         """

@@ -19,7 +19,7 @@ class Cursor(NamedTuple):
     Attributes
     ----------
     version : int
-        Version of the parts that the client has read.
+        Number of changes of parts that had been made when the client last read.
     events : int
         Number of events that had been added when the client last read.
     """

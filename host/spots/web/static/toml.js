@@ -6,6 +6,7 @@ export function comments(text) {
   return { head, others: count(text.slice(head.length)) };
 }
 
+// Returns the number of comments in a text: the number of # outside of strings.
 export function count(text) {
   return (text.replace(/"""(?:[^\\]|\\[^])*?"""|'''[^]*?'''|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'/g, '""').match(/#/g) ?? []).length;
 }

@@ -71,6 +71,7 @@ export function matches(usages, layers, typed) {
   return (exact ? [...ways, ...found] : [...found.slice(0, MOST - Math.min(ways.length, 3)), ...ways]).slice(0, MOST);
 }
 
+// Returns how well a key fits a typed name: 0 is best, 9 means that it does not fit.
 function rank(one, wanted) {
   const name = one.name.toLowerCase();
   if (!wanted) return 5;

@@ -2,6 +2,7 @@
 
 const MOST = 100, STORED_MAX = 500_000;  // steps of undo; characters that are stored for a reload
 
+// `STORED` is the key of the draft in sessionStorage; `onChange` is called after each change.
 export function makeDraft(STORED, onChange) {
   let past = [], future = [], now = null, base = null;  // texts of JSON
   const keep = () => {

@@ -1,11 +1,13 @@
 // Computes the signal of an axis as the controller does (controller/shaping.py, one_euro.py). A test
 // compares both implementations.
 
+// Returns the deflection of a value, -1 to 1: 0 at rest, -1 at the low end, 1 at the high end.
 export function deflection(value, rest, low, high) {
   const share = value >= rest ? (value - rest) / (high - rest) : (value - rest) / (rest - low);
   return Math.max(-1, Math.min(share, 1));
 }
 
+// Applies deadband, expo (a curve that is finer near 0) and inversion to a deflection.
 export function shaped(u, { deadband, expo, invert }) {
   let out = Math.abs(u) <= deadband ? 0 : (u > 0 ? u - deadband : u + deadband) / (1 - deadband);
   out -= expo * (out - out ** 3);
@@ -19,6 +21,7 @@ export function range(axis, length_um) {
   return { name: "position_um", rest, low, high };
 }
 
+// Returns a One Euro filter: a low-pass filter whose cutoff frequency grows with the speed of the signal.
 export function oneEuro() {
   let value = null, perS = 0;
   const alpha = (hz, dt_s) => 1 / (1 + 1 / (2 * Math.PI * hz * dt_s));
