@@ -33,10 +33,9 @@ _CAUSES = {
 class Untrusted:
     """Detects that all readings of a strip have been untrusted for 0.7 s.
 
-    The warning ends with the next reading that has none of the causes. There is a special case: the
-    spectrum of each press does not fit the calibration. Since one press may be too short for a
-    warning, the durations of successive presses are added up. Only a trusted press then ends the
-    warning.
+    Usually the next reading without a fault ends the warning. There is a special case: the spectrum
+    of each press does not fit the calibration. Since one press may be too short for a warning, the
+    durations of successive presses are added up. Only a trusted press then ends the warning.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ class Publisher:
     Parameters
     ----------
     board : Board
-        The board; nothing else may read its frames.
+        The board. No other code of the program may read its frames.
     session : zenoh.Session
         An open session.
 
