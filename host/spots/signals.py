@@ -3,7 +3,7 @@
 An output (a keyboard or gamepad of this computer) is open inside its own ``with`` block. It applies
 each change inside a second block, ``with SECTION``. A signal during the second block is deferred to
 the end of this block, so each change is completed. After a signal, outputs press nothing until the
-loop that feeds them has called `resumed`.
+loop that feeds them readings has called `resumed`.
 
 SIGKILL, SIGSTOP and a crash in C cannot be handled.
 """
@@ -18,7 +18,7 @@ from collections.abc import Iterator
 
 from .errors import SpotsError
 
-# Console events of Windows: the process ends when their handler returns, or after 5 s.
+# Console events of Windows. Windows ends the process when their handler returns, or after 5 s.
 _CONSOLE_EVENTS = (2, 5, 6)  # close, logoff, shutdown
 _CONSOLE_S = 4.5
 
@@ -27,7 +27,7 @@ def _numbers(*names: str) -> list[int]:
     return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
-# Each system has some of these signals.
+# Signals that end, stop and continue a process. Each system has some of them.
 _ENDING = _numbers("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGBREAK")
 _STOPPING = _numbers("SIGTSTP", "SIGTTIN", "SIGTTOU")
 # SIGSTOP cannot be handled: outputs release their keys when the process continues.

@@ -11,7 +11,7 @@ from ..errors import SpotsError
 from .calibration_file import Joint, Marks
 from .session import Point
 
-ANGLES_MIN = 4  # in each direction
+ANGLES_MIN = 4  # least number of angles in each direction
 _LEAST_UM = 0.1  # lower limit of standard deviations, because readings are in whole um
 
 

@@ -25,7 +25,7 @@ _REACH, _STEPS = 3.4, 29  # grid of common errors, in standard deviations
 def common_error_um(
     read_um: np.ndarray, off_um: np.ndarray, noise_um: np.ndarray, sigma_um: float
 ) -> np.ndarray:
-    """Return the error that all positions of a fit share, because a person misread the ruler.
+    """Return the common error of positions that were fitted to readings of a ruler.
 
     The error is a straight line along the strip: an offset and a scale. The result is the mean of
     the posterior distribution of this line.
@@ -49,7 +49,8 @@ def common_error_um(
     expected_um = np.hypot(sigma_um, noise_um)
     lines = np.stack([np.ones_like(read_um), read_um], axis=1)
     unit, _ = np.linalg.qr(lines / expected_um[:, None])
-    # With Gaussian errors of the expected size, each coefficient has a standard deviation of 1.
+    # The common error is `lines` times two coefficients. With Gaussian errors of the expected size,
+    # each coefficient has a standard deviation of 1.
     lines = unit * expected_um[:, None]
     off_um = off_um - lines @ (unit.T @ (off_um / expected_um))
     grid = np.linspace(-_REACH, _REACH, _STEPS)

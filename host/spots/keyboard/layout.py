@@ -23,6 +23,7 @@ from ..outputs.usages import USAGES, chord_of, usage_of
 
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
+# Rules that decide between tap and hold, see docs/keyboard.md; the index is the firmware's number.
 FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
 LAYER_VERBS = {"layer": lines_of.MOMENTARY, "toggle": lines_of.TOGGLE, "once": lines_of.ONCE}
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
@@ -132,7 +133,7 @@ def load(name: str | Path) -> KeyLayout:
 
 
 def compiled(path: Path, text: str) -> KeyLayout:
-    """Compile the text of a layout file.
+    """Validate and compile the text of a layout file.
 
     Parameters
     ----------

@@ -105,7 +105,10 @@ class KeySink(Protocol):
 
 
 class Keyboard(Output):
-    """Base class of keyboards: a key that several events need is pressed only once."""
+    """Base class of keyboards.
+
+    A modifier that several pressed keys need is pressed with the first and released with the last.
+    """
 
     def __init__(self):
         self._held: dict[tuple[int, int], int] = {}  # pressed keys with their modifiers
@@ -143,7 +146,7 @@ class Keyboard(Output):
             self._apply()
 
     def release(self) -> None:
-        """Release all keys; if the release of a key fails, still release the others."""
+        """Release all keys; if the release of a key fails, still release the other keys."""
         with SECTION:
             self._held.clear()
             self._apply()

@@ -27,7 +27,7 @@ _TICK_S = 0.02
 
 
 class GesturesFile(toml.Strict):
-    """Content of a gestures file.
+    """Content of a gestures file, which assigns keys of the computer to gestures.
 
     Attributes
     ----------
@@ -124,12 +124,13 @@ def play(
     drawing: bool,
     mapping: Mapping,
 ) -> list[Gesture]:
-    """Read a board, and report each gesture at once; return all gestures at the end.
+    """Read a board, and report each gesture when it is complete; return all gestures at the end.
 
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. This function switches its ``baseline`` setting on.
+        Board with a calibrated strip. This function switches its ``baseline`` setting on: the board
+        then follows slow changes of the untouched strip's light.
     on_gesture : callable
         ``on_gesture(gesture)`` is called with each gesture.
     seconds : float or None
@@ -142,6 +143,7 @@ def play(
     Returns
     -------
     list of Gesture
+        All gestures, oldest first.
 
     Raises
     ------
