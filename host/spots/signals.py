@@ -135,7 +135,7 @@ def released_by_signals() -> Iterator[None]:
     (Ctrl-Z) stops the process inside the block. Ignored signals stay ignored (nohup). Call this in
     the main thread only, because Python delivers signals there.
     """
-    # A handler set by C code (None) could not be restored.
+    # Ignored signals stay ignored. A handler that C code has set (None) could not be restored.
     numbers = _ENDING + _STOPPING + _CONTINUING
     numbers = [one for one in numbers if signal.getsignal(one) not in (signal.SIG_IGN, None)]
     before = {number: signal.signal(number, SECTION.handle) for number in numbers}
@@ -186,7 +186,7 @@ def _console_events(released: threading.Event) -> Iterator[None]:
 def on_console_event(event: int, released: threading.Event) -> bool:
     """Interrupt the main thread as Ctrl-C does; wait until that thread has released all outputs.
 
-    Windows calls this in another thread.
+    Windows calls this in another thread. The wait lasts at most 4.5 s.
 
     Parameters
     ----------

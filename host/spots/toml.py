@@ -43,7 +43,7 @@ _TYPE = re.compile(
 )
 _AT = re.compile(r"(.*) - at `\$((?:\.\w+|\[(?:[0-9]{1,9}|\.\.\.)\])+)`", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[([^]]*)\]")
-# The types and limits in these messages, as in TOML.
+# msgspec's names of types and limits, and the words for them in our messages.
 _WORDS = {
     "int": "a whole number",
     "float": "a number",

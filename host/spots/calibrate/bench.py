@@ -79,7 +79,7 @@ class Bench:
         Calibration file of the strip.
     spent : int
         Number of requested presses that the session does not store as presses by hand, such as
-        invalid presses. A session by hand (see `session`) then asks for fewer presses.
+        invalid presses. If it is large, a session by hand (see `session`) asks for fewer presses.
     trace : list of tuple of float
         All readings of the present press: time in s by the clock of `Board.now_s`, then the six
         counts.
@@ -112,7 +112,7 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = CONTINUES,
     ) -> Reading:
-        """Ask for a press, again if it is not valid; on return, the strip is still pressed.
+        """Ask for presses until one press is valid; on return, the strip is still pressed.
 
         Parameters
         ----------

@@ -133,8 +133,8 @@ class Rezero(_Struct, kw_only=True):
     place_um : tuple of float, length n
         Distances of the n pressed marks from the sensor's end, in um.
     shifts : tuple of tuple of float, shape (n, 6)
-        log2 of the counts at the re-zero minus log2 of the counts at the calibration, without the
-        effect of other forces and of presses beside the mark. Rows are marks, columns are channels.
+        log2 of the counts at the re-zero minus log2 of the counts at the calibration, corrected for
+        errors of force and position of the presses. Rows are marks, columns are channels.
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
     """

@@ -65,8 +65,9 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     plans : pair of tuple of str
         Plans of the two passes, see `passes`.
     measured : pair of Presses
-        Readings of the two passes. Each pass has presses with one firm force, at the same positions
-        as the other pass, and one press with the full force.
+        Readings of the two passes. Each pass has presses with the force `presses.FIRM_MN`, at the
+        same positions as the other pass. One more press, with the force `presses.FULL_MN`, shows
+        which channels saturate.
     full_scale : float
         Largest count that a channel can have.
 

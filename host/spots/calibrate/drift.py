@@ -14,7 +14,8 @@ from .choose import DIODES
 
 # Centre wavelengths of the diodes: AS7341 data sheet DS000504, table of optical characteristics.
 _CENTRE_NM = dict(zip(DIODES, (415, 445, 480, 515, 555, 590, 630, 680)))
-_BLUE_NM = 500  # a white LED's light is from its blue chip below this wavelength, else phosphor
+# Below this wavelength, the light of a white LED is from its blue chip; above, from its phosphor.
+_BLUE_NM = 500
 _PHOSPHOR_FWHM_NM = 130.0  # of usual white LEDs
 # Least change that is reported, and its text. Such a change shifts positions on an 85 mm strip by
 # about 0.1 mm.
@@ -26,7 +27,7 @@ _WORDS = (
 
 
 def described(place_um, logs, shifts, plan) -> str:
-    """Describe a drift in words.
+    """Describe the probable causes of a drift of the channels in words.
 
     Parameters
     ----------

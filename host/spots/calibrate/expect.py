@@ -41,8 +41,8 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
     position_um : numpy.ndarray, shape (n,)
         Evenly spaced positions along the strip, in um.
     logs : numpy.ndarray, shape (n, 6)
-        log2 of the dark-subtracted counts, minus the brightness that the board computes (also in
-        log2 units). Errors are at most 3 % of the counts of the brightest channel.
+        log2 of the dark-subtracted counts of presses whose brightness, as the board computes it in
+        log2 units, is 0. Errors are at most 3 % of the counts of the brightest channel.
 
     Raises
     ------

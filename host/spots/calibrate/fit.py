@@ -68,8 +68,8 @@ def fit(
     conditions : Conditions
         Board and settings of the presses.
     misfit : numpy.ndarray, shape (n, 6), optional
-        Measured minus fitted log2 of the counts of n presses; of `along` at strain 0 if not given.
-        The larger these errors, the larger the misfit that the board tolerates.
+        Measured minus fitted log2 of the counts of n presses; if not given, of the presses in
+        ``along[0]``. The larger these errors, the larger the misfit that the board tolerates.
 
     Returns
     -------

@@ -37,8 +37,9 @@ _SOFTER, _SOFTER_SIGMAS = 0.05, 2.5  # least softening to report: share, standar
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (0.02, *MARKS, 0.98, 0.3, 0.7)]
 # By `rough`: number of presses that a session may ask for without storing them (for exposure,
-# choice of channels, repeats). Each further one replaces a press by hand. So a rough session has at
-# most 12 presses, a fine session 45. A rough session also stores the press for the exposure.
+# choice of channels, repeats). Each further press that is not stored replaces a press by hand. So a
+# rough session has at most 12 presses, a fine session 45. A rough session also stores the press for
+# the exposure.
 _OTHERS = {True: 0, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
 _MISFIT_MAX = 50.0  # chi-squared of six channels; less than 1 of 1e8 good presses exceeds it

@@ -66,8 +66,9 @@ class Presses:
 def own_variance(samples: np.ndarray) -> np.ndarray:
     """Return the variance of each channel, without the noise that all channels share.
 
-    The difference of the logarithms of two channels contains the noise of these two channels only.
-    Least squares over all pairs of channels separates the variances.
+    The counts of each channel are divided by their mean. The difference of two channels then
+    contains the noise of these two channels only. Least squares over all pairs of channels
+    separates the variances.
 
     Parameters
     ----------
@@ -114,7 +115,8 @@ class Noise:
         found = cls(ROUNDING_VARIANCE, 0.0)
         for _ in range(_REWEIGHTINGS):
             # The error of a measured variance is proportional to the true variance. Weights from
-            # measured variances would favour low variances; so the previous round gives weights.
+            # measured variances would favour low variances. So the weights are those of the
+            # variances that the previous round fitted.
             weight = 1 / found.variance(counts)
             solution = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
             # A steady press hides part of the rounding; the rounding variance is the lower limit.

@@ -66,7 +66,8 @@ def rezero(
     quick : bool
         Whether to press the middle mark only. This corrects LED and filters, but not the dye.
     force_mN : float, optional
-        Force of each press in mN, read from a scale. If given, force is recalibrated, too.
+        Force of each press in mN, read off a scale. If given, the drift of the force is corrected,
+        too.
     joint : bool
         Whether to use the marks of the joint instead of those that a person presses.
 

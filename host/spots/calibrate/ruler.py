@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import numpy as np
 
-_MARKS_UM = (500.0, 1000.0, 2000.0)  # distances of the marks of a ruler
+_MARKS_UM = (500.0, 1000.0, 2000.0)  # possible distances between the marks of a ruler
 _GAUSSIAN = 0.5  # prior probability of Gaussian errors
-# Standard deviations of Gaussian or logistic errors, divided by the expected one of all errors.
+# Possible standard deviations of Gaussian or logistic errors, as multiples of `sigma_um`.
 _SIGMAS = 2.0 ** np.arange(-4.0, 1.5, 0.5)
 _LOGISTIC = np.sqrt(3) / np.pi  # scale of a logistic distribution with the standard deviation 1
-_REACH, _STEPS = 3.4, 29  # grid of common errors, in standard deviations
+_REACH, _STEPS = 3.4, 29  # grid of the common error: +- standard deviations, number of steps
 
 
 def common_error_um(
@@ -73,9 +73,9 @@ def common_error_um(
 def _log_density(error_um: np.ndarray, half_um: float, sigma_um: np.ndarray) -> np.ndarray:
     """Return the logarithm of the probability density (in 1/um) of errors.
 
-    An error is the sum of a uniform error, at most `half_um`, and a logistic one; if `half_um` is
-    0, it is Gaussian. `sigma_um` is the standard deviation of the logistic or Gaussian error.
-    `error_um` contains absolute values.
+    An error is the sum of a uniform error of at most `half_um` and a logistic error. If `half_um`
+    is 0, an error is Gaussian. `sigma_um` is the standard deviation of the logistic or Gaussian
+    error. `error_um` contains absolute values.
     """
     if not half_um:
         return -0.5 * (error_um / sigma_um) ** 2 - np.log(sigma_um * np.sqrt(2 * np.pi))

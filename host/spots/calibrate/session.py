@@ -1,8 +1,8 @@
 """Session files: one JSON line per press, on disk before the session asks for the next press.
 
 A session asks for the presses of a calibration. For a press *by hand*, the person then reads its
-true position off a ruler, and its force off a scale. Marks are positions that a re-zero presses
-again, to measure drift.
+true position off a ruler, and its force off a scale. Marks are positions that a re-zero (``spots
+rezero``) presses again, to measure drift.
 """
 
 from __future__ import annotations
@@ -87,9 +87,10 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     time : str
         Date and time in UTC, ISO 8601.
     trace : tuple of tuple of float
-        All readings of a press by hand: time in s, then the six counts.
+        All readings of a press by hand: time in s by the clock of `Board.now_s`, then the six
+        counts.
     holds : tuple of (float, float)
-        Start and end of the hold of each force, in s on the time scale of `trace`.
+        Start and end of the hold of each force, in s by the same clock.
     """
 
     counts: Six

@@ -23,7 +23,7 @@ from .session import Point
 
 PLAYS_MN = (300, 1000, 3000)  # half widths of the play operators
 TAUS_MS = (400, 4000, 40_000)  # time constants of the creep
-_LEAST_MN = 300.0  # weaker forces are in the dead zone, or nearly
+_LEAST_MN = 300.0  # weaker forces are not used: they are in the dead zone, or near it
 _READINGS_MIN = 100  # least number of readings of a press
 # Expected sizes of the weights of the play operators, and of the shares of creep. The fit tries all
 # pairs of sizes, and uses the pair with the largest evidence (marginal likelihood). The size is 0
@@ -52,7 +52,7 @@ class Compensated(NamedTuple):
     hysteresis_percent, creep_percent : tuple of (float, float)
         Value and standard deviation, in per cent. Hysteresis: largest difference between the
         forces that are read during unloading from 10 N and during loading, divided by 10 N.
-        Creep: growth of a reading in 60 s.
+        Creep: growth of the measured force in 60 s, while the true force is constant.
     """
 
     line: str
@@ -79,7 +79,7 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
     lines : list of str
         Lines of the calibration, without the line ``silicone``.
     force_share : float
-        Relative standard deviation of the forces of the presses.
+        Relative standard deviation of the forces that the person read off a scale.
 
     Returns
     -------

@@ -58,7 +58,7 @@ def calibrate(
     strain_percent: float | None,
     options: argparse.Namespace,
 ) -> None:
-    """Take the missing presses of one kind; if the session is then complete, store a calibration.
+    """Take the missing presses of one kind; if no press is missing then, store a calibration.
 
     Parameters
     ----------

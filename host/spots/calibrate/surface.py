@@ -58,7 +58,7 @@ class Sizes:
     bends : tuple of float
         For each channel c, expected size of the coefficient of degree 2 of `s_c`, in log2 units.
     rise : float
-        Expected size of the coefficient of degree 1 of `g`, in log2 units.
+        Expected size of the coefficient of degree 2 of `g`, in log2 units.
     dark_share : float
         Force at which the strip begins to give light, as a share of the least force of the presses.
     misfit : float
@@ -215,7 +215,7 @@ class Surface:
         return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
 
     def _own(self, place_um, force_mN, counts) -> np.ndarray:
-        """Return covariances of log2(counts) due to errors of each press itself, shape (n, 6, 6).
+        """Return the covariance of log2(counts) due to the errors of a press, shape (n, 6, 6).
 
         The arguments are positions in um, forces in mN and counts of n presses. The errors are
         noise, misfit of the model, and errors of position and force.
@@ -258,7 +258,7 @@ class Surface:
 
     @cached_property
     def bent(self) -> Surface:
-        """Fit of the same presses in which every channel has the largest expected bend.
+        """Fit of the same presses in which every channel has the largest size in `Sizes.bends`.
 
         The next press is chosen with this fit, so that a strip whose curves seem straight is also
         pressed between its ends.

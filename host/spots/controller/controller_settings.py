@@ -150,7 +150,7 @@ class ControllerSettings(toml.Strict):
     rate_hz : float
         Largest number of states that are sent to the gamepad per second.
     x, y, z : PositionAxis, ForceAxis or None
-        Settings of the axes; None for an axis that is not used.
+        Settings of the axes; None for an axis that is not used. `z` cannot be a `PositionAxis`.
     button : list of Pressed, Tapped or Anchored
         Settings of the buttons.
     """

@@ -40,7 +40,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
         Settings file to write. An existing file keeps its other settings, but loses its comments;
         a new file gets default values for all other settings.
     say : callable
-        Function that takes a line to print.
+        ``say(line)`` shows a line of text to the user.
 
     Raises
     ------

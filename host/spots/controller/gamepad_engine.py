@@ -1,9 +1,9 @@
 """Computes the state of a gamepad from readings. No I/O; the caller passes all times.
 
-An axis follows the finger, and returns to 0 when the finger lifts. If the first finger rests in the
-zone of an `Anchored` button (this finger is the anchor), axes follow the second finger. While
-readings are untrusted or missing, the last valid state is kept for `hold_ms`; then all axes are 0
-and all buttons released.
+An axis follows the finger, and returns to 0 when the finger lifts. If the first finger touches in
+the zone of an `Anchored` button, this finger is the anchor, and position axes follow a second
+finger. While readings are untrusted or missing, the last valid state is kept for `hold_ms`; then
+all axes are 0 and all buttons are released.
 """
 
 import math
@@ -45,8 +45,7 @@ class Controller:
         Length of the strip, in um.
     decay : int, optional
         Decay of the light by the dye in log2 units per um, times 2**24, from the board's reply to
-        ``hello``; used to find a second finger. A
-        typical value if not given.
+        ``hello``; used to find a second finger. A typical value if not given.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Computes key events from readings on the host, with the code and the layout of a board."""
+"""Computes key events from readings on the host, with the firmware's code and a key layout."""
 
 from spots_device.decode import LED_OFF
 from spots_device.keypad import Keypad
@@ -71,7 +71,7 @@ class KeyEngine:
             self._heard_s = now_s
 
     def tick(self, now_s: float) -> None:
-        """Release all keys and drop pending actions if readings are missing for `RELEASE_S` s.
+        """Release all keys and drop pending actions if no reading arrives for `RELEASE_S` seconds.
 
         Call `tick` regularly.
 

@@ -48,7 +48,7 @@ def type_on(
     keyboard : KeySink
         Keyboard that gets the key events.
     seconds : float, optional
-        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if not given.
+        Time after which this function ends, in seconds of `Board.now_s`; no limit if not given.
 
     Raises
     ------

@@ -291,7 +291,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, pattern: str) -> str:
-    """Return the place of a regular expression in a text as ``, line 7``; empty if not found."""
+    """Return the first line that matches a regular expression as ``, line 7``; else empty."""
     for number, line in enumerate(text.splitlines(), 1):
         if re.search(pattern, line):
             return f", line {number}"
@@ -299,6 +299,6 @@ def _line_of(text: str, pattern: str) -> str:
 
 
 def _line_of_key(text: str, keys: list[str]) -> str:
-    """Return the line of the first of the TOML `keys` in a text as ``, line 7``; else empty."""
+    """Return the line of the first key in `keys` that a text has, as ``, line 7``; else empty."""
     found = (_line_of(text, rf"(?<!\w){re.escape(key)}\s*=") for key in keys)
     return next(filter(None, found), "")

@@ -306,7 +306,7 @@ class Pace:
         self._next_s = float("-inf")
 
     def due(self, now_s: float) -> bool:
-        """Return whether to redraw at the time `now_s` in seconds, of any steady clock."""
+        """Return whether to redraw at the time `now_s`, in seconds of a clock that never jumps."""
         if now_s < self._next_s:
             return False
         self._next_s = now_s + self._every_s

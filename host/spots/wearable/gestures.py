@@ -56,9 +56,10 @@ class Gesture(NamedTuple):
         values are far from their limits.
     position_um, distance_um : int
         Position where the touch began, and distance from there to the last position, in um;
-        a positive distance is away from the sensor.
+        a positive distance is away from the sensor. For a double tap: of the second tap. For two
+        fingers: position of the first finger, and distance that the second finger has moved.
     force_mN : int
-        Largest force of the touch, in mN.
+        Largest force of the touch, in mN; for two fingers, force of the last reading.
     time_s : float
         `Touch.time_s` of the reading that completed the gesture, in seconds.
     """
@@ -72,7 +73,7 @@ class Gesture(NamedTuple):
 
 
 class Gestures:
-    """Classifies the touches of one strip.
+    """Classifies the touches of one strip as gestures.
 
     Parameters
     ----------
@@ -80,8 +81,7 @@ class Gestures:
         Length of the strip in um; with 0, gestures of two fingers are not detected.
     decay : int, optional
         Decay of the light by the dye in log2 units per um, times 2**24, from the board's reply to
-        ``hello``; used for gestures of two fingers. A
-        typical value if not given.
+        ``hello``; used for gestures of two fingers. A typical value if not given.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Gestures:
             self._found.append(Gesture(name, confidence, *place, self._now_s))
 
     def tick(self, now_s: float) -> None:
-        """Drop the touch and a pending tap if readings are missing for `RELEASE_S` seconds.
+        """Drop the touch and a pending tap if no reading arrives for `RELEASE_S` seconds.
 
         Call `tick` regularly.
 
