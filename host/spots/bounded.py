@@ -10,7 +10,7 @@ from .errors import SpotsError
 # Size limits. Each limit is several times the largest useful file of its kind.
 TOML_MAX_BYTES = 256 << 10  # parsed by pure Python at about 1 MB/s
 POINTS_MAX_BYTES = 1 << 20  # about 15,000 points of a linkage
-SESSION_MAX_BYTES = 16 << 20  # about 30,000 presses
+SESSION_MAX_BYTES = 16 << 20  # thousands of presses by hand
 ZENOH_MAX_BYTES = 1 << 20
 
 # Flags to open a file without blocking. Windows has neither flag, and no named pipes among its

@@ -41,7 +41,7 @@ class Progress:
     thin : tuple of str
         Positions and forces near which there are too few presses, for example ``near 40 mm``.
     done, total : int
-        Number of presses taken so far, and number of presses of the whole session.
+        Number of presses that were taken, and number of presses of the whole session.
     """
 
     place_um: np.ndarray

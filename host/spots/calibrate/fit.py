@@ -36,7 +36,7 @@ _TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 36
 _TOUCH_ABOVE_DARK = 1.15  # a touch begins at least at this multiple of the dead zone
 _TOUCH_HYSTERESIS = 0.7  # least force at which a touch ends, as a share of that at which it begins
 _MISFIT_SIGMAS = 6.0  # part of the tolerance of the misfit that is due to noise
-_PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; bends and strain need the rest
+_PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; the margin is for bends and strain
 # Limits of the tolerance of the misfit, Q12. The lower limit tolerates an LED that cools by 1 or
 # 2 K in a dark frame, which shifts positions by 10 um on 85 mm. Light that needs more than the
 # upper limit is too dim to show a second press.

@@ -60,7 +60,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     bench : Bench
         Board, strip and presser.
     session : Session
-        Presses taken so far; the new presses are added.
+        Session with the presses already taken; the new presses are added.
     count, least : int
         Number of presses by hand to take, and its lower limit. Repeated and refused presses reduce
         the number, so that the total does not grow.

@@ -65,7 +65,7 @@ def calibrate(
     bench : Bench
         Board, strip and presser.
     session : Session
-        Presses taken so far; the new presses are added.
+        Session with the presses already taken; the new presses are added.
     kind : str
         ``fine`` (with a scale) or ``rough`` (without) for presses by hand; or ``position``,
         ``strain``, ``force`` or ``joint``.

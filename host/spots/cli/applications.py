@@ -42,7 +42,9 @@ def wearable(parser: Parser):
     example:
       spots wearable --dry-run
     """
-    parser.option("--gestures", "FILE.toml", "file of keys for gestures; the package's own if not given")
+    parser.option(
+        "--gestures", "FILE.toml", "file of keys for gestures; the package's own if not given"
+    )
     _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.wearable.wearable:wearable_command")
 

@@ -99,7 +99,7 @@ def calibrate(parser: Parser):
     parser.option(
         "--length-mm",
         "N",
-        "length of the strip at rest in mm; 85 if not given",
+        "length of the strip at rest in mm; if not given, that of the session, or 85",
         type=arguments.length_mm,
     )
     parser.option(
@@ -108,7 +108,11 @@ def calibrate(parser: Parser):
         "strain of the strip in percent, for KIND 'strain'",
         type=arguments.strain_percent,
     )
-    parser.option("--plan", "F3,F4,...", "six channels to measure; the best ones if not given")
+    parser.option(
+        "--plan",
+        "F3,F4,...",
+        "six channels to measure; if not given, the best ones, or with --rough the present ones",
+    )
     parser.flag("--keep-settings", "do not adjust gain and LED current")
     return calls("spots.calibrate.calibrate:calibrate_command")
 

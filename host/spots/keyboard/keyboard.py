@@ -58,7 +58,7 @@ def type_on(
     """
     info = hello_often(board, RELEASE_S)
     engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"])
-    board.patience_s = math.inf  # waits for a lost board; `engine` releases all keys meanwhile
+    board.patience_s = math.inf  # waits for a lost board, while `engine` holds no key
     try:
         for _ in fed(board, engine, seconds, _TICK_S):
             pass
