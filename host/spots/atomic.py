@@ -29,7 +29,7 @@ _STALE_S = 3600.0
 
 @contextmanager
 def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options) -> Iterator[IO]:
-    """Create or replace a file atomically: `path` changes when the block ends without exception.
+    """Create or replace a file atomically, when a ``with`` block ends without an exception.
 
     A symbolic link with this name is replaced and not followed. The permissions of a replaced file
     are kept.

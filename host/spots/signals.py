@@ -35,7 +35,7 @@ _CONTINUING = _numbers("SIGCONT")
 
 
 class _Section:
-    """Defers signals while the main thread is in the block ``with SECTION``. Reentrant.
+    """Defers signals while the main thread is in a block ``with SECTION``; blocks can be nested.
 
     Attributes
     ----------

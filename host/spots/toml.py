@@ -250,7 +250,7 @@ def _allowed(wrong: re.Match) -> str:
 
 
 def _place(path: str) -> str:
-    """Return the place in a file in words: ``.leak[0][1]`` is ``entry 2 of entry 1 of leak``."""
+    """Return a path of msgspec in words: ``.leak[0][1]`` is ``entry 2 of entry 1 of leak``."""
     place, names = "", []
     for name, index in _STEP.findall(path):
         if name:

@@ -268,7 +268,9 @@ class Bench:
         reading = mean(steady[-long:])
         any_light = kind == "choose"
         if reading.saturated and not any_light:
-            raise BadPressError("a channel is saturated: press less, or lower gain or LED current")
+            raise BadPressError(
+                "a channel is saturated: press gently, or lower gain or LED current"
+            )
         if reading.dark and not any_light:
             raise TooDarkError("too dark: press harder, or raise gain, LED current or exposure")
         return reading
@@ -296,7 +298,7 @@ def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str)
 
 
 def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
-    """Check a press at a new position against presses with the same force at other positions.
+    """Check the light of a press against presses with the same force at other positions.
 
     Parameters
     ----------
@@ -340,7 +342,7 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
 
 
 def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
-    """Check a press with a new force against presses with other forces at the same position.
+    """Check the light of a press against presses with other forces at the same position.
 
     Parameters
     ----------

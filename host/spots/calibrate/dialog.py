@@ -86,7 +86,7 @@ class Dialog(Protocol):
         """Show that the press `wanted` was taken; `reading` has its counts."""
 
     def fitted(self, progress: Progress) -> None:
-        """Show the progress after a press of a session by hand."""
+        """Show the progress of a session by hand, after each press."""
 
     def say(self, text: str) -> None:
         """Show a message to the person."""

@@ -78,7 +78,7 @@ def fit_joint(points: list[Point]) -> Joint:
 
 
 def joint_marks(points: list[Point]) -> Marks:
-    """Return the angles that a re-zero repeats: lowest, middle and highest of the upward turn.
+    """Return the marks for a re-zero: lowest, middle and highest angle of the upward turn.
 
     Parameters
     ----------

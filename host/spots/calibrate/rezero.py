@@ -93,7 +93,7 @@ def rezero(
     reason = table.mismatch(reader.conditions)
     if reason is not None:
         raise SpotsError(f"{bench.path}: {reason}")
-    bench.guide.say("dark frames: touch nothing")
+    bench.guide.say("taking dark frames: touch nothing")
     reader.set_up(dark_s=DARK_S)
     at = slice(1, 2) if quick else slice(None)
     place_um, logs = marks.place_um[at], np.array(marks.logs)

@@ -1,4 +1,7 @@
-"""Reads the dark-subtracted counts of a steady press from a board."""
+"""Reads the dark-subtracted counts of a steady press from a board.
+
+Dark-subtracted counts are counts minus those of the dark frame, which is taken with the LED off.
+"""
 
 from __future__ import annotations
 

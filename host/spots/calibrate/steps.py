@@ -170,7 +170,7 @@ class _Steps:
         reader, guide = self.bench.reader, self.bench.guide
         if reader.info.get("mains_hz") != 0:  # set by hand, or an older firmware
             return
-        guide.say("flicker of lamps: touch nothing")
+        guide.say("measuring the flicker of lamps: touch nothing")
         if mains_hz := lamps.mains_hz(reader.board):
             reader.set_up(f"mains_hz={mains_hz}")
             reader.board.command("save")  # a later run then sets the same exposure
@@ -288,7 +288,7 @@ class _Steps:
     def marks(self) -> None:
         """Take presses at the marks, which a later re-zero repeats."""
         bench = self.bench
-        bench.guide.say("dark frames: touch nothing")
+        bench.guide.say("taking dark frames: touch nothing")
         bench.reader.set_up(dark_s=DARK_S)
         places_um = [round(share * bench.length_um, -2) for share in MARKS]
         row = [Wanted(kind="mark", place_um=x, force_mN=FIRM_MN) for x in places_um]

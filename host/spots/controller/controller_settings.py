@@ -25,7 +25,7 @@ Hertz = Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
 
 
 class Smooth(toml.Strict):
-    """Settings of the filter of an axis. The filter's signal is the deflection, from -1 to 1.
+    """Settings of the 1-Euro filter that smooths the deflection of an axis, from -1 to 1.
 
     Attributes
     ----------

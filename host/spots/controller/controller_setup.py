@@ -21,7 +21,7 @@ _RATIO_LEAST = 1.5  # least ratio of the hard press to the light press
 _APART_PERCENT = 5.0  # least distance of the middle from each end, in % of the strip's length
 
 _STEPS = {
-    "rest": "hold a finger where the middle of the stick shall be",
+    "rest": "hold a finger where the middle of the stick should be",
     "near": "now hold the finger at the end of the stick that is nearer to the sensor",
     "far": "now hold the finger at the other end of the stick",
     "light": "now touch the strip lightly, as if by accident, and hold the finger there",

@@ -1,10 +1,11 @@
 """Layout files: validates these TOML files and compiles them to the lines that a board stores.
 
-A file contains layers, and a layer contains keys. A key is either one action, that of a tap, or a
-table of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
-``slide_plus`` (away from the sensor). An action is the name of a computer's key with modifiers
-(``LEFT_SHIFT+A``), or selects a layer: ``layer NAME`` while the key is held, ``toggle NAME`` until
-the next toggle, or ``once NAME`` for one key. Key names are those of `outputs.usages`.
+A file contains layers, and a layer contains keys. A key is either the action of a tap, or a table
+of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
+``slide_plus`` (away from the sensor). An action either presses a key of the computer, or selects a
+layer. The first kind is the name of the key with modifiers (``LEFT_SHIFT+A``); `outputs.usages` has
+all names. The second kind is ``layer NAME`` while the key is held, ``toggle NAME`` until the next
+toggle, or ``once NAME`` for one key.
 """
 
 import re

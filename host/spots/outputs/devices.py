@@ -98,7 +98,8 @@ class KeySink(Protocol):
         page, usage : int
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            Modifier keys that are pressed with the key, as bits of a USB keyboard report.
+            Modifier keys that are pressed with the key, as bits of a USB keyboard report: bit i is
+            the key with the usage `usages.MODIFIERS_FROM` + i.
         pressed : bool
             True for a press, False for a release.
         """
@@ -122,8 +123,8 @@ class Keyboard(Output):
         page, usage : int
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            Modifier keys, as bits of a USB keyboard report. They are pressed before the key, and
-            released with the key unless another key needs them. Ignored if `pressed` is false.
+            Modifier keys, as in `KeySink.key`. They are pressed before the key, and released with
+            the key unless another key needs them. Ignored if `pressed` is false.
         pressed : bool
             True to press, False to release. To press a pressed key, or to release a released
             key, has no effect.

@@ -40,7 +40,7 @@ _FLAG_WORDS = {
 
 
 class Judge(Protocol):
-    """Compares readings with known true values."""
+    """Compares readings with known true values, such as those of a simulated finger."""
 
     def take(self, touch: Touch, arrived_s: float) -> None:
         """Compare a reading with the true values.
@@ -54,7 +54,7 @@ class Judge(Protocol):
         """
 
     def facts(self) -> dict:
-        """Return the results to show; the keys of the inner dicts are the names to show.
+        """Return the results of the comparison, as dicts of names and values to show.
 
         Key ``link``: dict that is added to the row with the counters of received and lost frames.
         Key ``rows``: list with a dict for each further row.

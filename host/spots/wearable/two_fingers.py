@@ -40,8 +40,8 @@ class TwoFingers:
     Attributes
     ----------
     both : bool
-        Whether two fingers have touched together for longer than in typing, and at least one of
-        them still touches.
+        Whether two fingers have touched together for at least 0.15 s (longer than in typing), and
+        at least one of them still touches.
     """
 
     def __init__(self, length_um: int, decay: int | None = None):
@@ -86,7 +86,7 @@ class _Pair:
 
     @property
     def settled(self) -> bool:
-        """Whether both fingers have touched together for longer than in typing."""
+        """Whether both fingers have touched together for `_SETTLED_S`, longer than in typing."""
         return self.lasted_s >= _SETTLED_S
 
     def extend(
