@@ -42,7 +42,7 @@ class _Section:
     outputs : weakref.WeakSet of outputs.Output
         The open outputs.
     ended_by : int or None
-        Number of the signal that ends the process.
+        Number of the signal that ends the process; None before such a signal.
     """
 
     def __init__(self):

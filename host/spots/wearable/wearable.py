@@ -34,7 +34,7 @@ class GesturesFile(toml.Strict):
     gestures : dict of str to str
         Name of the key for each gesture.
     least_confidence : float
-        Gestures with a lower confidence press no key.
+        Gestures with a lower confidence (0 to 1) press no key.
     """
 
     gestures: dict[str, str]
