@@ -269,7 +269,7 @@ class Bench:
         any_light = kind == "choose"
         if reading.saturated and not any_light:
             raise BadPressError(
-                "a channel is saturated: press gently, or lower gain or LED current"
+                "a channel is saturated: press more gently, or lower gain or LED current"
             )
         if reading.dark and not any_light:
             raise TooDarkError("too dark: press harder, or raise gain, LED current or exposure")
