@@ -37,7 +37,8 @@ finger" are wrong or extra keys that no finger touched. Both are in per cent of 
 latency is the time from the start of a touch to the report of the correct key. Its percentiles p50
 and p99 are those of the worst seed. In the rows `controller`, the simulated fingers of the demo
 move the axes of the game controller for {seconds:g} s;
-[controller.md](controller.md#untrusted-and-missing-readings) explains the values. These commands measure the column "imperfect strip, re-zeroed":
+[controller.md](controller.md#untrusted-and-missing-readings) explains the values. These commands
+measure the column "imperfect strip, re-zeroed":
 
 ```sh
 python -m spots_sim.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm
