@@ -126,7 +126,7 @@ calibrate each joint with `--port PORT#0` or `--port PORT#1`.
 _CALIBRATION = """
 ## Unknown lengths
 
-Bars are never exactly as long as in the drawing, and joints are never mounted exactly.
+These commands measure the true lengths and the mounting of the joints:
 
 ```sh
 spots twin --linkage drawn.toml --measure points.csv     # hold the end point, type its position
