@@ -54,7 +54,15 @@ class _Moment:
 
 
 def measure(sensor: SensorFile) -> dict:
-    """Return the cost of a reading with both drivers, at each of `EXPOSURES_US`."""
+    """Compare both drivers at each integration time in `EXPOSURES_US`.
+
+    Returns
+    -------
+    dict
+        ``integrations``: a dict for each integration time. It has ``integration_ms``; ``spots`` and
+        ``adafruit``, the costs and the rate of readings with each driver; and the ratios of these
+        rates, with the auto-zero of the chip repeated at each start and not repeated.
+    """
     return {"integrations": [_compare(sensor, exposure_us) for exposure_us in EXPOSURES_US]}
 
 
