@@ -1,4 +1,4 @@
-"""For all behaviours that the documents leave open, each sample is read exactly once."""
+"""Behaviours of the chip that its documents leave open: with each, a sample is read one time."""
 
 from __future__ import annotations
 
