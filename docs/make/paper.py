@@ -216,9 +216,9 @@ def _resolutions(found: list[dict], exposures: int) -> str:
     `found` are summaries of the default strip for each of `exposures` exposures, then of `real`.
     """
     text = (
-        "\nThe paper states no integration time, no rate and no filter. If both published\n"
-        "resolutions are for the same duration of a reading, the row with a position resolution "
-        "nearest to\n7 µm is the one to compare with the published force resolution:\n\n"
+        "\nThe paper states no integration time, no rate and no filter. Its two resolutions may be "
+        "for one\nduration of a reading. Then compare the published force resolution with the row "
+        "whose position\nresolution is nearest to 7 µm:\n\n"
         "| duration of a reading | strip | position resolution | force resolution |\n"
         "| --- | --- | --- | --- |\n"
         "| not stated | paper | 7 µm | 5 mN |\n"

@@ -1,8 +1,9 @@
-"""Atomic writes of files and folders: a reader sees the old content or the new, never a part.
+"""Atomic writes of files: a reader sees the old content or the new content, never a part.
 
-A file or folder is written under a random name in the same folder, and renamed when it is complete.
-The random name is created exclusively, so no link is followed. If the process is killed, the
-temporary file remains; a write in the same folder at least an hour later removes it.
+A file is written under a random name in the same folder, and renamed when it is complete. The
+random name is created exclusively, so no link is followed. `folder` makes a staging directory, in
+which a caller completes a folder before it renames this folder. If the process is killed, temporary
+files and directories remain. A write in the same folder at least an hour later removes them.
 """
 
 import errno
@@ -28,7 +29,7 @@ _STALE_S = 3600.0
 
 @contextmanager
 def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options) -> Iterator[IO]:
-    """Create or replace a file atomically: `path` changes when the block ends without exception.
+    """Create or replace a file atomically, when a ``with`` block ends without an exception.
 
     A symbolic link with this name is replaced and not followed. The permissions of a replaced file
     are kept.
@@ -155,7 +156,7 @@ def _place_new(part: Path, path: Path) -> None:
 def _replaced_mode(path: Path, new: bool) -> int | None:
     """Return the permissions of the file at `path`, or None if there is no file.
 
-    If `new` is true, an existing file is an error.
+    If `new` is true, an existing file is an error. So is a folder, a pipe or a device at `path`.
     """
     if new and os.path.lexists(path):
         raise exists(path)

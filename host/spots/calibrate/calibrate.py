@@ -52,7 +52,8 @@ def opened(
     Parameters
     ----------
     options : argparse.Namespace
-        ``port``, ``length_mm`` (length of the strip, or None), and the simulator's options.
+        ``port``, ``length_mm``, and the simulator's options. ``length_mm`` is the length of the
+        strip in mm; None for the length in `made`, or 85 mm if `made` has no length.
     made : Session or CalibrationFile
         Session or calibration of the strip.
     path : Path

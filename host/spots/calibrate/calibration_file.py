@@ -1,8 +1,9 @@
 """The calibration file: the text lines that a board uses, and how they were measured.
 
 Residuals are the errors that remain at the presses of the calibration. Marks are positions that a
-re-zero presses again, to measure and correct drift. The file is TOML. The section ``[end]`` has a
-CRC-32 of all text before it, so that `load` detects a file that was cut short or changed.
+re-zero (``spots rezero``) presses again, to measure and correct drift. The file is TOML. The
+section ``[end]`` has a CRC-32 of all text before it, so that `load` detects a file that was cut
+short or changed.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _COMMENTS = {
     "original": "# Calibration lines before the first re-zero.",
     "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
     "marks": "# log2 of the counts of presses that 'spots rezero' repeats.",
-    "joint_marks": "# The same for stops of the joint, for 'spots rezero --joint'.",
+    "joint_marks": "# log2 of the counts at stops of the joint, for 'spots rezero --joint'.",
 }
 
 
@@ -55,9 +56,10 @@ class Residual(_Struct, kw_only=True):
     position_rms_um : float
         Root mean square error of the position, in um.
     force_rms_mN : float or None
-        Root mean square error of the force, in mN; None for a stretched strip.
+        Root mean square error of the force, in mN; None for a stretched strip, and if the forces
+        are unknown.
     presses : int
-        Number of presses.
+        Number of presses whose errors were computed.
     """
 
     strain_ppm: int
@@ -101,7 +103,7 @@ class Joint(_Struct, kw_only=True):
 
 
 class Marks(_Struct, kw_only=True):
-    """Reference presses at three marked positions, which a re-zero repeats to measure drift.
+    """Reference presses at three marked positions, which ``spots rezero`` repeats to measure drift.
 
     Attributes
     ----------
@@ -122,7 +124,7 @@ class Marks(_Struct, kw_only=True):
 
 
 class Rezero(_Struct, kw_only=True):
-    """Result of a re-zero: the drift that presses at the marks showed.
+    """Result of a re-zero (``spots rezero``): the drift that presses at the marks showed.
 
     Attributes
     ----------
@@ -131,8 +133,8 @@ class Rezero(_Struct, kw_only=True):
     place_um : tuple of float, length n
         Distances of the n pressed marks from the sensor's end, in um.
     shifts : tuple of tuple of float, shape (n, 6)
-        log2 of the counts at the re-zero minus log2 of the counts at the calibration. Rows are
-        marks, columns are channels.
+        log2 of the counts at the re-zero minus log2 of the counts at the calibration, corrected for
+        errors of force and position of the presses. Rows are marks, columns are channels.
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
     """

@@ -115,8 +115,8 @@ class Presser:
     def _read(self, what: str, default: str, length_um: float, wanted_mN: float):
         """Ask for position and force until the answer is valid; return them as `typed` does.
 
-        `what` and `default` are parts of the question about a press with `wanted_mN`. Returns None
-        if the person wants to repeat the press.
+        `what` and `default` are parts of the question about a press with the force `wanted_mN`.
+        Returns None instead if the person wants to repeat the press.
         """
         while True:
             answer = self._guide.ask(f"what {what}? (Enter: {default}; again; undo) ")
@@ -132,12 +132,12 @@ class Presser:
         take_dark(board, self._guide.ask)
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
-        """Find the least force that lights every channel at a position.
+        """Find the least force that gives light in every channel at a position.
 
         Parameters
         ----------
         wanted : Wanted
-            Press at the position; the force of this press is the largest allowed force.
+            Press at the position; a machine presses at most with the force of this press.
         reader : SpectrumReader
             Reads the counts of the channels.
 
@@ -146,7 +146,8 @@ class Presser:
         float
             The least force in mN.
         """
-        # The limits reject a number in grams, and a strip on which a firm press is too dark.
+        # The limits reject a force that was typed in grams, and a strip that needs more than the
+        # force of a firm press.
         return 1000 * self._number(
             f"press at {wanted.place_um / 1000:.1f} mm with the least force that lights every "
             "channel; what does the scale show, in N? ",

@@ -1,8 +1,8 @@
 """Session files: one JSON line per press, on disk before the session asks for the next press.
 
 A session asks for the presses of a calibration. For a press *by hand*, the person then reads its
-true position off a ruler, and its force off a scale. Marks are positions that a re-zero presses
-again, to measure drift.
+true position off a ruler, and its force off a scale. Marks are positions that a re-zero (``spots
+rezero``) presses again, to measure drift.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..errors import SpotsError
 from .presses import Presses
 from .spectra import Reading
 
-_SAME_UM, _SAME_SHARE = 1.0, 1e-3
+_SAME_UM, _SAME_SHARE = 1.0, 1e-3  # limits for the same press: position, share of the force
 Six = Annotated[tuple[float, ...], msgspec.Meta(min_length=6, max_length=6)]
 Seven = Annotated[tuple[float, ...], msgspec.Meta(min_length=7, max_length=7)]
 
@@ -35,7 +35,8 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     ----------
     kind : str
         Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero,
-        ``hand`` for a press by hand. The other kinds are steps of ``spots calibrate``.
+        ``hand`` for a press by hand. ``position``, ``force``, ``strain`` and ``joint`` are steps of
+        ``spots calibrate``.
     place_um : float
         Distance from the strip's end at the sensor in um, measured while the strip has its strain.
     force_mN : float
@@ -86,9 +87,10 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     time : str
         Date and time in UTC, ISO 8601.
     trace : tuple of tuple of float
-        All readings of a press by hand: time in s, then the six counts.
+        All readings of a press by hand: time in s by the clock of `Board.now_s`, then the six
+        counts.
     holds : tuple of (float, float)
-        Start and end of the hold of each force, in s on the time scale of `trace`.
+        Start and end of the hold of each force, in s by the same clock.
     """
 
     counts: Six
@@ -142,7 +144,7 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
 
 
 class Session:
-    """A session file, with the points (presses) in it.
+    """A session file and its points: the presses that were taken, with their readings.
 
     Parameters
     ----------
@@ -263,7 +265,8 @@ class Session:
         known = [p.length_um for p in self.points if p.length_um is not None]
         if known:
             return known[-1]
-        # Older versions took ``force`` presses only after the last position, at the strip's end.
+        # Older versions stored no length, but took ``force`` presses only after all ``position``
+        # presses, of which the last one is at the strip's end.
         whole = self.of("position") if self.of("force") else []
         return max((p.place_um for p in whole), default=None)
 
@@ -314,6 +317,6 @@ def presses(points: list[Point]) -> Presses:
 
 
 def settings(conditions: Conditions) -> str:
-    """Return arguments of the board's command ``set`` that set the settings in `conditions`."""
+    """Return the arguments of the board's command ``set`` that restore `conditions`."""
     c = conditions
     return f"plan={','.join(c.plan)} gain={c.gain} exposure_us={c.exposure_us} led_mA={c.led_mA}"

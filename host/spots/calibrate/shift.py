@@ -1,10 +1,10 @@
 """Shifts the tables of a calibration by the drift of the channels at known positions.
 
-Drift adds c_i(x) to log2 of the counts of channel i. c_i is a polynomial through the drift that was
-measured at the known positions, called marks. The tables contain weighted sums of these logs:
-contrasts, expected misfits, corrections of the brightness, and the coarse contrast at which each
-segment begins, see `spots_device.calibration`. A sum with the weights w_i changes by the sum of
-w_i c_i(x). The weights do not change.
+Drift adds c_i(x) to log2 of the counts of channel i at the position x. c_i is a polynomial through
+the drift that was measured at the known positions, called marks. The tables contain weighted sums
+of log2 of the counts: contrasts (which show the position), expected misfits, corrections of the
+brightness, and the coarse contrast at which each segment begins, see `spots_device.calibration`. A
+sum with the weights w_i changes by the sum of w_i c_i(x). The weights do not change.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield the start of each segment of the strip in um, for one strain after the other.
+    """Yield the start of each segment of the strip in um: all segments of a strain, then the next.
 
     `rows` are the statements of a calibration, as pairs of name and list of integers; `segments` is
     the number of segments.

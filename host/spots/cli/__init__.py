@@ -14,7 +14,8 @@ from .parser import CommandList, Parser
 
 # In the order in which `spots --help` lists their commands.
 _GROUPS = boards, look, applications, recordings, remote
-# Entry points by which other packages add such modules, see `CommandList.add`.
+# Group of the entry points by which other packages add modules with commands, see
+# `CommandList.add`.
 _MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT

@@ -42,7 +42,9 @@ def wearable(parser: Parser):
     example:
       spots wearable --dry-run
     """
-    parser.option("--gestures", "FILE.toml", "gestures file; default: the package's own")
+    parser.option(
+        "--gestures", "FILE.toml", "file of keys for gestures; the package's own if not given"
+    )
     _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.wearable.wearable:wearable_command")
 
@@ -54,7 +56,7 @@ def controller(parser: Parser):
       spots controller --calibrate
       spots controller --dry-run
     """
-    parser.option("--settings", "FILE.toml", "settings file; default: the package's own")
+    parser.option("--settings", "FILE.toml", "settings file; the package's own if not given")
     parser.flag("--calibrate", "measure middle and ends of the axes, and write a settings file")
     _add_output(parser, "print the gamepad's states, but emulate no gamepad")
     return calls("spots.controller.controller:controller_command")

@@ -7,7 +7,7 @@ from ..link.ports import known
 from ..plugins import entry_points
 
 PORTS = f"serial port, {known()}"
-# Entry points of other packages: functions that add options to a parser.
+# Group of the entry points of other packages: functions that add options to a parser.
 _OPTIONS = "spots.options"
 _BOARD = {"sensor": "default", "scenario": "demo", "seed": 0}
 _LINKAGE = {"sensor": "default", "seed": 0, "path": None, "exposure_us": None, "picture": None}

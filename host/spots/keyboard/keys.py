@@ -30,7 +30,9 @@ def show(name: str) -> None:
 
 
 def push(board: Board, layout: KeyLayout) -> str | None:
-    """Upload a layout to a board, switch on keys and baseline tracking, and save everything.
+    """Upload a layout to a board, switch on keys and baseline tracking, and store all on the board.
+
+    Baseline tracking follows slow changes of the untouched strip's light.
 
     Parameters
     ----------

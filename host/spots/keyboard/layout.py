@@ -1,10 +1,11 @@
 """Layout files: validates these TOML files and compiles them to the lines that a board stores.
 
-A file contains layers, and a layer contains keys. A key is either one action, that of a tap, or a
-table of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
-``slide_plus`` (away from the sensor). An action is the name of a computer's key with modifiers
-(``LEFT_SHIFT+A``), or selects a layer: ``layer NAME`` while the key is held, ``toggle NAME`` until
-the next toggle, or ``once NAME`` for one key. Key names are those of `outputs.usages`.
+A file contains layers, and a layer contains keys. A key is either the action of a tap, or a table
+of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
+``slide_plus`` (away from the sensor). An action either presses a key of the computer, or selects a
+layer. The first kind is the name of the key with modifiers (``LEFT_SHIFT+A``); `outputs.usages` has
+all names. The second kind is ``layer NAME`` while the key is held, ``toggle NAME`` until the next
+toggle, or ``once NAME`` for one key.
 """
 
 import re
@@ -23,6 +24,7 @@ from ..outputs.usages import USAGES, chord_of, usage_of
 
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
+# Rules that decide between tap and hold, see docs/keyboard.md; the index is the firmware's number.
 FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
 LAYER_VERBS = {"layer": lines_of.MOMENTARY, "toggle": lines_of.TOGGLE, "once": lines_of.ONCE}
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
@@ -132,7 +134,7 @@ def load(name: str | Path) -> KeyLayout:
 
 
 def compiled(path: Path, text: str) -> KeyLayout:
-    """Compile the text of a layout file.
+    """Validate and compile the text of a layout file.
 
     Parameters
     ----------
@@ -290,7 +292,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, pattern: str) -> str:
-    """Return the place of a regular expression in a text as ``, line 7``; empty if not found."""
+    """Return the first line that matches a regular expression as ``, line 7``; else empty."""
     for number, line in enumerate(text.splitlines(), 1):
         if re.search(pattern, line):
             return f", line {number}"
@@ -298,6 +300,6 @@ def _line_of(text: str, pattern: str) -> str:
 
 
 def _line_of_key(text: str, keys: list[str]) -> str:
-    """Return the line of the first of the TOML `keys` in a text as ``, line 7``; else empty."""
+    """Return the line of the first key in `keys` that a text has, as ``, line 7``; else empty."""
     found = (_line_of(text, rf"(?<!\w){re.escape(key)}\s*=") for key in keys)
     return next(filter(None, found), "")

@@ -19,7 +19,9 @@ TYPICAL_DECAY = 289  # log2 units per um, times 2**24; for boards that do not re
 def tracker_arguments(touch: Touch) -> tuple[int, int, int, int, int]:
     """Convert a reading to the arguments of `ContactTracker.take` and `Keypad.take`.
 
-    The flag `DROPPED` is cleared: the board has processed every sample, even if the host has not.
+    These are: flags, position in um, force in mN, brightness times 2**20, time in units of
+    `TICK_US`. The flag `DROPPED` is cleared: the board has processed every sample, even if the host
+    has not.
     """
     t = touch.t_us // TICK_US % TICKS
     return touch.flags & ~DROPPED, *touch.integers, touch.brightness_q20, t
@@ -33,8 +35,8 @@ class ContactFinder:
     length_um : int
         Length of the strip in um, from the board's reply to ``hello``.
     decay : int, optional
-        Decay of the light by the dye, from the board's reply to ``hello``; a typical decay if not
-        given.
+        Decay of the light by the dye, in log2 units per um, times 2**24, from the board's reply to
+        ``hello``. If not given, or 0, a typical decay is used.
     """
 
     def __init__(self, length_um: int, decay: int | None = None):

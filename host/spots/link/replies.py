@@ -8,9 +8,10 @@ from spots_device.smux import CHANNELS
 
 from ..errors import printable
 
-# A reply has up to `frame.TEXT_MAX` bytes on the wire; a published sample has less than twice that.
+# Longest JSON text from another machine. A board's reply has up to 640 bytes (`frame.TEXT_MAX`); a
+# published sample has less than twice that.
 JSON_BYTES_MAX = 4096
-_NESTING_MAX = 64
+_NESTING_MAX = 64  # largest number of opening brackets in such a text
 
 _Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
 _Count = Annotated[int, msgspec.Meta(ge=1, le=1 << 31)]
@@ -45,8 +46,8 @@ class Changed(Settings, total=False):
 class Hello(Settings):
     """The reply to ``hello``: the board's identity and settings.
 
-    A value is None if the board has no id, no calibration (``length_um``, ``decay``,
-    ``relative_force``, ``calibration``) or no layout.
+    Without an id or a layout, this value is None. Without a calibration, these are None:
+    ``length_um``, ``decay``, ``relative_force`` and ``calibration``.
     """
 
     board: str
@@ -61,7 +62,7 @@ class Hello(Settings):
 
 
 class Get(Settings):
-    """The reply to ``get``: the board's settings and state."""
+    """The reply to ``get``: the board's settings and state, see docs/protocol.md."""
 
     led: str
     full_scale: _Number
@@ -77,7 +78,10 @@ class DarkFrame(TypedDict):
 
 
 class Sync(TypedDict):
-    """The reply to ``sync``: the board's time in us, modulo 2**32, and the names of its streams."""
+    """The reply to ``sync``: the board's time in us, modulo 2**32, and the names of its streams.
+
+    ``stream`` is None if the firmware does not report its streams.
+    """
 
     t_us: _Time
     stream: list[str] | None
@@ -98,7 +102,7 @@ _HELLO: dict[str, object] = {
     **dict.fromkeys(("id", "length_um", "decay", "relative_force")),
     **dict.fromkeys(("calibration", "layout")),
 }
-# The full scale is unknown until the sensor answers.
+# A full scale of 0 is unknown: the sensor has not answered yet.
 _GET: dict[str, object] = {
     "led": "ldr",
     "full_scale": 0,
@@ -106,8 +110,8 @@ _GET: dict[str, object] = {
     "missed": 0,
     "fault": None,
 }
-# By command: the type of its reply, and the defaults of missing keys. No program depends on the
-# replies to other commands.
+# By command: the type of its reply, and the defaults of missing keys. Replies to other commands are
+# not validated, because no program depends on them.
 _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
     "hello": (Hello, _SETTINGS | _HELLO),
     "get": (Get, _SETTINGS | _GET),
@@ -127,7 +131,7 @@ def decoded(data: Any) -> dict[str, Any]:
     Parameters
     ----------
     data : bytes or zenoh.ZBytes
-        Text of the object, copied only if it is short enough.
+        Text of the object; copied only if it is at most `JSON_BYTES_MAX` bytes long.
 
     Raises
     ------

@@ -29,13 +29,13 @@ class Source(NamedTuple):
     Attributes
     ----------
     twin : Twin
-        The twin that `follow` updates.
+        The twin, which `follow` updates.
     boards : list of Board
         Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
     restarted : callable
         Called with a board after it restarted, see `digital_twin.readings`.
-    sensors : tuple of int
-        Number of each joint's strip on its board.
+    sensors : tuple of int or None
+        Number of each joint's strip on its board. If None, see `digital_twin.readings`.
     """
 
     twin: Twin
@@ -54,9 +54,9 @@ class Source(NamedTuple):
 
 @contextmanager
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
-    """Open the one or two boards of a linkage file; use it in a ``with`` block.
+    """Open the one or two boards of a linkage file, until the end of a ``with`` block.
 
-    The calibration of a joint must be from the joint's board, and is uploaded to this board.
+    Each joint's calibration is uploaded to the joint's board. It must have been made on this board.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
     Raises
     ------
     SpotsError
-        If a file is wrong, a board is missing, or a board does not belong to its calibration.
+        If a file is invalid, a board is missing, or a calibration was made on another board.
     """
     twin, strips = loaded(linkage, ports)
     played = [is_recording(port) for port in ports]
@@ -129,7 +129,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     Raises
     ------
     SpotsError
-        If a file is wrong, or there are more than two ports.
+        If a file is invalid, or there are more than two ports.
     """
     path = Path(linkage)
     arm = mounted.load(path)
@@ -143,7 +143,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
 
 
 class DrivenLinkage(Protocol):
-    """A linkage that itself opens the boards of its joints, such as a simulated linkage.
+    """A linkage with a function that opens its joints' boards, such as a simulated linkage.
 
     Attributes
     ----------
@@ -161,9 +161,9 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_factory(ports: list[str]):
-    """Return the function `linkage` of the first port whose scheme has this function, else None.
+    """Return the function that makes a `DrivenLinkage` for one of the ports; None if there is none.
 
-    The function makes a `DrivenLinkage`, see `link.ports`.
+    It is the function `linkage` of the module that opens the port, see `link.ports`.
     """
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
@@ -192,9 +192,9 @@ def board_of(strip: CalibrationFile) -> str:
 
 
 def give(board: Board, strip: CalibrationFile, number: int) -> int:
-    """Find the strip of a joint's calibration file on a board, and upload the calibration.
+    """Find a joint's strip on a board by its calibration file, and upload the calibration.
 
-    A recording or a read-only board accepts no upload, and must already use this calibration.
+    A recording or another read-only board accepts no upload; it must already use this calibration.
 
     Parameters
     ----------
@@ -213,8 +213,8 @@ def give(board: Board, strip: CalibrationFile, number: int) -> int:
     Raises
     ------
     SpotsError
-        If the board does not belong to the calibration file, refuses the calibration, or is
-        read-only and uses another calibration.
+        If the calibration was made on another board, the board refuses the calibration, or a
+        read-only board uses another calibration.
     """
     infos: list[Hello] = [board.command(of_sensor("hello", sensor)) for sensor in board.sensors]
     ids = [str(info["id"]) for info in infos]

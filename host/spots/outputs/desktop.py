@@ -1,4 +1,4 @@
-"""Keyboard for macOS and Windows, which uses pynput.
+"""Keyboard for macOS and Windows, which uses the Python package pynput.
 
 Keys are identified by their characters, not by their positions: a key stands for the character that
 it types on an American keyboard. The key that types this character in the computer's own keyboard

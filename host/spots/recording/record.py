@@ -32,7 +32,7 @@ def record(
     rotate_bytes : int or None
         Largest size of a file, in bytes; see `Board.record`.
     calibration : list of str or None
-        Lines of the board's calibration, to be stored in the recording.
+        Lines of the board's calibration, to be stored in the recording; None if unknown.
 
     Raises
     ------

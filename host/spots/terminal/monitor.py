@@ -84,7 +84,10 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
 
 
 def _infos(board: Board) -> list[Hello]:
-    """Return the reply to ``hello`` of each strip; of the first one for a strip that has none."""
+    """Return the reply to ``hello`` of each strip.
+
+    For a strip that refuses the command, return the reply of the first strip.
+    """
     infos = [board.command("hello")]
     for sensor in board.sensors[1:]:
         try:

@@ -28,7 +28,7 @@ from .one_strip import OneStrip
 from .orders import Orders
 from .state import Beside, PageState
 
-_TICK_S = 0.02
+_TICK_S = 0.02  # longest wait for frames before timeouts and requests are handled
 _SEARCH_EVERY_S = 1.0
 _HEALTH_PER_S = 2
 _RATE_OVER_S = 2.0  # time over which rate and latency are computed
@@ -54,8 +54,8 @@ class BoardReader:
     layout : KeyLayout
         Key layout to show until a request changes the layout.
     state : PageState
-        State of the web UI; its parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick`` and
-        ``link`` are set, see docs/page.md.
+        State of the web UI; its parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick``,
+        ``untrusted``, ``beside`` and ``link`` are set, see docs/page.md.
     search_every_s : float
         Time between two searches for a board, in seconds.
     on_touch : callable
@@ -173,7 +173,7 @@ class BoardReader:
                     self._take(frame, feels, health, board)
                     if self._stopping.is_set():
                         return
-                if board.ended:  # an ended recording returns from `frames` at once
+                if board.ended:  # `frames` of an ended recording returns without a wait
                     self._stopping.wait(_TICK_S)
                 self._tick(feels, infos, board.now_s())
                 health.show()
@@ -244,7 +244,7 @@ def _begun(strip: Board | OneStrip) -> Mapping[str, Any]:
     try:
         return strip.command("hello")
     except CommandError:
-        return {}  # a remote board answers `hello` for its first strip only
+        return {}  # a remote board replies to `hello` only for its first strip
 
 
 def _settings(board: Board | OneStrip) -> dict:
@@ -255,17 +255,19 @@ def _settings(board: Board | OneStrip) -> dict:
         return unknown  # a recording has no settings
 
 
+# Values of ``hello`` that the web UI shows: of the chosen strip, and of every strip.
 _FACTS = (
     *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
     *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
-
-
 _FACTS_OF_STRIP = "id", "calibration", "length_um", "relative_force"
 
 
 class _Health:
-    """Shows rate, losses and latency of the link to a board in the web UI, twice a second."""
+    """Shows rate, losses and latency of the link to a board in the web UI, twice a second.
+
+    The latency of a reading is the time from its measurement to its arrival.
+    """
 
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state

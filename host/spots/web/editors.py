@@ -45,7 +45,7 @@ class FileEditor(Orders):
 
     A subclass also has the methods ``_check(request)``, which returns the answer to a `Check`, and
     ``_shown(info)``, which returns further values for the web UI; `info` is the board's ``hello``
-    reply, or None.
+    reply, or None without a board.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class FileEditor(Orders):
         self._shown_for: str | None = None  # id of the strip for which the part was computed
 
     def submit(self, request: Any) -> Future:
-        """Answer a `Check` at once, without a board; queue any other request."""
+        """Answer a `Check` immediately, without a board; queue any other request."""
         if not isinstance(request, Check):
             return super().submit(request)
         answer: Future = Future()
@@ -90,7 +90,7 @@ class FileEditor(Orders):
         return answer
 
     def attend(self, board: Board) -> bool:
-        """Handle all waiting requests; return whether something was stored."""
+        """Handle all waiting requests; return whether there were any."""
         if board.info["id"] != self._shown_for:
             self._shown_for = board.info["id"]
             self._show(board.info)
@@ -112,7 +112,7 @@ class FileEditor(Orders):
             raise SpotsError(f"another browser has changed the {self._kind}: reload this window")
 
     def _show(self, info: Any) -> None:
-        """Show the file in the web UI; `info` is the board's ``hello`` reply, or None."""
+        """Show the file in the web UI; `info` is the board's ``hello`` reply, or None if lost."""
         shown = {"file": self._path.name, "text": self.text, "base": self.base}
         self._state.put(self._part, {**shown, **self._shown(info)})
 
@@ -213,7 +213,7 @@ class Save(msgspec.Struct, tag_field="do", tag="save", forbid_unknown_fields=Tru
 
 
 class Kind(NamedTuple):
-    """A kind of settings.
+    """A kind of settings file, such as the settings of the controller.
 
     Attributes
     ----------

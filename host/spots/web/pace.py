@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Callable
 
 WINDOW = 2  # largest number of messages that are not drawn yet
-SOONEST_S = 1 / 60
-SELDOM_S = 0.1
+SOONEST_S = 1 / 60  # shortest interval between two messages
+SELDOM_S = 0.1  # longest interval
 # A browser that keeps up draws a message within two frames of its screen. The time on the network
 # is added to this limit.
 LATE_S = 0.03
-_SLOWER, _FASTER = 1.25, 0.99
+_SLOWER, _FASTER = 1.25, 0.99  # factors of the interval after a late and after any other message
 
 
 class PagePace:

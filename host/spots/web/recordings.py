@@ -19,12 +19,12 @@ from ..terminal.view import Pace
 from .orders import Orders
 from .state import PageState
 
-# Requests, and the number of names of recordings after each.
+# The words of requests, each with the number of file names that follow it.
 _WORDS = {"start": 0, "stop": 0, "live": 0, "play": 1, "list": 0, "compare": 2}
 _SHOWN_PER_S = 2
 _LISTED = 100  # newest recordings
-_READ_MAX = 200_000  # most readings of a compared recording
-_POINTS = 1500  # most points of its curve
+_READ_MAX = 200_000  # most readings that are read of a recording to compare
+_POINTS = 1500  # most points of the recording's curve
 _UNKNOWN = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
@@ -68,7 +68,7 @@ class Recordings(Orders):
         return body.decode()
 
     def submit(self, request: str) -> Future:
-        """Queue a request; but if it only reads recordings, answer it in a separate thread."""
+        """Queue a request; a separate thread answers ``list`` and ``compare``."""
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)
