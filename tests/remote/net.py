@@ -19,7 +19,7 @@ RATE_HZ = 200
 
 
 class Net:
-    """Two Zenoh configuration files: a program with `hub` listens, and others with `leaf` connect."""
+    """Two Zenoh configuration files: a program with `hub` listens, those with `leaf` connect."""
 
     def __init__(self, folder):
         with socket.create_server(("127.0.0.1", 0)) as free:
