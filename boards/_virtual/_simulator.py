@@ -83,7 +83,7 @@ def set_wire(wire, level):
 
 
 def sda(bus=0):
-    """Return the level of the wire SDA of an I2C bus, 0 or 1: 1 for high, 0 for low."""
+    """Return the level of the wire SDA of I2C bus 0 or 1: 1 for high, 0 for low."""
     call(LINES, _wires[WIRES * bus + SCL], _wires[WIRES * bus + SDA], 1, _level)
     return _level[0]
 

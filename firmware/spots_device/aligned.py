@@ -107,7 +107,7 @@ class AlignedPacing(Pacing):
     def _lock(self, now, width_us=0):
         """Restart the tracking at a sample that ended at most `width_us` before the poll at `now`.
 
-        Without `width_us`, this is the time since the last early poll, at most a period.
+        If `width_us` is 0, the time since the last early poll is used, at most a period.
         """
         if not width_us:
             width_us = self._chip_us
@@ -145,7 +145,10 @@ class AlignedPacing(Pacing):
         self._samples = self._taken = 0
 
     def _limit(self, low, high):
-        """Move `_end` to the middle of two limits, and correct the period."""
+        """Move `_end` to the middle of two limits, and correct the period.
+
+        The limits are in Q8 us, relative to `_end`.
+        """
         part = self._part + (high + low >> 1)
         self._end = self._add(self._end, part >> _Q)
         self._part = part & 255

@@ -69,7 +69,7 @@ _BROKEN = const(2)  # value of `_odd` after a failed transfer from the FIFO
 _POWER_UP_US = const(5_000)
 _SMUX_US = const(5_000)
 _AUTO_ZERO_US = const(50_000)
-_STEP_US = const(2)  # a little more than half of the exposure's step of 2.78 us
+_STEP_US = const(2)  # largest error: a little more than half of the exposure's step of 2.78 us
 # Time from `start` to the first integration. It is longer than the set-up by any driver at 400 kHz,
 # so that recordings do not depend on the driver.
 _START_US = const(20_000)
@@ -199,7 +199,7 @@ class AS7341:
         pacing.start(now, chip_us)
 
     def drifted(self):
-        """Return whether the measured exposure differs too much from `exposure_us`.
+        """Return whether the measured exposure is wrong by more than 0.7 of its smallest step.
 
         The next `start` with `mains_hz` corrects the exposure. Allocates nothing if the result is
         False.
@@ -264,7 +264,7 @@ class AS7341:
         SensorError
             If no sample arrived for two exposures plus the duration of the chip's auto-zero.
         OSError
-            If transfers failed for the same time. Until then, each poll repeats the transfer.
+            If all transfers failed during this time. Until then, each poll repeats the transfer.
         """
         if not self.waits:
             self._asked = self._ticks_us()

@@ -41,7 +41,7 @@ from .smux import CHANNELS, PIXELS
 SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
 
 ONE_Q13 = 1 << 13
-# Keeps every weighted sum of `kernel.estimate` inside 31 bits.
+# Limit of the sum of absolute weights, so that each weighted sum of `kernel.estimate` fits 31 bits.
 WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000

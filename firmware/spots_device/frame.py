@@ -126,9 +126,9 @@ class Framer:
         return self.send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self.encoded))
 
     def key(self, sensor, page, usage, modifiers, pressed):
-        """Send a key event of a sensor as a KEY frame; return whether it was sent.
+        """Send a key event as a KEY frame; return whether it was sent.
 
-        The other arguments are those of `uses.Uses.key`.
+        `sensor` is the number of the sensor; the other arguments are those of `uses.Uses.key`.
         """
         pack_into(KEY_BODY, self.payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)

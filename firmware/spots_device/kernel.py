@@ -315,7 +315,7 @@ def _judge(state, touching):
         state[LEARNS] = 3
     if not force_mN or force_mN < least_mN:
         return flags & MISFIT
-    # Drift shifts the misfit of every press alike. A touch gives this shift in its third reading
+    # Drift shifts the misfit of all presses equally. A touch gives this shift in its third reading
     # with at least four times the force at which touches begin; in fainter readings the noise
     # exceeds most shifts. The shift is used if the previous touch gave the same shift: two fingers
     # seldom touch together twice in a row.

@@ -194,7 +194,10 @@ class Keypad:
         self._give_back(held)
 
     def second(self, x_um, slack_um, t):
-        """Press the key under a second finger if the key is certain; return whether it was pressed.
+        """Press the key under a second finger, if it is certain; return whether it was pressed.
+
+        A key is certain if the whole range `x_um` +- `slack_um` is on it, and if it has only the
+        action of a tap.
 
         Parameters
         ----------
@@ -275,8 +278,8 @@ class Keypad:
 
         `again` is the row of the key that was tapped before, or -1. A quick second touch is less
         accurate: it may be outside this key, by ``slack_um`` or a sixteenth of the key's width,
-        whichever is less. If it is then on a neighbouring key, it counts for the tapped key only
-        if the tapped key has a ``hold`` or ``double`` action.
+        whichever is less. If this touch is then on a neighbouring key, it counts for the tapped key
+        only if the tapped key has a ``hold`` or ``double`` action.
         """
         layout = self._layout
         keys = layout.keys

@@ -6,7 +6,7 @@ MULTIPLEXER = const(0x70)  # I2C address; bit n of the chip's only register swit
 
 
 def connect(sensor, channel):
-    """Make a sensor, which is not started yet, use a channel of the multiplexer.
+    """Connect a sensor, which is not started yet, through a channel of the multiplexer.
 
     Parameters
     ----------

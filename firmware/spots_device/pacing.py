@@ -76,9 +76,9 @@ class Pacing:
         self.start(0, 0)
 
     def start(self, now, period_us):
-        """Restart; the first sample begins at `now` (ticks) and `period_us` is the nominal period.
+        """Restart the tracking. Allocates.
 
-        Allocates.
+        The first sample begins at `now` (ticks); `period_us` is the nominal sample period.
         """
         self.exposure_us = period_us
         # Best estimate of the period; `period_us` is a lower bound.
@@ -104,7 +104,9 @@ class Pacing:
         return ((period_us << _Q) + (rate >> 1)) // rate
 
     def learn(self):
-        """Update the oscillator's deviation, which is the same for all exposures. Allocates.
+        """Update the stored deviation of the chip's oscillator from nominal. Allocates.
+
+        The relative deviation is equal for all exposures.
 
         Call it before `start`. A measurement since the last `start` replaces the stored deviation
         if the two disagree. Without a measurement and a stored deviation, samples of at least 0.2 s
@@ -324,7 +326,7 @@ class Pacing:
         self._counted = True
         period_us = self._chip_us
         ended = max(1, self._diff(now, self._last) // period_us)
-        # The remainder is kept for the next count, because loop and chip are not synchronous.
+        # The remainder counts in the next call, because loop and chip are not synchronous.
         self._last = self._add(self._last, ended * period_us)
         if self._diff(self._last, now) > period_us:
             self._last = now

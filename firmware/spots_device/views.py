@@ -25,7 +25,7 @@ class Segment:
     Attributes
     ----------
     position, force : memoryview of int
-        Six weights each, Q13.
+        Six weights for the position contrast, and six for the brightness, Q13.
     contrasts, positions_um, fits, offsets : memoryview of int
         Columns of the table of knots (points between which the board interpolates): contrast,
         position, misfit of one press, and correction that is subtracted from the brightness.

@@ -4,9 +4,9 @@ Time is simulated: transfers, sleeps and the chip take time, the processor does 
 this firmware has six channels, measured at the same time. A reading of Adafruit's ``all_channels``
 has eight channels, measured in two passes.
 
-Adafruit's driver restarts the chip for each pass. No document says whether the chip then repeats
-its auto-zero of 15 ms. In the sensor file, the chip repeats it. The ratio of rates is also measured
-without a repeated auto-zero.
+Adafruit's driver restarts the chip for each pass. The chip's documents do not define whether it
+then repeats its auto-zero of 15 ms. In the sensor file, the chip repeats it. The ratio of rates is
+also measured without a repeated auto-zero.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from .presses import counts_of_presses
 _HERE = Path(__file__).parent
 _SCRIPTS = ("canned.py", "floats.py", "onboard.py")
 _CANNED_BOARD = "board 00"
-# Enough for the garbage of a whole round, because none is collected during a round.
+# Enough for the garbage of a whole round, which is not collected during the round.
 _HEAP = "heapsize=16m"
 _SAMPLES_OF_A_PRESS = 4
 _REPEATS = 8
@@ -114,7 +114,7 @@ def _in_micropython(inputs: dict) -> dict:
 
 
 def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
-    """Copy scripts into a folder, run the last one in MicroPython, and return what it prints.
+    """Copy scripts into a folder, run the last one in MicroPython, and return its result (dict).
 
     Parameters
     ----------

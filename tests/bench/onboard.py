@@ -2,7 +2,7 @@
 
 The package ``spots_device_viper`` is ``spots_device`` with its kernel as machine code. The script
 reads ``inputs.json`` and prints one JSON object. Each round measures all variants with the same
-counts, one after the other, so a computer that becomes slower affects all of them alike.
+counts, one after the other. So if the computer becomes slower, this affects all variants equally.
 """
 
 import binascii

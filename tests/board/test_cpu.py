@@ -136,7 +136,7 @@ def test_the_pauses_of_an_upload_leave_the_fifo_in_use(rig, calibration, cpu, ex
 def test_hello_costs_no_sample(rig, calibration):
     made = ready(rig, calibration, "pico", 2_780)
     lost = []
-    # Four commands from one ``get`` to the next: one of them collects garbage.
+    # Of the four commands from one ``get`` to the next, one collects garbage.
     for command in ("sync", "hello"):
         before = made.board.command("get")["missed"]
         for _ in range(3):

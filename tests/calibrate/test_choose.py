@@ -25,8 +25,8 @@ def measure(sensor, present, last_share=1.0):
     ----------
     sensor : SensorFile
         The simulated strip.
-    present : object
-        Present plan, from which `passes` makes the two plans.
+    present : tuple of str
+        Present plan of the board (six diodes), from which `passes` makes the two plans.
     last_share : float
         Force of the last press of the second pass, as a share of the correct force. The force
         decreases along the pass; the recorded force is always the correct one.

@@ -429,7 +429,7 @@ def test_a_file_without_marks_of_a_joint_says_what_to_do(made, sensor, tmp_path)
         rezero(strip.bench, made, joint=True)
 
 
-# ---- all or nothing
+# ---- interrupted sessions
 
 
 def test_an_interrupted_re_zero_changes_nothing(made, sensor, tmp_path):
@@ -505,7 +505,7 @@ def test_a_file_that_cannot_be_written_leaves_the_board(made, rezeroed, sensor, 
         assert strip.uses == checksum(list(made.lines))
 
 
-# ---- what does not go together
+# ---- unsuitable files, settings and strips
 
 
 def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
@@ -548,7 +548,7 @@ def test_the_command_re_zeroes_a_strip_that_changed_as_its_file_says(made, tmp_p
     assert [len(r.place_um) for r in file.load(path).rezeros] == [3, 1]
 
 
-# ---- the drift in words
+# ---- the description of the drift
 
 
 def named(sensor, *, marks=3, **keys):
@@ -579,7 +579,7 @@ def test_the_causes_of_a_drift_are_named(name):
     assert "dye" not in named(sensor, marks=1, dye_percent=-5)
 
 
-# ---- the laboratory
+# ---- spots characterize, and other simulations
 
 
 @pytest.mark.parametrize("change", ["phosphor", "mixed"])

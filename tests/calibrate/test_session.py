@@ -447,7 +447,7 @@ def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
                 session_of(stage, Wrong(stage, mistake, times), path, shown)
             assert len(Session(path).points) == 9
     counts = np.array([p.counts for p in Session(path).points])
-    assert (np.diff(counts.mean(axis=1)) < 0).all()  # none of the bad presses is among them
+    assert (np.diff(counts.mean(axis=1)) < 0).all()  # the bad presses were not recorded
 
 
 def test_light_that_does_not_grow_with_the_force_is_no_force(sensor, tmp_path):
@@ -471,7 +471,7 @@ def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     assert not (tmp_path / "a.toml").exists()
 
 
-# ---- what the board holds
+# ---- the calibration that the board stores
 
 
 def test_power_lost_before_save_leaves_the_calibration_before(sensor, full):
@@ -514,7 +514,7 @@ def test_a_calibration_of_something_else_is_refused_and_the_board_keeps_its_own(
             assert touched.board.command("hello")["calibration"] == old
 
 
-# ---- a person
+# ---- a simulated person
 
 
 class Person(io.StringIO):
@@ -592,7 +592,7 @@ def test_a_terminal_shows_the_place_and_the_counts(sensor, tmp_path):
     assert "steady" in text
 
 
-# ---- the board's integers
+# ---- the integer arithmetic of the board
 
 
 def float_estimates(calibration, counts, dark):

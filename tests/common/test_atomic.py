@@ -1,4 +1,4 @@
-"""Atomic writes: a file is complete or unchanged, links are kept, no temporary file remains."""
+"""Atomic writes: a file is complete or unchanged, links are not followed, nothing else remains."""
 
 import os
 import signal

@@ -53,7 +53,7 @@ class Desk:
         self.rests += 1
 
     def read(self, flags, x_um=0, force_mN=0):
-        """Process one reading."""
+        """Give the keypad a reading with position in um and force in mN; advance the time."""
         t = self._number(self.now_ms * 1000 // 1024 % TICKS)
         number = self._number
         # 0.4 counts for each millinewton, as on the default strip.

@@ -1,4 +1,4 @@
-"""Readings become touches: none from noise, one from one finger, two from two fingers."""
+"""Readings become touches: noise causes no touch, and each finger causes one touch."""
 
 import math
 

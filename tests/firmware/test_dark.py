@@ -1,4 +1,4 @@
-"""The dark frame: a mean of windows, which restarts if the light has changed."""
+"""The dark frame: a mean of dark windows, which restarts if the ambient light has changed."""
 
 import random
 from array import array

@@ -274,7 +274,7 @@ def controller_toml(data: bytes) -> None:
 
 
 def wearable_toml(data: bytes) -> None:
-    """File with the keys of gestures: read, or refused with an error."""
+    """File that assigns keys to gestures: a valid one is read."""
     with _refusing():
         wearable.Mapping(_file("wearable.toml", data))
 

@@ -64,7 +64,7 @@ def test_a_finger_types_and_the_end_of_the_time_lets_go(board):
 
 @pytest.mark.parametrize("end", [SpotsError("unplugged"), KeyboardInterrupt(), ValueError()])
 def test_whatever_ends_it_lets_go(board, monkeypatch, end):
-    """The program ends because the board is unplugged, by Ctrl-C, or by a defect."""
+    """The pressed key is released if the board is unplugged, at Ctrl-C, and at a defect."""
     touches = board.touches
 
     def ended(seconds):

@@ -93,7 +93,7 @@ def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
     assert found.standard_errors["gain1"] < 2e-3
     assert found.standard_errors["bar1_mm"] > 1
     assert "do not determine bar1_mm, bar2_mm" in found.report()
-    # If one length is given, all others are determined.
+    # If one length is given, the points determine all other lengths.
     free = [name for name in kinematics.NAMES if name != "base_mm"]
     start = Linkage(100, TRUE.base_mm)
     given = kinematics.calibrate(angles, *seen, start, free=free, **SIGMAS, **MEANT)

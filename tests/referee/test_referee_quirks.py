@@ -1,4 +1,4 @@
-"""Behaviours of the chip that its documents leave open: with each, a sample is read one time."""
+"""Behaviours that the chip's documents leave open: with each, every sample is read one time."""
 
 from __future__ import annotations
 

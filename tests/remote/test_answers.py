@@ -1,4 +1,4 @@
-"""Queries of remote readers: even many of them do not delay or lose readings of a board."""
+"""Queries of remote readers: even a flood of queries does not delay or lose a board's readings."""
 
 from __future__ import annotations
 

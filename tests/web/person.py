@@ -99,7 +99,7 @@ class Person:
         return seen
 
     def act(self, seen):
-        """Do what the page asks for; do nothing if it still asks for the same."""
+        """Do what the page asks for, unless this was done already at an earlier look."""
         asked = seen["todo"], seen["share"], seen["count"], seen["asks"]
         if asked == self._last:
             return
