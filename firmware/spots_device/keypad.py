@@ -196,8 +196,8 @@ class Keypad:
     def second(self, x_um, slack_um, t):
         """Press the key under a second finger, if it is certain; return whether it was pressed.
 
-        A key is certain if the whole range `x_um` +- `slack_um` is on it, and if it has only the
-        action of a tap.
+        A key is certain if the whole range `x_um` +- `slack_um` is on it, if it has only the action
+        of a tap, and if its layer has no swipes.
 
         Parameters
         ----------
