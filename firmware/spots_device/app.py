@@ -14,11 +14,11 @@ from .strip import Strip
 from .uses import Uses, check_layout
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
-_LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
+_LAST_US = const(100_000)  # on exit: longest wait until the host has read the key releases
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
-_SKIPPED = const(3)  # FIFO reads; the mean starts with the last one, because earlier ones are late
+_SKIPPED = const(3)  # the mean starts with this FIFO read; the reads before it may be late
 _COUNTED = const(16)  # least number of passes in the mean
 
 
@@ -31,8 +31,9 @@ class Meter:
     ----------
     busy_us : int
         Mean duration in us of a loop pass that processes a sample, without the fixed time of FIFO
-        reads (see `as7341.AS7341.burst_us`). A loop that is slower than the sensor needs this time
-        for each sample. 0 before the first mean is complete.
+        reads, see `as7341.AS7341.burst_us`. A loop that is slower than the sensor reads many
+        samples in one FIFO read; it then needs about this time for each sample. 0 before the first
+        mean is complete.
     """
 
     def __init__(self):
@@ -45,7 +46,7 @@ class Meter:
         self._passes = -_SKIPPED
 
     def add(self, lasted_us, burst_us):
-        """Add a pass; return True when the mean is complete.
+        """Add the duration of a loop pass; return True when the mean is complete.
 
         Parameters
         ----------
@@ -101,9 +102,9 @@ class BoardApp:
     Attributes
     ----------
     index : int
-        Number of the sensor.
+        Number of this sensor on the board, from 0.
     sensors : int
-        Number of sensors of the board.
+        Count of sensors on the board.
     """
 
     index = 0
@@ -204,8 +205,8 @@ class BoardApp:
         self._left = True
 
     def _run(self):
-        # The handler is outside of the loop: no call frame of a pass then needs the heap, see
-        # strip.py.
+        # The exception handler is outside of the loop, so that no call frame of a pass needs the
+        # heap; see strip.py.
         try:
             while not self.reboot:
                 self._pass()
@@ -243,7 +244,7 @@ class BoardApp:
             self._take()
 
     def measure(self):
-        """Start to measure the loop time of each sample; this makes the loop slightly slower."""
+        """Start to measure `Meter.busy_us`; the loop is slightly slower until it is known."""
         self.meter.restart()
         self._pass = self._measured_pass
 
@@ -332,7 +333,8 @@ class BoardApp:
         return self.apply_calibration()
 
     def _sum(self):
-        # Checksums take a Pico 0.2 ms for each line, so a reply to ``hello`` does not compute them.
+        # A checksum takes 0.2 ms for each line on a Pico, so the reply to ``hello`` does not
+        # compute it.
         self._sums = checksum(self.calibration.lines), checksum(self.uses.layout_lines)
 
     def apply_calibration(self):
@@ -350,7 +352,13 @@ class BoardApp:
         return "; ".join(filter(None, notes)) or None
 
     def use_stored(self):
-        """Use the stored calibration if it is valid for the settings; otherwise return why not."""
+        """Use the stored calibration if it is valid for the settings.
+
+        Returns
+        -------
+        str or None
+            Why the stored calibration is not used. None if it is used, or if none is stored.
+        """
         if self.reconnect.lost:
             found = why_not = None
             if self.calibration.lines:

@@ -1,8 +1,9 @@
 """A calibration as the board stores it: text lines with integers, validated before use.
 
-Each line is one statement. Weights are in Q13. Contrasts and brightness, which are weighted sums of
-log2 of the counts (see decode.py), are in Q20. The lines 'f' and 'x' are knots: points of a table,
-between which the board interpolates linearly. The statements, with examples of their values::
+Each line is one statement. A number in Qn is multiplied by 2**n. Weights are in Q13. Contrasts and
+brightness, which are weighted sums of log2 of the counts (see decode.py), are in Q20. The lines 'f'
+and 'x' are knots: points of a table, between which the board interpolates linearly. The statements,
+with examples of their values::
 
     board 4552a1f0             id of the board with which the calibration was made
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
@@ -40,7 +41,7 @@ from .smux import CHANNELS, PIXELS
 SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
 
 ONE_Q13 = 1 << 13
-# Keeps every weighted sum of `kernel.estimate` inside 31 bits.
+# Limit of the sum of absolute weights, so that each weighted sum of `kernel.estimate` fits 31 bits.
 WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000
@@ -143,7 +144,7 @@ class Calibration:
         coarse = sum(map(abs, seen["coarse"])) >> 1
         self.drift_max = (bounds[-1] - bounds[0]) // max(1, coarse)
         self.length_um = max(max(knot[1] for knot in table) for table in knots)
-        # The contrast falls by the decay times half the sum of the absolute weights.
+        # For each um, the contrast falls by the decay times half the sum of the absolute weights.
         middle = len(bounds) >> 1
         weights = seen["segment"][middle][:CHANNELS]
         first, last = knots[middle][0], knots[middle][-1]
@@ -243,9 +244,9 @@ def _put(packed, place, knots):
 
 
 def columns_of(tables, place, count):
-    """Return memory views of `count` columns of a table; column 0 contains the knots' arguments.
+    """Return memory views of `count` columns of the table at the index `place` of `tables`.
 
-    The table begins at the index `place` of `tables`.
+    Column 0 contains the values at which the table is defined, for example contrasts.
     """
     size = tables[place]
     ends = range(place + 1 + size, place + 2 + count * size, size)
@@ -303,7 +304,7 @@ class CalibrationSlot:
                 self._parsed = None  # frees memory for the new one
                 parsed = Calibration(self.lines, strain_ppm)
                 if conditions.exposure_us != parsed.conditions.exposure_us:
-                    from .rescale import rescale  # rare
+                    from .rescale import rescale  # only for another exposure, to save memory
 
                     rescale(parsed, conditions.exposure_us)
                 self._parsed, self._key = parsed, key

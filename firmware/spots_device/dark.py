@@ -40,14 +40,14 @@ _DARK_EVERY_US = const(10_000_000)
 _DARK_EVERY_SAMPLES = const(100)
 _REQUEST_US = const(2_000_000)  # longest duration of a requested dark frame
 _EVERY_MAX_US = const(500_000_000)  # so that the age fits a small integer
-# Limit of the chi-squared of a window's six sums. Noise exceeds it in less than one of 1000
-# windows. The assumed variance of a sum s is s + 4 counts**2, for the noise of light, converter and
-# rounding; the expected sums have the same variance.
+# A window differs too much from the mean if the chi-squared of its six sums is above this limit.
+# Noise exceeds the limit in less than one of 1000 windows. The assumed variance of a sum s is
+# s + 4 counts**2, for the noise of light, converter and rounding.
 _JUMP = const(24)
-_JUMP_MAX = const(1 << 12)  # a difference whose square, times 2**4, fits a small integer
+_JUMP_MAX = const(1 << 12)  # the square of a smaller difference, times 2**4, fits a small integer
 _Q = const(12)
 _SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
-_POOL_SAMPLES = const(64)
+_POOL_SAMPLES = const(64)  # samples of 16 windows
 _POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over this number of samples
 # Limit of the samples of a reading times the samples of the dark frame, for `kernel.estimate`.
 _PRODUCT_MAX = const(256)
@@ -87,7 +87,8 @@ class Dark:
         Parameters
         ----------
         exposure_us : int
-            Integration time in us; 0 if windows are taken on request only.
+            Integration time in us; 0 if the LED cannot be switched, so that dark windows are taken
+            on request only.
         dark_every : int
             Number of samples between two dark samples; such dark samples are taken even during a
             touch. With 0, windows of four samples are taken while the strip is not touched.
@@ -101,7 +102,7 @@ class Dark:
             state[IDLE_MIN_US] = IDLE_US
 
     def request(self):
-        """If the LED can be switched, take a dark window as soon as possible; restart the mean."""
+        """Restart the mean with a dark window as soon as possible, if the LED can be switched."""
         self.state[WANTED] = 1 if self.state[AGE_STEP_US] else 0
 
     def use(self, sums):
@@ -155,7 +156,7 @@ class Dark:
         return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
 
     def peak(self, counts):
-        """Subtract the dark frame from a sample's six counts, and return the largest result."""
+        """Subtract the dark frame from a sample's six counts; return the largest difference."""
         peak = 0
         for i in range(CHANNELS):
             peak = max(peak, counts[i] - (self.mean[i] >> _Q))

@@ -47,8 +47,8 @@ CHECK = 2
 # streamed.
 TAKEN, PENDING, EXPOSURE_US, MISSING, ESTIMATED, STREAMED = range(27, 33)
 # Whether the baseline is tracked: 0, 1, or 2 if the next reading becomes the baseline. Samples of a
-# complete reading. Time without a touch before the next dark frame. Right shift from Q12 to the
-# floor. Whether the baseline has been measured.
+# complete reading. Least time without a touch before a dark frame, in us. Right shift from Q12 to
+# the floor. Whether the baseline has been measured.
 FOLLOWS, AVERAGE, IDLE_MIN_US, SHIFT, FOLLOWED = range(33, 38)
 # Six elements each: sums of counts; sum of dark frame and baseline (`floor`), as sums over
 # `FLOOR_SAMPLES`; baseline, and mean of the dark frame, both counts in Q12.
@@ -61,8 +61,7 @@ STATE_SIZE = 72
 KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP, LESS_US = range(6)
 HEAD_SIZE = 6
 
-# Arguments of `kernel.process` in addition to flags, and parts of its result in addition to the
-# bytes of a frame.
+# Bits in the argument `flags` of `kernel.process`, and bits in its result, as documented there.
 READ, SEND, TWO = 1 << 8, 1 << 9, 1 << 10
 COMPLETE, ODD, DUE = 1 << 12, 1 << 13, 1 << 14
 
@@ -70,13 +69,13 @@ HEADER_SIZE = 7  # bytes of a frame before its body
 CRC_SIZE = 4  # bytes of a CRC-32
 
 DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
-AVERAGE_MAX = 64  # with 4 samples of a dark frame, full-scale counts reach 2**24
+AVERAGE_MAX = 64  # 64 samples times 4 dark samples times full scale (65535) is just below 2**24
 
 _NO_TABLES = array("i", bytes(4))
 
 
 class Decode:
-    """Inputs and results of `kernel.estimate` for one strip; the host has `views.Decoded`.
+    """Inputs and results of `kernel.estimate` for one strip; the host uses `views.Decoded`.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """A layout of keys as the board stores it: text lines with integers, validated before use.
 
-Each line is one statement. The statements of `LIMITS` are optional::
+Each line is one statement. The statements of `LIMITS`, such as ``detect``, are optional::
 
     detect 2                   number of consecutive readings that begin a press
     layer 0 0                  start of a layer: actions for a swipe to the sensor and away from it
@@ -38,7 +38,7 @@ FULL = 1000  # bound at the far end of the strip
 LAYERS_MAX = 8
 KEYS_MAX = 128
 
-# Name of a statement: minimum, maximum, default.
+# Name of a statement: minimum, maximum, default. docs/keyboard.md explains the statements.
 LIMITS = {
     "detect": (1, 8, 2),
     "press_mN": (0, 65_535, 0),  # 0: the force at which a touch begins in the calibration
@@ -83,6 +83,9 @@ def action(kind, number, modifiers=0):
 class Layout:
     """A validated layout.
 
+    Each statement of `LIMITS` is an attribute. Durations are in ticks (see contact.py), and the
+    names of their attributes end in ``_t`` instead of ``_ms``.
+
     Parameters
     ----------
     lines : iterable of str
@@ -94,9 +97,6 @@ class Layout:
         `KEY_SIZE` integers for each key. The row of a key is the index of its first integer.
     pages : tuple of int
         HID usage pages of all actions.
-
-    Each statement of `LIMITS` is an attribute too. Durations are in ticks (see contact.py), and
-    their names end in ``_t`` instead of ``_ms``.
 
     Raises
     ------

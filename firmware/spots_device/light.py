@@ -4,7 +4,8 @@ from . import exposure
 from .decode import DARK_SAMPLES
 from .smux import CHANNELS
 
-# The strip's LED is switched by the sensor's driver, by a pin of the board, or not at all.
+# Values of the setting ``led``. The strip's LED is switched by the sensor's LED driver (ldr), by a
+# pin of the board (gpio), or not at all (always).
 LEDS = ("ldr", "gpio", "always")
 NO_DARK = "this LED is always on, and no dark frame is stored for these settings: run spots dark"
 _DARK_MAX = (exposure.GAIN_MAX, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAMPLES,)

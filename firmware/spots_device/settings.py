@@ -55,8 +55,9 @@ class BoardSettings:
     ----------
     values : dict
         Values by name: an int for each name in `LIMITS`; ``plan``, a tuple of the names of six
-        diodes; ``led``, one of `light.LEDS`; ``dark``, the stored dark frame if the LED is always
-        on: gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples; else empty.
+        diodes; ``led``, one of `light.LEDS`; ``dark``, a list: the stored dark frame of an LED that
+        is always on (gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples), or
+        empty.
     """
 
     def __init__(self, board):
@@ -115,7 +116,7 @@ class BoardSettings:
         if "led_mA" in checked:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         if self.values["led"] != "ldr" or "led" in checked or "dark" in checked:
-            from .light import settle  # rare
+            from .light import settle  # most strips do not need it
 
             settle(checked, self.values, self._board)
         self.values.update(checked)

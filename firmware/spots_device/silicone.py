@@ -25,14 +25,15 @@ _WEIGHTS_MAX = const((1 << 14) - 1)  # limit of the sum of weights, so that 65 N
 _APART_UM = const(8000)
 _SURE_MN = const(400)
 _TIME_MASK = const((1 << 22) - 1)  # ticks as in contact.py
-# Creep is computed at intervals in which its rounded steps are still small, and at most this long.
+# Creep is updated when at least `_LEAST_T` ticks have passed, in steps of at most `_STEP_T` ticks,
+# so that products fit 31 bits. A longer time than `_LONGEST_T` counts as `_LONGEST_T`.
 _LEAST_T = const(16)
 _STEP_T = const(256)
 _LONGEST_T = const(1 << 14)
 
 
 class Compensation:
-    """State of the silicone under one finger.
+    """Corrects the force of one finger for hysteresis and creep of the silicone.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ class Compensation:
         reading : array of int
             The reading, as in `decode.Decode.state`; its force is corrected in place.
         t : int
-            Time in ticks.
+            Time in ticks of 1.024 ms, see `contact.TICK_US`.
         """
         values = self._values
         state = self._state

@@ -4,6 +4,7 @@ Source: ams AN000666, table of pixels. Each pixel p is a nibble of byte p >> 1: 
 is odd, else the low nibble. The value of the nibble is 0 (off) or the number of the ADC + 1.
 """
 
+# Name of a diode: its pixels.
 PIXELS = {
     "F1": (2, 32),
     "F2": (10, 25),

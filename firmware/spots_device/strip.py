@@ -46,7 +46,7 @@ from .smux import CHANNELS
 _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
 _BLINKING = const(2)  # LED off, dark samples are taken
-_RISING = const(3)  # LED on again, waits for a completely lit sample
+_RISING = const(3)  # LED on again, waits for a sample with the LED on all the time
 
 
 class Strip:
@@ -173,7 +173,7 @@ class Strip:
         self._choose()
 
     def streams(self):
-        """Return which of ``contact``, ``spectrum`` and ``touch`` are streamed now."""
+        """Return the kinds of frames that are streamed now, as list of str; see `stream`."""
         names = []
         if self._uses.streams_contacts:
             names.append("contact")
@@ -189,7 +189,7 @@ class Strip:
         Returns
         -------
         str or None
-            Note for the user.
+            Sentence that says why there will be no CONTACT frames. None if there is no such reason.
         """
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
@@ -201,7 +201,10 @@ class Strip:
         self._on_dark = done
 
     def request_search(self, done):
-        """Search for gain, LED current and exposure; then call ``done(outcome)``."""
+        """Search for gain, LED current and exposure; then call ``done(outcome)``.
+
+        The outcome is `exposure.DONE`, `TOO_DARK` or `TOO_BRIGHT`.
+        """
         from .search import Search  # rare, and large
 
         s = self.settings.values
@@ -298,7 +301,7 @@ class Strip:
             self._end_blink(sensor)
 
     def _stamp(self, sensor):
-        # In `_take_any`, these lines would make its frame larger than 11 words.
+        # A method of its own, because `_take_any` would need more than 11 words with these lines.
         self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
         self._time.last = sensor.complete
 
@@ -402,7 +405,7 @@ class Strip:
         sensor.switch_led(True)
         sensor.check()
         self._state = _RISING
-        if self._on_dark and not self._reading[WANTED]:  # a newer request needs a new frame
+        if self._on_dark and not self._reading[WANTED]:  # else a newer request needs a new frame
             if not self._reading[AGE_STEP_US]:
                 frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
                 self.settings.values["dark"] = frame

@@ -1,7 +1,7 @@
-"""Turns readings into key events, contacts and gamepad reports; each of them can be switched off.
+"""Turns readings into key events, contacts and gamepad reports, as far as these are switched on.
 
-A board without USB HID sends keys as frames only. Modules of disabled functions are not imported,
-which saves memory.
+A contact is a finger on the strip. A board without USB HID sends keys as frames only. Modules of
+functions that are switched off are not imported, which saves memory.
 """
 
 from .contact_state import STATE, TWO
@@ -46,7 +46,7 @@ class Uses:
     two : bool
         Whether two fingers may have caused the last reading.
     rests : bool
-        Whether the touch has not moved for so long that it cannot be a finger.
+        Whether the touch has not moved for the layout's ``stuck_ms``, so that it is not a finger.
     outputs : tuple
         Opened USB interfaces.
     fault : str or None
@@ -68,7 +68,7 @@ class Uses:
         self._tracker = self._fingers = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name
-        self.outputs = ()  # the same as a tuple: iterating over it allocates nothing
+        self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
         self._keys_on = self._gamepad_on = self.active = False
         self.layout_lines = layout_lines
         self._open(self._wanted())
@@ -226,7 +226,7 @@ class Uses:
         return idle
 
     def release(self):
-        """Release all keys, contacts and the gamepad; ignore the finger until it lifts."""
+        """Release all keys and the gamepad, end all contacts; ignore the finger until it lifts."""
         if self._fingers is not None:
             self._fingers.release()
         if self._keypad is not None:

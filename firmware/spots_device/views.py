@@ -1,4 +1,4 @@
-"""Calibrations and readings with names, for the host; boards do not have this module."""
+"""Access by name to the parts of a calibration and of a reading; only on the host."""
 
 from array import array
 
@@ -25,7 +25,7 @@ class Segment:
     Attributes
     ----------
     position, force : memoryview of int
-        Six weights each, Q13.
+        Six weights for the position contrast, and six for the brightness, Q13.
     contrasts, positions_um, fits, offsets : memoryview of int
         Columns of the table of knots (points between which the board interpolates): contrast,
         position, misfit of one press, and correction that is subtracted from the brightness.
@@ -47,7 +47,7 @@ def view(calibration, name):
         Calibration whose `tables` are viewed.
     name : str
         ``coarse`` or ``fit``, six weights each; ``bounds``, the contrasts at which segments begin;
-        or ``segments``.
+        or ``segments``, a tuple of `Segment`.
     """
     if name not in ("coarse", "fit", "bounds", "segments"):
         raise AttributeError(name)
@@ -63,7 +63,7 @@ def view(calibration, name):
 
 
 class Decoded(Decode):
-    """Decodes readings; the fields of the latest reading are attributes.
+    """Computes position and force from counts; the results of the latest reading are attributes.
 
     Attributes
     ----------

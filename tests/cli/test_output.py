@@ -14,12 +14,16 @@ from spots import SpotsError, cli
 from spots_sim import virtual
 
 FULL = Path("/dev/full")
-SHORT = [["--help"], ["keys", "check", "mini"], ["keys", "show", "mini"]]  # the last with rich
+# Commands with short output; the last one prints with rich.
+SHORT = [["--help"], ["keys", "check", "mini"], ["keys", "show", "mini"]]
 TIMEOUT_S = 120
 
 
 def said(arguments, stdout, unbuffered=""):
-    """Run the command line with a given output; return exit code and error message."""
+    """Run ``spots`` with `stdout` as standard output; return exit code and error message.
+
+    `unbuffered` is the value of PYTHONUNBUFFERED.
+    """
     run = subprocess.run(
         [sys.executable, "-m", "spots", *arguments],
         stdout=stdout,
@@ -34,7 +38,7 @@ def said(arguments, stdout, unbuffered=""):
 
 @pytest.fixture
 def closed():
-    """A pipe that nobody reads."""
+    """Writing end of a pipe whose reading end is closed."""
     reader, writer = os.pipe()
     os.close(reader)
     yield writer

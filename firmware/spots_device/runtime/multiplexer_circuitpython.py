@@ -18,7 +18,8 @@ class I2CChannel:
     """An I2C bus behind the multiplexer; `try_lock` selects its channel.
 
     All channels of a multiplexer share one ``busio.I2C``, because its pins can be opened only once.
-    If a strip frees the wires and opens this object again, the other strips use the new object.
+    If the sensor of one strip frees the wires and opens the bus again, the sensors of the other
+    strips use the new ``busio.I2C``.
 
     Parameters
     ----------
