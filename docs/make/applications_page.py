@@ -9,7 +9,8 @@ from spots import atomic
 from spots_sim.demo import demo
 from spots_sim.typing_speed import added, typed
 
-# Name of the column; sensor file; is the strip re-zeroed after its change; is its LED warm.
+# Name of the column; sensor file; whether the calibration was corrected after the change of the
+# strip (re-zero); whether the LED is warm at the start.
 STRIPS = (
     ("ideal strip", "default", False, False),
     ("imperfect strip, not re-zeroed", "real", False, True),
@@ -76,7 +77,7 @@ def measured() -> list[tuple[str, list[str]]]:
 
 
 def document(rows: list[tuple[str, list[str]]]) -> str:
-    """Return the text of docs/applications.md, with the rows that `measured` returned."""
+    """Return the text of docs/applications.md, with the table's rows from `measured`."""
     text = _TEXT.format(
         seeds=len(SEEDS),
         touches=TOUCHES,

@@ -16,7 +16,8 @@ from spots_sim.files import LinkageFile, PathFile, SensorFile, load
 from spots_sim.mechanism import Mechanism
 from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey, follow, survey
 
-# Name, sensor file, and options of `Simulation` for the change that the sensor file describes.
+# Name in the tables; sensor file; options of `simulated_linkage.Simulation` for the change of the
+# strips that the sensor file describes.
 STRIPS = {
     "ideal strips": ("default", {}),
     "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
@@ -168,12 +169,11 @@ def document(
     Parameters
     ----------
     surveys : dict of str to list of Survey
-        Surveys of the workspace for each of `STRIPS`, one for each seed. The first are of the ideal
-        strips.
+        Surveys of the workspace by name in `STRIPS`, one for each seed; ideal strips come first.
     one_board : dict of str to list of Survey
-        Surveys for each of `ONE_BOARD`, one for each seed.
+        Surveys with both strips on one board, by name in `ONE_BOARD`; one for each seed.
     runs : dict of str to dict of int to list of PathRun
-        Runs on a path for each of `STRIPS`, by exposure in us, one for each seed.
+        Runs on a path, by name in `STRIPS` and by exposure in us; one for each seed.
     linkage : LinkageFile
         Nominal linkage and its errors.
     mechanism : Mechanism

@@ -53,8 +53,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
     Returns
     -------
     list of tuple
-        Quantity, section, published value, list of simulated values, and what the simulation cannot
-        show.
+        Quantity, section of the paper, published value, list of simulated values (one for each
+        run), and what the simulation cannot show.
     """
     found = [run.summary for run in runs]
 
@@ -190,7 +190,15 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
 
 
 def document(runs: list[Run], departures_um: list[float], length_mm: float) -> str:
-    """Return the text of docs/paper.md."""
+    """Return the text of docs/paper.md.
+
+    Parameters
+    ----------
+    runs, departures_um : list
+        Results, see `rows`.
+    length_mm : float
+        Length of the default strip, in mm.
+    """
     lines = [_HEAD.format(length_mm=length_mm, seed=_SEED)]
     columns = [
         f"{'ours' if i < len(departures_um) else 'imperfect strip'}, "
@@ -213,7 +221,8 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
 def _resolutions(found: list[dict], exposures: int) -> str:
     """Return a paragraph that compares the resolutions of position and force with the paper's.
 
-    `found` are summaries of the default strip for each of `exposures` exposures, then of `real`.
+    `found` are the summaries of all runs: first of the default strip for each exposure, then of the
+    sensor file `real` for each exposure. `exposures` is the number of exposures.
     """
     text = (
         "\nThe paper states no integration time, no rate and no filter. Its two resolutions may be "

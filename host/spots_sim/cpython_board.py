@@ -68,7 +68,9 @@ class PowerLostError(BaseException):
 
 
 class CPythonBoard:
-    """A virtual board with its own file system and its own copy of the firmware's modules.
+    """A virtual board whose firmware runs in this process.
+
+    Each board has its own file system and its own copy of the firmware's modules.
 
     Parameters
     ----------
@@ -130,7 +132,7 @@ class CPythonBoard:
         """Run one pass of the firmware's loop; after a reset, crash or power loss, boot again."""
         try:
             if self._app.reboot:
-                self._app.run()  # ends at once, and cleanly
+                self._app.run()  # ends immediately, and cleanly
                 self._boot()
             else:
                 self._app.step()

@@ -101,7 +101,7 @@ def type_on_board(
     quiet : bool
         True to print and draw nothing.
     layout_name : str, optional
-        Key layout: a path or a name.
+        Key layout: a path, or a name such as ``mini``.
     late_ms : list of float, optional
         List to which the latency of each correct press is added, in ms.
 
@@ -179,7 +179,8 @@ def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
     Returns
     -------
     dict
-        ``gestures``: names in order. ``least_confidence``: the lowest confidence of a gesture.
+        ``gestures``: names in order. ``least_confidence``: the lowest confidence of a gesture, from
+        0 to 1; 0 without a gesture.
 
     Raises
     ------

@@ -76,6 +76,8 @@ def family(
 def departure_um(lengths: dict[float, Response]) -> float:
     """Return the largest distance in um between positions with the same response on two strips.
 
+    The distance is 0 if the response does not depend on the length of the strip.
+
     Parameters
     ----------
     lengths : dict of float to Response

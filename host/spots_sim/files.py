@@ -73,7 +73,8 @@ class Led(toml.Strict):
     noise_ppm_10ms: NotNegative
     warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
-    # Wiring of the LED, one of `spots_device.light.LEDS`. The chip sets the current only for `ldr`.
+    # Wiring of the LED, one of `spots_device.light.LEDS`. The chip sets the current only for `ldr`;
+    # for the others, the current is `fixed_mA`.
     wired: Literal["ldr", "gpio", "always"] = "ldr"
     fixed_mA: Positive = 20.0
 
@@ -122,7 +123,10 @@ class ContactFile(toml.Strict):
 
 
 class Converter(toml.Strict):
-    """The chip's noise (`chip.ChipNoise`), and behaviour that no document defines (`Quirks`)."""
+    """The chip's noise, and its behaviour that no document defines.
+
+    `chip.ChipNoise` and `chip.Quirks` describe attributes with these or similar names.
+    """
 
     read_noise_counts: NotNegative
     electrons_per_count_1x: Positive
@@ -275,7 +279,9 @@ class Finger(toml.Strict):
     def __post_init__(self):
         times = [point[0] for point in self.points]
         if any(b <= a for a, b in zip(times, times[1:])):
-            raise ValueError("the times of a touch must ascend")
+            raise ValueError(
+                "the times of a touch must ascend: sort its points, and remove equal times"
+            )
 
 
 class Ambient(toml.Strict):
@@ -297,7 +303,9 @@ class Ambient(toml.Strict):
     def __post_init__(self):
         times = [step[0] for step in self.steps]
         if any(b <= a for a, b in zip(times, times[1:])):
-            raise ValueError("the times of the steps must ascend")
+            raise ValueError(
+                "the times of the steps must ascend: sort them, and remove equal times"
+            )
 
 
 class Moments(toml.Strict):
@@ -351,9 +359,9 @@ class SerialFaults(toml.Strict):
 class BusFaults(toml.Strict):
     """Damage to transfers on the I2C bus.
 
-    `nack_percent` of all transfers are not acknowledged; in the intervals `nack_bursts`, no
-    transfer is acknowledged. `wrong_percent` of the transfers have a wrong bit. In each interval of
-    `sda_low`, SDA is low until the interval ends or the board sends nine clocks.
+    Of all transfers, `nack_percent` are not acknowledged, and `wrong_percent` have a wrong bit. In
+    the intervals `nack_bursts`, no transfer is acknowledged. In each interval of `sda_low`, SDA is
+    low until the interval ends or the board sends nine clocks.
     """
 
     nack_percent: Percent = 0.0
@@ -363,7 +371,7 @@ class BusFaults(toml.Strict):
 
 
 class PowerFaults(toml.Strict):
-    """Power faults: brown-outs stop board and sensor; the other faults affect the sensor only."""
+    """Power faults: brown-outs stop board and sensor; all others affect only the sensor."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -388,7 +396,7 @@ class FaultsFile(toml.Strict):
     clock: ClockFaults = ClockFaults()
 
     def moments(self) -> dict[str, Moments]:
-        """Return all `Moments` as a dict by their keys in the file, such as ``clock.stalls``."""
+        """Return the times of all faults by their keys in the file, such as ``clock.stalls``."""
         parts = (getattr(self, name) for name in self.__struct_fields__[1:])
         return {
             f"{part}.{name}": value
@@ -401,12 +409,12 @@ class FaultsFile(toml.Strict):
 class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are measured along the stretched strip. These keys are lists of points: `strain` (time
-    s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact, position mm), and
-    each key of `change` (time s, change since calibration). A leak is light that couples at a
-    position without a finger. Points are joined by straight lines; before the first and after the
-    last point the value is constant. `strain_percent` and `bend_deg` are constants that replace the
-    points of `strain` and `bend`.
+    `strain`, `bend`, `leak` and each key of `change` are lists of points, joined by straight lines.
+    Before the first and after the last point, the value is constant. A point has a time in s, and
+    then the strain in per cent, the bending angle in degrees, or the change since the calibration.
+    A point of `leak` has two values: a share of full contact, and a position in mm. A leak is light
+    that couples at a position without a finger. Positions are measured along the stretched strip.
+    The constants `strain_percent` and `bend_deg` replace the points of `strain` and `bend`.
     """
 
     seconds: Cycle
@@ -434,7 +442,9 @@ class ScenarioFile(toml.Strict):
         for name, points in lines.items():
             times = [point[0] for point in points]
             if any(b <= a for a, b in zip(times, times[1:])):
-                raise ValueError(f"the times of {name} must ascend")
+                raise ValueError(
+                    f"the times of {name} must ascend: sort them, and remove equal times"
+                )
             if times and times[-1] > self.seconds:
                 raise ValueError(
                     f"{name} has points after the end of the scenario ({self.seconds:g} s): "

@@ -1,4 +1,4 @@
-"""Links that wrap another link; see `spots.link.serial_link.Link`."""
+"""Connections to a board (links) that wrap another link, see `spots.link.serial_link.Link`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from spots.link.serial_link import Link
 
 
 class LinkWrapper:
-    """Delegates to another link; the base class of wrappers.
+    """A link that delegates each call to another link; the base class of wrappers.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class LinkWrapper:
 
 
 class Tap(LinkWrapper):
-    """Wraps a link; passes a copy of the data of each read to a function.
+    """A link that also passes the data of each read to a function.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Runs a simulated linkage in real time; measures the error of its digital twin on a path."""
+"""Runs a simulated five-bar linkage in real time; measures the error of its twin on a path.
+
+The digital twin (`spots.Twin`) computes the position of the end point from the strips' readings.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,7 @@ def endless(
     Parameters
     ----------
     sensor, linkage, path : str
-        Sensor, linkage and path file: a path or a name.
+        Sensor, linkage and path file: each a path, or a name such as ``default`` or ``sust``.
     seed : int
         Random seed of the noise.
     exposure_us : int
@@ -53,8 +56,8 @@ def endless(
     """
     if is_mounted(linkage):
         raise SpotsError(
-            f"{linkage} describes a linkage with real boards: leave out --port virtual, or name a "
-            "simulated linkage such as 'default', whose file has lowest_deg"
+            f"{linkage} is the file of a linkage with real boards: leave out --port virtual, or "
+            "name the file of a simulated linkage, such as 'default'"
         )
     files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, linkage, path))]
     print("calibrating two simulated strips (some seconds) ...", file=sys.stderr, flush=True)
@@ -88,7 +91,7 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
 
 
 def run(options) -> None:
-    """Run ``spots twin`` on a simulated linkage: live with ``--port``, otherwise with `compare`.
+    """Run ``spots twin`` on a simulated linkage, in real time with ``--port``, else by `compare`.
 
     Parameters
     ----------
@@ -123,20 +126,22 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     Parameters
     ----------
     sensor : str
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     seed : int
         Random seed of the noise.
     seconds : float or None
         Duration in seconds of real time; None for no limit. Ignored if `fast` is true.
     fast : bool
-        True for simulated time; the linkage follows its path once.
+        True for simulated time; the linkage then follows its path one time.
     quiet : bool
         True to print nothing.
 
     Returns
     -------
     dict
-        Results of the run.
+        Results of the run: in simulated time those of `survey.PathRun.summary`. In real time,
+        ``terminals``: number of estimated positions; ``frames`` and ``lost``: numbers of received
+        and of lost frames, of both boards together.
 
     Raises
     ------
@@ -162,7 +167,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
 
 
 def compare(options) -> None:
-    """Follow a path in simulated time, and print the error of the linkage's digital twin.
+    """Move a linkage along a path in simulated time, and print the error of its digital twin.
 
     Parameters
     ----------

@@ -17,8 +17,9 @@ from .files import Finger, ScenarioFile, SensorFile
 from .lockstep import LockstepLink
 from .scenario import Scenario
 
-START_S, REST_S = 3.0, 10.0
-# Loads that calibrate the silicone, as for `record`. No place was pressed before its first load.
+START_S, REST_S = 3.0, 10.0  # time of the first load, and pause after each load
+# Loads that calibrate the silicone: position as a share of the length, largest force in mN, and
+# durations of loading and hold in s. The first load holds its force for creep.
 SESSION = (
     (0.5, 5000.0, 0.1, 60.0),
     (0.3, 9500.0, 1.0, 0.0), (0.3, 9500.0, 4.0, 0.0), (0.3, 9500.0, 12.0, 0.0),
@@ -51,8 +52,8 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
         Text lines of the sensor's calibration.
     loads : sequence of (float, float, float, float)
         Each load: its position as a share of the length, its largest force in mN, the duration of
-        the loading (the unloading lasts as long), and the duration of the hold before the
-        unloading, in s.
+        the loading in s, and the duration of the hold in s. The unloading lasts as long as the
+        loading.
     seed : int
         Random seed of the noise.
     led : str
@@ -100,8 +101,8 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The calibration line ``silicone``, from which the board compensates both effects. Empty for
-        an ideal silicone.
+        The calibration line ``silicone``, from which the board compensates both effects. Empty if
+        the silicone is ideal or the fit finds no effect.
     """
     if sensor.silicone.ideal:
         return ()

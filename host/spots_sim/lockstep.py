@@ -1,7 +1,6 @@
-"""A virtual board in simulated time, which runs only while the host reads from it.
+"""A virtual board in simulated time, which runs only during calls of `LockstepLink`.
 
-The same sensor, scenario and seed give the same bytes in each run. `LockstepLink` has the same
-methods as `link.serial_link.SerialLink`.
+The same sensor, scenario and seed give the same bytes in each run.
 """
 
 from __future__ import annotations
@@ -24,7 +23,9 @@ from .world import chip
 
 
 class LockstepLink:
-    """The serial port of a virtual board in simulated time.
+    """The serial port of a virtual board in simulated time, as a `spots.link.serial_link.Link`.
+
+    It never raises PortLostError, so it has no methods to open its port again.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ class LockstepLink:
         Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
         Processor time of one loop pass in us, on MicroPython only; 0 by default. The time passes
-        before each read of the sensor's data registers; after a read of its FIFO, it passes once
+        before each read of the sensor's data registers. After a read of its FIFO, this time passes
         for each sample that was read. With a function ``busy_us(free_bytes) -> float``, the board
         reports its number of free heap bytes at each transfer, which doubles the run time.
     warm : bool, optional
@@ -127,7 +128,7 @@ class LockstepLink:
         return self.clock.now_us() * 1e-6
 
     def read(self, timeout_s: float) -> bytes:
-        """Run the board until it has sent data, at most for `timeout_s`; return the data."""
+        """Run the board until it sends data, for at most `timeout_s` seconds; return the data."""
         self._check_open()
         horizon_us = self.clock.now_us() + 1e6 * timeout_s
         while True:

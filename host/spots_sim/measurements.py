@@ -29,7 +29,7 @@ BENDS_DEG = (0, 45, 90, 135, 180)
 _FORCES_MN = (600.0, 9500.0)
 _FORCE_STEPS = 16
 _FORCE_PLACES = np.linspace(0.05, 0.95, 5)
-_JITTER_UM, _JITTER_FORCE = 50.0, 0.05
+_JITTER_UM, _JITTER_FORCE = 50.0, 0.05  # largest offset; the force as a share of `FORCE_MN`
 _JOINT_ANGLES = 31
 _JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
@@ -51,9 +51,10 @@ class Run:
     Attributes
     ----------
     summary : dict
-        Results that ``spots characterize --json`` prints.
+        Results that ``spots characterize --json`` prints. Keys end in their units; ``crb`` is the
+        Cramer-Rao bound.
     series : dict of dict of arrays
-        Arrays for the figures, by the name of the measurement (such as ``position``) and of the
+        Arrays for the figures: first key the measurement (such as ``position``), second key the
         array.
     """
 
@@ -366,7 +367,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return the result of `_accuracy_um` for the flat, unstretched strip from `run.series`."""
+    """Return the errors of the flat, unstretched strip, in the form that `_accuracy_um` returns."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 

@@ -1,7 +1,9 @@
-"""A simulated five-bar linkage with backlash and errors of its lengths; it moves two indenters.
+"""A simulated five-bar linkage with backlash and errors of its lengths.
 
-Its true positions are compared with those of a digital twin. This module shares no formula with
-`linkage.fivebar`.
+Each of its two base joints moves an indenter along a strip.
+
+Its true positions test the digital twin (`spots.Twin`), which computes positions from readings of
+the strips. So this module shares no formula with `spots.linkage.fivebar`.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ _PAUSE_S = 0.2  # after each stroke, and before the next one
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of the end point, sampled over time.
+    """A motion of a linkage's end point, sampled over time.
 
     Attributes
     ----------
@@ -153,7 +155,8 @@ class Mechanism:
             i = int(np.argmax(off))
             raise SpotsError(
                 f"the linkage cannot follow the path: ({motion.x_mm[i]:.1f}, {motion.y_mm[i]:.1f}) "
-                "mm is out of reach of its bars, or beyond the travel of a joint: move the path"
+                "mm is out of reach of its bars, or beyond the travel of a joint: move the points "
+                "of the path"
             )
         return tuple(self.turn(motion.time_s, of_joint, again) for of_joint in angles_deg)
 
@@ -182,7 +185,7 @@ class Mechanism:
 class JointScenario:
     """Scenario of a strip in a joint: the joint bends the strip and slides an indenter on it.
 
-    Like `scenario.Scenario`, it has ``pose``, ``presses``, ``change`` and ``ambient_uW_cm2``.
+    It has the methods of `scenario.Scenario`.
 
     Parameters
     ----------
@@ -302,7 +305,7 @@ def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motio
 
 
 def closed(file: PathFile) -> PathFile:
-    """Return a path with an additional last stroke back to its first point."""
+    """Return a path with an additional last stroke to its first point, so that it can repeat."""
     back = Stroke(points=[file.stroke[-1].points[-1], file.stroke[0].points[0]])
     return msgspec.structs.replace(file, stroke=[*file.stroke, back])
 
@@ -322,10 +325,11 @@ def _line(stroke: Stroke) -> np.ndarray:
 
 
 def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
-    """Intersect two circles, and return the angle of an inner bar, in rad from +y.
+    """Return the angle of an inner bar in rad, from the direction of y.
 
     `x_mm` and `y_mm` are the position of the end point relative to the joint; `inner` and `outer`
-    are the lengths of the bars in mm.
+    are the lengths of the bars in mm. The elbow is where two circles intersect: one around the
+    joint with the radius `inner`, one around the end point with the radius `outer`.
     """
     reach2 = x_mm**2 + y_mm**2
     with np.errstate(all="ignore"):

@@ -46,7 +46,7 @@ def led_spectrum(led: Led) -> np.ndarray:
 
 
 def decay_per_mm(dye: Dye) -> np.ndarray:
-    """Return the decay coefficient k of Eq. 1 in each bin of `WAVELENGTH_NM`."""
+    """Return the decay coefficient k (paper, Eq. 1) per mm in each bin of `WAVELENGTH_NM`."""
     edge = 1 / (1 + np.exp((WAVELENGTH_NM - dye.edge_nm) / dye.edge_width_nm))
     return dye.clear_per_mm + dye.strength_per_mm * edge
 

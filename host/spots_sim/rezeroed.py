@@ -25,9 +25,10 @@ from .rig import Rig
 from .stage import Stage
 from .stage_presser import StagePresser
 
-# Assumed for a resting finger. As in reality, a tremor averages out the rounding of small counts.
+# Tremor of a resting finger as a share of its force, assumed. As in reality, it averages out the
+# rounding of small counts.
 _TREMOR = 0.02
-_NOBODY = Path("characterize")
+_NOBODY = Path("characterize")  # stands for the calibration file in error messages
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ class Rig:
         self._use()
 
     def set_average(self, average: int) -> None:
-        """Set the number of samples in a reading."""
+        """Set the number of samples that the board averages in a reading."""
         self.board.command(f"set average={average}")
         self.average = average
 
@@ -135,7 +135,10 @@ class Rig:
         self.board.command("stream touch spectrum")
 
     def _dark_frame(self) -> list[int]:
-        """Let the board average as many dark samples as possible; return the dark frame."""
+        """Return the dark frame: each channel's sum of `DARK_SAMPLES` samples without light.
+
+        Before that, the board averages as many dark samples as possible, to reduce the noise.
+        """
         exposure_us = self.conditions.exposure_us
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)

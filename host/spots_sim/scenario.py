@@ -1,4 +1,4 @@
-"""Scenarios: the true fingers, strain and light on the strip over time."""
+"""Scenarios: the true fingers, strain and light on a simulated strip over time."""
 
 from __future__ import annotations
 
@@ -88,18 +88,18 @@ class Scenario:
         ]
 
     def pose(self, time_s: float) -> Pose:
-        """Return strain, bend and leak (light that couples without a finger) at `time_s`."""
+        """Return strain, bend and leak of the strip at `time_s` seconds of the scenario."""
         return self._only_pose or self._pose(time_s % self.file.seconds)
 
     def change(self, time_s: float) -> Change:
-        """Return the change of the sensor since the calibration, at `time_s`."""
+        """Return the sensor's change since the calibration, at `time_s` seconds of the scenario."""
         if not self._moved:
             return NONE
         phase_s = time_s % self.file.seconds
         return Change(**{name: _on_lines(v, phase_s)[0] for name, v in self._moved.items()})
 
     def presses(self, time_s: float) -> list[Press]:
-        """Return the fingers with a force above 0 at `time_s`."""
+        """Return the fingers with a force above 0 at `time_s` seconds of the scenario."""
         phase_s = time_s % self.file.seconds
         found = []
         for touch, times in self._down[bisect_right(self._edges, phase_s)]:

@@ -68,7 +68,7 @@ class Score:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of the readings so far, in Hz."""
+        """Mean rate of the readings in Hz; 0 for fewer than two readings."""
         span_s = self._last_s - self._first_s
         return (self.readings - 1) / span_s if span_s > 0 else 0.0
 
@@ -110,7 +110,7 @@ class Score:
         return _rounded(math.sqrt(squares / self._compared)) if self._compared else None
 
     def facts(self) -> dict:
-        """Return the values that the terminal shows, see `spots.terminal.view.Judge.facts`."""
+        """Return the texts that the terminal shows, see `spots.terminal.view.Judge.facts`."""
         if not self.readings:
             return {"link": {}, "rows": []}
         rows = []
@@ -133,7 +133,10 @@ class Score:
         Returns
         -------
         dict
-            Share of trusted readings, errors in um and mN, latencies in ms, statistics of the link.
+            Keys end in their units. ``frames``, ``lost`` and ``bad_crc``: numbers of valid, lost
+            and damaged frames. ``restarts``: restarts of the board. ``touches``: number of touches.
+            ``latency_ms``: percentiles ``p50`` and ``p99``. The other keys are properties of this
+            class.
         """
         return {
             "runtime": info["runtime"],

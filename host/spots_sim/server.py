@@ -1,7 +1,7 @@
 """Answers the virtual board's requests from a simulated bus and USB host.
 
-The board sends a request for each I2C transfer, sleep and USB report, among others; `protocol` has
-their codes.
+The board sends a request for each I2C transfer, sleep, USB report and change of a pin. The module
+`protocol` has the codes of all requests.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def read_request(fd: int) -> bytes | None:
 
 
 def is_reset(request: bytes) -> bool:
-    """Return whether the board requests its own hard reset, which gets no answer."""
+    """Return whether a request is for a hard reset of the board; this request gets no answer."""
     return request[0] == protocol.RESET
 
 

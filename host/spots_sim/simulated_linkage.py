@@ -1,4 +1,4 @@
-"""A simulated linkage with two strips, read through virtual boards in simulated time."""
+"""A simulated five-bar linkage with a strip in each base joint, read through virtual boards."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _APART = 0.4  # delay between the two boards' exposures, as a share of an exposu
 
 
 class Turned(NamedTuple):
-    """Measurement of a joint at one angle, for `fit_joint`.
+    """Measurement of a joint at one angle, for `spots.calibrate.joint.fit_joint`.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip and its joint.
+    """Calibrate a simulated strip and the joint in which it is mounted.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def calibrated(
 
 
 class Simulation:
-    """Two strips on a linkage that follows a motion once, read through one or two virtual boards.
+    """A linkage that follows a motion one time; virtual boards read the strips in its two joints.
 
     Call `close` at the end, or use a ``with`` statement.
 
@@ -196,7 +196,7 @@ class Simulation:
         self.close()
 
     def close(self) -> None:
-        """Stop both boards."""
+        """Stop the boards."""
         self._opened.close()
 
     def encoders(self, offset_rad=None) -> tuple[Encoder, Encoder]:
@@ -218,7 +218,7 @@ class Simulation:
 
 
 class Endless:
-    """A simulated linkage that repeats a path without end, in real time.
+    """A simulated five-bar linkage that repeats a path without end, in real time.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ from .strip_shape import (
     StripShape,
 )
 
-_LEAST_WIDTH = 5.0  # grooves are narrower, cavities are wider
+_LEAST_WIDTH = 5.0  # mm: grooves are narrower, cavities are wider
 
 
 def closed(tray, lid, depth: float):

@@ -20,13 +20,13 @@ from .files import LinkageFile, PathFile, SensorFile
 from .mechanism import Mechanism, Motion, guided
 from .simulated_linkage import EXPOSURE_US, Simulation, start_s, visited
 
-# Smallest angle between the outer bars; the usual rule for transmission angles.
+# Smallest angle between the outer bars in the workspace; a usual limit for transmission angles.
 LEAST_OUTER_RAD = np.radians(30)
 CALIBRATION_PLACES = 40
 PLACE_SIGMA_MM = 0.02  # standard deviation of the measured positions of the end point
 # Frame in which these positions are measured: x and y of joint 1, and the rotation.
 _GRID = {"frame_x_mm": 12.0, "frame_y_mm": -7.0, "frame_rad": 0.03, "frame_scale": 1.0}
-_DRAWS = 2000
+_DRAWS = 2000  # number of random draws for the expected errors
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,10 @@ def survey(
     pitch_mm: float = 10.0,
     **condition: bool,
 ) -> Survey:
-    """Calibrate a linkage, then measure its digital twin's error on a grid over the workspace.
+    """Calibrate a simulated five-bar linkage, then measure its digital twin's error on a grid.
+
+    The digital twin (`spots.Twin`) computes the position of the end point from readings of the
+    strips. The grid covers the workspace.
 
     Parameters
     ----------
@@ -184,7 +187,18 @@ class PathRun:
     lost: int
 
     def summary(self) -> dict:
-        """Return the results of the run as a dict for JSON."""
+        """Return the results of the run.
+
+        Returns
+        -------
+        dict
+            ``seconds``: time from the first to the last estimate. ``terminals`` and ``rate_hz``:
+            number and rate of the estimates. ``beyond_limits``: number of estimates at a limit of
+            the linkage; no other value includes these. ``lost``: number of lost frames.
+            ``error_mm``: mean, 95th percentile, maximum and root mean square of the distance from
+            the true position. ``expected_rms_mm``: root mean square of the standard errors that
+            the twin reports.
+        """
         estimated = [terminal for terminal in self.terminals if not terminal.limit]
         span_s = estimated[-1].time_s - estimated[0].time_s
         expected_mm = np.sqrt(np.mean([terminal.sigma_mm**2 for terminal in estimated]))
@@ -313,7 +327,7 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 def _read(sensor, linkage, places, *arguments, **condition):
     """Stop a linkage at the positions `places` (x, y in mm), and read both joints.
 
-    The other arguments are those of `visited`.
+    The other arguments are those of `simulated_linkage.visited`.
 
     Returns the positions, then two pairs of joint angles and standard errors, shape (2, n): one for
     the middle reading of each stop, one for the mean of the readings of each stop. A position is

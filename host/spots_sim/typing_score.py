@@ -100,7 +100,7 @@ class TypingScore:
         self.late_ms: list[float] = []  # latency of each correct press, after `summary`
 
     def key(self, page: int, usage: int, pressed: bool, time_s: float) -> None:
-        """Add a key event.
+        """Record that the board pressed or released a key.
 
         Parameters
         ----------
@@ -170,8 +170,8 @@ class TypingScore:
     def _match(presses, fingers):
         """Match key presses with touches (`fingers`) of the same key.
 
-        Each touch is matched once at most. Returns a dict of touch index by press index, and a list
-        of the unmatched presses.
+        Each touch is matched with at most one press. Returns a dict of touch index by press index,
+        and a list of the unmatched presses.
         """
         right: dict[int, int] = {}
         matched, others = set(), []

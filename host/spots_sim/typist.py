@@ -225,8 +225,8 @@ class Hands:
         Shortest and longest time in which the force rises or falls, in seconds. This value and all
         values below are *assumed*.
     same_s, least_s : float
-        Shortest time between two touches of the same finger, and between two key presses, in
-        seconds.
+        Shortest pause between two touches of the same finger, and shortest time between two key
+        presses, in seconds.
     apart_mm : float
         Smallest distance between two fingers, in mm.
     roll_mm : float

@@ -19,7 +19,7 @@ from .silicone import Memory
 _STEP_US = 2_500.0
 # The LED's temperature is rounded to this digit, so that optics can be cached: error below 1 um.
 _LED_K_DIGITS = 2
-_KEPT = 512
+_KEPT = 512  # number of cached `Optics` of a sensor
 _SENSORS = 4  # number of sensors whose optics are cached
 
 
@@ -154,7 +154,7 @@ class World:
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
     def _light(self, rates: np.ndarray, time_s: float) -> None:
-        # Add the light of one moment.
+        # Add to `rates` the count rates at one moment.
         pose = self._scenario.pose(time_s)
         presses = self._scenario.presses(time_s)
         forces_mN = [press.force_mN for press in presses]

@@ -153,7 +153,7 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     assert "9g is not a possible force of a finger: did you mean 9 N?" in said
     assert "80mm is beyond the end of the strip at 60 mm" in said
     assert "25.0 mm with" in said
-    assert said.count("is removed: its light is that of") == 1
+    assert said.count("is removed: its light fits a press at") == 1
     assert said.count("undone: ") == 1
     assert room.person.presses == 20 + 6
     assert len(Session(path).of("hand")) >= 18
@@ -217,7 +217,7 @@ def test_a_press_that_is_too_dark_is_asked_for_again_with_more_force(tmp_path, m
         with pytest.raises(EnoughError):
             calibrate(room, tmp_path / "a.jsonl", "fine", 20)
     said = room.getvalue()
-    assert "198.0 mm with 0.23 N: too dark" in said
+    assert "198.0 mm with 0.23 N: the press is too dark" in said
     assert "press at 198.0 mm with about 33 g (0.32 N) and hold" in said
 
 

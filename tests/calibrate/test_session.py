@@ -465,7 +465,7 @@ def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     shown, _ = guide()
     with Stage(clear, seed=2) as stage:
         session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
-        with pytest.raises(SpotsError, match=r"is not monotone along the strip|too noisy"):
+        with pytest.raises(SpotsError, match=r"does not change steadily along the strip|too noisy"):
             session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
         assert stage.board.command("hello")["calibration"] is None
     assert not (tmp_path / "a.toml").exists()

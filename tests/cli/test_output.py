@@ -132,5 +132,5 @@ def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed
 
 
 def test_a_seed_that_is_none():
-    with pytest.raises(SpotsError, match="the seed must be a whole number from 0, not -1"):
+    with pytest.raises(SpotsError, match="the seed must be a whole number of 0 or more, not -1"):
         spots.open("virtual", seed=-1)

@@ -364,7 +364,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
         (["--port", "recording:a", "--port", "1"], "only one --port is a recording"),
         (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
         (["--port", "recording:a", "--measure", "p.csv"], "--measure needs real boards"),
-        (["--port", "virtual"], "arm.toml describes a linkage with real boards: leave out"),
+        (["--port", "virtual"], "arm.toml is the file of a linkage with real boards: leave"),
         (
             ["--port", "0", "--port", "1", "--picture", "a.png"],
             "--picture shows a simulated linkage",

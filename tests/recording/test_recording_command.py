@@ -141,7 +141,7 @@ def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_
     capsys.readouterr()
     fast.command("cal clear")
     error = refused(capsys, "record", tmp_path / "b.spots", *arguments)
-    assert "the file has calibration" in error
+    assert "the calibration file has calibration" in error
     assert "the board uses none" in error
 
 

@@ -272,7 +272,9 @@ class Bench:
                 "a channel is saturated: press more gently, or lower gain or LED current"
             )
         if reading.dark and not any_light:
-            raise TooDarkError("too dark: press harder, or raise gain, LED current or exposure")
+            raise TooDarkError(
+                "the press is too dark: press harder, or raise gain, LED current or exposure"
+            )
         return reading
 
 
@@ -337,7 +339,7 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     line = np.polyfit(places[near] - wanted.place_um, logs[near].mean(axis=1), 1)
     if abs(log.mean() - line[1]) > _OUTLIER:
         raise BadPressError(
-            "the brightness does not fit the neighbouring presses: press with the same force"
+            "the brightness does not fit the neighbouring presses: press all with the same force"
         )
 
 

@@ -30,7 +30,8 @@ def calibrate_command(options: argparse.Namespace) -> None:
         raise SpotsError(f"--places must be {least} or more for '{kind}'")
     if (kind == "strain") != (options.strain_percent is not None):
         raise SpotsError(
-            "give --strain-percent together with 'strain': neither works without the other"
+            "'spots calibrate strain' and --strain-percent belong together: give both, or leave "
+            "out both"
         )
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")

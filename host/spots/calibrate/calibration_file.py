@@ -28,7 +28,7 @@ from .session import Six
 
 VERSION = 1
 _END = "[end]\n"
-_AGAIN = "copy it again, or run 'spots calibrate' with its session to make it again"
+_AGAIN = "copy the file again, or make it again from its session with 'spots calibrate --session'"
 _HEAD = f"""\
 # The calibration of one SPOTS board, made by 'spots calibrate'.
 version = {VERSION}

@@ -84,9 +84,9 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     usable, places_um, logs = _merge(plans, measured, full_scale)
     if len(usable) < len(plans[0]):
         raise SpotsError(
-            f"only {len(usable)} channels are usable, but six are needed; the others are too dark "
-            "or too bright: run without --keep-settings, or set gain and LED current; then begin "
-            "another session"
+            f"only {len(usable)} channels are usable, but six are needed; the other channels are "
+            "too dark or too bright: run without --keep-settings, or set gain and LED current; "
+            "then begin another session"
         )
     used = [np.isin(plan, usable) for plan in plans]
     noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))

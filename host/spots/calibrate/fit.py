@@ -257,8 +257,9 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
     order = np.argsort(contrast)
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
         raise SpotsError(
-            f"the colour near {np.mean(part) / 1000:.0f} mm is not monotone along the strip: check "
-            "the positions of the presses there, and that the dye suits the strip's length"
+            f"the colour near {np.mean(part) / 1000:.0f} mm does not change steadily along the "
+            "strip: check the positions of the presses there, and that the dye suits the strip's "
+            "length"
         )
     rows = np.stack([contrast, x, fits, offset], axis=1)[order]
     return [_statement("x", row) for row in rows]

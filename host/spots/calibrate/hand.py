@@ -271,7 +271,7 @@ def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
         return False
     place_um, force_mN = surface.without(worst).find(taken.counts[worst])
     like = f"{place_um / 1000:.1f} mm" + (f" with {grams(force_mN)}" if at[1] else "")
-    guide.say(f"the press at {found[-1]} is removed: its light is that of {like}; press again")
+    guide.say(f"the press at {found[-1]} is removed: its light fits a press at {like}; press again")
     session.remove(found[-1])
     return True
 

@@ -64,7 +64,10 @@ def _run(arguments: list[str] | None) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(prog="spots", description="Host side of SPOTS, the optical tactile sensor.")
+    parser = Parser(
+        prog="spots",
+        description="Commands for SPOTS, an optical strip that senses touch.",
+    )
     parser.add_argument("--version", action="version", version=__version__)
     commands = CommandList(parser)
     for group in (*_GROUPS, *(entry.load() for entry in entry_points(group=_MORE))):

@@ -30,7 +30,10 @@ def keyboard(parser: Parser):
       spots keyboard --layout mini --dry-run
     """
     parser.option(
-        "--layout", "LAYOUT", "key layout: a .toml file, or a name such as mini", default="digits"
+        "--layout",
+        "LAYOUT",
+        "key layout: a .toml file, or a name such as mini; digits if not given",
+        default="digits",
     )
     _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.keyboard.keyboard:keyboard_command")
@@ -63,7 +66,7 @@ def controller(parser: Parser):
 
 
 def twin(parser: Parser):
-    """Show the digital twin of a five-bar linkage.
+    """Show the end point of a five-bar linkage, computed from the strips in its joints.
 
     examples:
       spots twin --linkage mine.toml --port /dev/ttyACM0 --port /dev/ttyACM1
@@ -75,7 +78,7 @@ def twin(parser: Parser):
     parser.option(
         "--record",
         "FILE.spots",
-        "file for a new recording; once for each board",
+        "file for a new recording; give this option once for each board",
         action="append",
         default=[],
     )

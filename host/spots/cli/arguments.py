@@ -23,7 +23,7 @@ def add_port(parser: argparse.ArgumentParser) -> None:
 
 def add_ports(parser: argparse.ArgumentParser) -> None:
     """Add the options that name one board, or the two boards of a linkage."""
-    text = f"{PORTS}; give it once for each joint of a linkage"
+    text = f"{PORTS}; found on USB if not given; for a linkage, give it for each joint"
     parser.add_argument("--port", action="append", default=[], help=text)
     add_zenoh_config(parser)
 

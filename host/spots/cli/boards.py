@@ -94,7 +94,10 @@ def calibrate(parser: Parser):
         "--out", "FILE.toml", "calibration file to write; named like the session if not given"
     )
     parser.option(
-        "--places", "N", "number of presses, positions, forces or angles", type=arguments.places
+        "--places",
+        "N",
+        "number of presses, positions, forces or angles to take, depending on KIND",
+        type=arguments.places,
     )
     parser.option(
         "--length-mm",

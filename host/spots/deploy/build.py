@@ -82,7 +82,8 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
         raise SpotsError(
-            f"{target} was not written by 'spots build': move this folder, or build in another"
+            f"{target} was not written by 'spots build': move this folder, or run the command in "
+            "another folder"
         )
     try:
         _build(device, target, strips)

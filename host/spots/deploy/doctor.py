@@ -71,7 +71,7 @@ def doctor(port: str | None = None) -> None:
         problems += not ok
         print(f"{'ok' if ok else 'problem':8} {check:10} {printable(text)}")
     if problems:
-        raise SpotsError(f"{problems} checks found a problem: follow the advice in their lines")
+        raise SpotsError(f"problems found: {problems}; follow the advice in the lines above")
 
 
 def examine(port: str | None = None) -> Iterator[Finding]:

@@ -81,7 +81,7 @@ class Drive(Tree):
             with suppress(SpotsError):
                 Prompt(self._console).reset()
                 return
-        print("press the board's reset button")
+        print("press the board's reset button, to restart the board")
 
 
 def drives() -> list[str]:

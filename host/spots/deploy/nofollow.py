@@ -213,8 +213,8 @@ class Tree:
             elif error.errno in _READ_ONLY:
                 what = (
                     "is read-only, because the board itself may write to it: reset the board and "
-                    "at once hold its button for two seconds; then wait until the drive is mounted "
-                    "again, and flash again"
+                    "immediately hold its button for two seconds; then wait until the drive is "
+                    "mounted again, and flash again"
                 )
             else:
                 what = f"fails ({error.strerror}): replug the board and flash again"

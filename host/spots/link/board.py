@@ -431,7 +431,7 @@ class Board:
         """
         if not self.read_only and not self.command("hello")["keys"]:
             raise SpotsError(
-                f"the keys of the board on {self.port} are off: send the command 'keys on'"
+                f"the keys of the board on {self.port} are off: run 'spots command keys on'"
             )
         self._want(Touch)  # a stream that stops shows that the board has restarted
         return self._start(seconds, Key)

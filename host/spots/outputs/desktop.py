@@ -41,7 +41,8 @@ class DesktopKeyboard(Keyboard):
             (self._controller.press if pressed else self._controller.release)(self._key(one))
         except Exception as error:  # the type depends on the desktop
             raise SpotsError(
-                f"the desktop refuses the key {one.name} ({error!r}): allow this program to type"
+                f"the desktop refuses the key {one.name} ({error!r}): allow this program to type, "
+                "in the settings of the desktop"
             ) from None
 
     def _key(self, one: Usage):
