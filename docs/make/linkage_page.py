@@ -35,7 +35,7 @@ A planar five-bar linkage has two joints on its base. A strip in each of these j
 joint's angle: it is an encoder. The position of the end point follows from both angles
 ([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7). The *twin* is a model of the linkage on the
 computer, which follows the readings of both strips. `make paper` writes this document, and measures
-all numbers except the published one.
+all numbers except the one from the paper (row "paper, Fig. 7C").
 
 ![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
 
@@ -47,17 +47,18 @@ theta1_rad, theta2_rad = linkage.inverse(40, 150)
 x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 ```
 
-Joint 1 is at (0, 0), joint 2 at (`base_mm`, 0). Joint angles are measured from +y towards the other
-joint. All methods take scalars or arrays. If there is no solution for scalars, a method raises an
-error with the reason. For arrays, elements without a solution are masked; `forward_limits` and
-`inverse_limits` return the reason for each element (`spots.linkage.fivebar.Limit`).
+Joint 1 is at (0, 0), joint 2 at (`base_mm`, 0). A joint angle is 0 if the inner bar points along
++y, and grows as this bar turns towards the other joint. All methods take scalars or arrays. If
+there is no solution for scalars, a method raises an error with the reason. For arrays, elements
+without a solution are masked; `forward_limits` and `inverse_limits` return the reason for each
+element (`spots.linkage.fivebar.Limit`).
 
 For two angles there are two possible end points. With `assembly="far"`, the default, the end point
 is beyond the elbows (the joints between inner and outer bars), seen from the base. With
 `assembly="near"` it is on the other side of the elbows. `jacobian` and `covariance` compute errors
 of the end point from errors of the angles. These errors grow without bound as the outer bars
-approach a straight line. So in the workspace of this document, the angle between the outer bars is
-at least 30°.
+approach a straight line. So the workspace for the numbers in this document contains only positions
+where the outer bars deviate from a straight line by at least 30°.
 
 ## Track a joint or a linkage
 
@@ -66,8 +67,8 @@ python examples/track_joint.py CALIBRATION.toml      # a joint's angle and speed
 spots twin --linkage arm.toml                        # one or two boards on USB, found by their ids
 spots twin --linkage arm.toml --port /dev/ttyACM0 --port /dev/ttyACM1
 spots twin --linkage arm.toml --port /dev/ttyACM0    # one board with both strips
-spots twin --port virtual                            # no hardware: a simulated linkage writes SUST
-spots twin --json --picture sust.png                 # the same in simulated time, with true errors
+spots twin --port virtual                            # no hardware: a simulation draws 'SUST'
+spots twin --json --picture sust.png                 # the same, faster, with the true errors
 ```
 
 ![The twin in a terminal: bars, path, and position of the end point](fivebar/twin.svg)
@@ -134,15 +135,15 @@ spots twin --linkage drawn.toml --measure points.csv     # hold the end point, t
 spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
-Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
-the offsets and gains of the joints, and the position and rotation of the measuring grid. The fit
-needs the encoders' angles and the coordinates of the end point at some positions, measured on any
-grid. The fit reports standard errors, points that do not fit, and parameters that it cannot
-determine separately from these positions. For example, coordinates from a picture of unknown scale
-determine only ratios of lengths. `--place-sigma-mm` is the standard error of a measured coordinate.
-Another program may write `points.csv`: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`,
-`sigma1_deg` and `sigma2_deg`. The angles are those of the joints' calibrations, without offset and
-gain.
+The fit needs the encoders' angles and the coordinates of the end point at some positions, in any
+coordinate system, for example on graph paper. Robust least squares finds the lengths of bars and
+base, the offsets and gains of the joints, and the position and rotation of this coordinate system
+(`pip install 'spots-tactile[kinematics]'`). It reports standard errors, points
+that do not fit, and parameters that these positions do not separate from each other. For example,
+coordinates from a picture of unknown scale determine only ratios of lengths. `--place-sigma-mm` is
+the standard error of a measured coordinate. Another program may write `points.csv`: its columns are
+`x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and `sigma2_deg`. The angles are those of
+the joints' calibrations, without offset and gain.
 
 ```python
 from spots.linkage import kinematics
@@ -241,8 +242,9 @@ angles of the joints differ by up to {turned}. Each joint moves an indenter with
 own strip, over {travel}. The real firmware reads each strip in simulated time. Each strip is
 calibrated, and then its joint is calibrated. The end point stops at {places} points of a grid over
 the workspace. The twin computes its position from one reading of {each:g} ms of each joint. The
-table shows the distance from the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}. In
-the rows, "nominal", "true" and "fitted" are the lengths that the twin uses:
+table shows the distance from the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}. A
+range goes from the smallest to the largest value of these seeds. In the rows, "nominal", "true" and
+"fitted" are the lengths that the twin uses:
 
 """
     text += "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
@@ -328,8 +330,8 @@ the errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 The column "expected rms" is the error that the twin reports with each position. It is computed with
 the Jacobian from the noise of the strips, the errors of the joint calibrations and the backlash. It
 does not include movements between two readings, or the error of the dark frame (the counts without
-the LED's light). The board takes no dark frame while the strip is pressed. In a joint, the indenter
-always presses, so the board takes a dark frame only at the start.
+the LED's light). After the start, the board takes dark frames only while the strip is untouched. In
+a joint, the indenter always presses, so the dark frame of the start stays.
 
 ![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """

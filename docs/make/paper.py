@@ -23,10 +23,10 @@ Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sect
 seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
 duration of a reading, which the paper does not state. The **imperfect strip** (sensor file `real`)
 is simulated, too: it has aged and warmed up since its calibration, and is under a lamp. Then it was
-re-zeroed: one press at each of three marks, with the strip on a scale, corrected its calibration
-([drift.md](drift.md)). The board compensates the creep and the hysteresis of this strip's silicone
-([calibration.md](calibration.md#silicone)). In the tests of the force, the force rises from 0.6 to
-9.5 N and falls again.
+re-zeroed: its calibration was corrected with one press at each of three marks, while the strip was
+on a kitchen scale ([drift.md](drift.md)). The board compensates the creep and the hysteresis of
+this strip's silicone ([calibration.md](calibration.md#silicone)). In the tests of the force, the
+force rises from 0.6 to 9.5 N and falls again.
 
 """
 _PICTURES = {
@@ -76,7 +76,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "> 0.996",
             each("{:.7f}", lambda s: s["position"]["r2"]),
-            "The simulated dye has a smooth edge; a physical pigment bends the response more.",
+            "The simulated dye's spectrum has a smooth absorption edge; with a physical pigment "
+            "the response is less linear.",
         ),
         (
             "Position resolution",
@@ -138,8 +139,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             each("{:.1f} mN", lambda s: s["force"]["bound_mN"]),
             "The bound counts all rounding as noise. While nothing moves, part of the rounding is "
             "a constant error, so the resolution can be below the bound. Firm presses have "
-            "softened the silicone of the imperfect strip, so its light changes less with the "
-            "force.",
+            "softened the silicone of the imperfect strip: weak forces give more light, so the "
+            "light rises less with the force.",
         ),
         (
             "Force accuracy",
@@ -225,9 +226,9 @@ def _resolutions(found: list[dict], exposures: int) -> str:
     sensor file `real` for each exposure. `exposures` is the number of exposures.
     """
     text = (
-        "\nThe paper states no integration time, no rate and no filter. Its two resolutions may be "
-        "for one\nduration of a reading. Then compare the published force resolution with the row "
-        "whose position\nresolution is nearest to 7 µm:\n\n"
+        "\nThe paper states no integration time, no rate and no filter. Perhaps it measured "
+        "both resolutions\nwith the same duration of a reading. In this case, compare the "
+        "published force resolution with the\nrow whose position resolution is nearest to 7 µm:\n\n"
         "| duration of a reading | strip | position resolution | force resolution |\n"
         "| --- | --- | --- | --- |\n"
         "| not stated | paper | 7 µm | 5 mN |\n"

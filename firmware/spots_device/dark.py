@@ -152,7 +152,7 @@ class Dark:
         return True
 
     def sums(self):
-        """Return the dark frame: each channel's sum of `decode.DARK_SAMPLES` samples, rounded."""
+        """Return each channel's mean dark count, times `decode.DARK_SAMPLES`, rounded."""
         return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
 
     def peak(self, counts):

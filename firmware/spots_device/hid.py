@@ -216,7 +216,9 @@ class KeyboardReports:
 
 
 class ConsumerReports:
-    """Turns each event of a media key (HID consumer page) into a report of the last pressed key.
+    """Turns each press and release of a media key (HID consumer page) into a report.
+
+    A report contains one key: the last pressed one, or 0 after its release.
 
     Parameters
     ----------

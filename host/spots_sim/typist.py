@@ -1,4 +1,4 @@
-"""A simulated typist: converts text to fingers on a strip, and key events to text."""
+"""A simulated typist: converts text to touches of a strip; also converts key events to text."""
 
 from __future__ import annotations
 

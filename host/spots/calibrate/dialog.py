@@ -20,7 +20,7 @@ class UndoError(Exception):
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a session by hand, after a fit to the n presses of the session.
+    """State of a session by hand, after a fit to the n presses that were taken.
 
     Attributes
     ----------
@@ -29,10 +29,11 @@ class Progress:
     force_mN : numpy.ndarray, shape (n,)
         Forces of the presses in mN, as the person read them; 0 if unknown.
     off_um : numpy.ndarray, shape (n,)
-        Position that the fit to all other presses gives, minus `place_um`, in um.
+        Leave-one-out error of each position: position from a fit to all other presses, minus
+        `place_um`, in um.
     off_share : numpy.ndarray, shape (n,)
-        Force that the fit to all other presses gives, divided by `force_mN`, minus 1; 0 if the
-        force is unknown.
+        Leave-one-out error of each force: force from a fit to all other presses, divided by
+        `force_mN`, minus 1; 0 if the force is unknown.
     sigma_um : float
         Expected standard deviation of a position in um, averaged over the strip.
     sigma_share : float
@@ -41,7 +42,7 @@ class Progress:
     thin : tuple of str
         Positions and forces near which there are too few presses, for example ``near 40 mm``.
     done, total : int
-        Number of presses that were taken, and number of presses of the whole session.
+        Number of presses that were taken, and planned number of presses of the session.
     """
 
     place_um: np.ndarray

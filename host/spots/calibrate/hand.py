@@ -178,11 +178,12 @@ def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: floa
 
 
 def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
-    """Return the next press with two forces: first force, second force, and hold of the first.
+    """Return the next press that has two forces, one after the other.
 
-    Forces are in mN, the hold is in s. By the fit `surface`, both forces give light in all channels
-    at the position `place_um`. Returns None before the first `_LOADS_FROM` presses by hand, and
-    after the last press with two forces.
+    The result is the first force in mN, the second force in mN, and how long to hold the first
+    force in s. According to the fit `surface`, both forces give light in all channels at the
+    position `place_um`. Returns None until `_LOADS_FROM` presses by hand are done, and after the
+    last press with two forces.
     """
     hand = session.of("hand")
     loads = sum(bool(p.then_mN) for p in hand)

@@ -163,12 +163,13 @@ class Presser:
         direction : int
             Direction of the turn: 1 up, -1 down.
         share : float
-            Wanted angle as a share of the joint's travel, 0 to 1; a person may turn to any angle.
+            Requested angle as a share of the joint's travel, 0 to 1. A person may turn the joint
+            to another angle.
 
         Returns
         -------
         Wanted
-            Press of kind ``joint`` with the joint's present angle and the direction of the turn.
+            Press of kind ``joint``, with the angle after the turn and the direction of the turn.
         """
         way = "up" if direction > 0 else "down"
         angle = self._number(

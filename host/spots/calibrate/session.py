@@ -234,7 +234,7 @@ class Session:
         Returns
         -------
         list of Point
-            Points in the order of the file.
+            Points in the order in which they were taken.
         """
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 

@@ -290,7 +290,7 @@ class LinkStats:
     Attributes
     ----------
     frames : int
-        Number of valid frames, including frames of unknown kinds, but not notes.
+        Number of valid frames, including frames of unknown kinds, but not the notes in a recording.
     lost : int
         Number of missing frames, computed from gaps in the sequence numbers.
     bad_crc : int

@@ -1,4 +1,4 @@
-"""Plays a recording as a board."""
+"""Replays a recording as if it were a connected board."""
 
 import math
 import time

@@ -105,7 +105,7 @@ class Feel:
         self._show()
 
     def _try(self) -> None:
-        """Compute keys also with the draft of the layout that a browser edits, if there is one."""
+        """If a browser edits a draft of the layout, compute pressed keys with this draft, too."""
         length_um, decay = self._sizes
         draft = self._draft() if length_um else None
         if draft is not self._tried:

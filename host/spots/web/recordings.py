@@ -130,7 +130,7 @@ class Recordings(Orders):
 
     def _play(self, board: Board, name: str) -> None:
         if self._recorder:
-            raise SpotsError("a recording runs: stop it before you play another one")
+            raise SpotsError("a recording is being made: stop it before you play another one")
         path = self._file(name)
         open_recording(path).close()  # an error must not end the present view
         self.playing = path

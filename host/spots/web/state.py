@@ -68,7 +68,7 @@ class PageState:
         self.on_change()
 
     def begin(self) -> Cursor:
-        """Return the cursor of a new client, for whom all parts and all later events are new."""
+        """Return the cursor of a new client: it gets the whole state, and events from now on."""
         with self._lock:
             return Cursor(0, self._added)
 
