@@ -36,8 +36,8 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
         with there.open() as target:
             if target.facts["runtime"] != device.runtime:
                 raise SpotsError(
-                    f"the board on {there.name} runs {target.facts['runtime']}, but a board of type "
-                    f"{board} needs {device.runtime}: give the type of the board on this port"
+                    f"the board on {there.name} runs {target.facts['runtime']}, but a board of "
+                    f"type {board} needs {device.runtime}: give the type of this board"
                 )
             known = Known(target, device.runtime, USER_FILES)
             ours = {
