@@ -52,7 +52,7 @@ class Time32:
     head : array of int
         Header of the next frame, see `decode.KIND`.
     last : int
-        Ticks of the clock at the time in `head` plus ``head[LESS_US]``.
+        Ticks of the clock ``head[LESS_US]`` us after the time in `head`.
     """
 
     def __init__(self, clock):

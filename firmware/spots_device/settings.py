@@ -48,8 +48,8 @@ class BoardSettings:
     ----------
     board : object
         Module board_config, or an object with ``LED_MAX_MA``, the maximum current of the board's
-        LED in mA (int). Optional attributes: ``STRIP_LED``, one of `light.LEDS`, and
-        ``STRIP_LED_PIN``, which the setting ``led=gpio`` needs.
+        LED in mA (int). Optional attributes: ``STRIP_LED``, the default of the setting ``led``
+        (one of `light.LEDS`), and ``STRIP_LED_PIN``, the pin that ``led=gpio`` needs.
 
     Attributes
     ----------

@@ -115,7 +115,7 @@ class Decoded(Decode):
 
 
 class TouchFramer(Framer):
-    """A framer that sends TOUCH frames without a strip."""
+    """A framer that sends readings as TOUCH frames, without a `strip.Strip`."""
 
     def touch(self, sensor, state):
         """Send the reading in `state` as a TOUCH frame; return whether it was sent."""
