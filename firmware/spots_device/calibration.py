@@ -249,7 +249,7 @@ def _put(packed, place, knots):
 def columns_of(tables, place, count):
     """Return memory views of `count` columns of the table at the index `place` of `tables`.
 
-    Column 0 contains the values at which the table is defined, for example contrasts.
+    Column 0 contains the knots' arguments, for example contrasts; the others contain their values.
     """
     size = tables[place]
     ends = range(place + 1 + size, place + 2 + count * size, size)

@@ -1,6 +1,6 @@
 """Frames from board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
 
-Board and host both use the layouts in this module. The board's 32-bit time is written as two
+Board and host both use the formats in this module. The board's 32-bit time is written as two
 halves, because a small int has 31 bits. Packing and sending allocate nothing.
 """
 

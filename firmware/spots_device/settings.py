@@ -123,7 +123,7 @@ class BoardSettings:
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
 
     def reply(self):
-        """Return the settings as a dict for a reply; ``plan`` is a list."""
+        """Return the settings except ``dark`` as a dict for a reply; ``plan`` is a list."""
         reply = dict(self.values)
         reply["plan"] = list(reply["plan"])
         del reply["dark"]  # the reply to ``get`` contains these sums

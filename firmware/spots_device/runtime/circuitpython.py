@@ -248,7 +248,7 @@ def fast_touch(head, payload, state, encoded):
 
 
 def speed_up():
-    """Let every sample use `fast_crc32` and `fast_touch` instead of the functions of `kernel`."""
+    """Replace the functions `crc32` and `touch` of `kernel` by `fast_crc32` and `fast_touch`."""
     kernel.crc32 = fast_crc32
     kernel.touch = fast_touch
 
@@ -408,7 +408,7 @@ def _open_sensor(config, clock):
 
 
 def _strip_led(board_config):
-    """Return a function ``gpio(on)`` that switches the strip's LED; the first call opens a pin."""
+    """Return a function ``gpio(on)`` that switches the strip's LED and opens its pin if needed."""
     pin = None
 
     def switch(on):
