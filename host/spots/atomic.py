@@ -105,9 +105,9 @@ def sync(file: IO) -> None:
 
 @contextmanager
 def folder(parent: Path) -> Iterator[Path]:
-    """Make a staging directory in the folder `parent`, yield its path, and remove it on exit.
+    """Make a staging directory in the folder `parent`, and remove the directory on exit.
 
-    The caller completes a new folder in the staging directory, then moves it to its final path.
+    A caller completes a new folder in this directory, then moves the new folder to its final path.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class Presser:
     patience_s : float
         Longest time in s from a request to a steady press.
     steady : int
-        Least number of successive steady readings after which a press is valid.
+        Least number of successive steady readings that a valid press needs.
     """
 
     patience_s = 120.0

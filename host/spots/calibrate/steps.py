@@ -196,7 +196,7 @@ class _Steps:
     def _exposed(self) -> None:
         """Read the press that set the exposure again, at the new settings.
 
-        The person then types its true position, and it is stored as a press by hand.
+        The person then types the true position, and the press is stored as a press by hand.
         """
         bench = self.bench
         try:
