@@ -181,14 +181,14 @@ class Recordings(Orders):
 
 
 def _curve(path: Path) -> dict:
-    """Return the position and the force of a recording over time.
+    """Return position and force over time, from the readings of strip 0 in a recording.
 
     Returns
     -------
     dict
-        ``name``; ``points``: at most `_POINTS` lists of time in s, position in um and force in mN,
-        both null without a press; ``cut``: whether the recording has more than `_READ_MAX`
-        readings.
+        ``name``: file name; ``points``: at most `_POINTS` lists (time in s, position in um, force
+        in mN), where position and force are None without a press; ``cut``: whether the recording
+        has more than `_READ_MAX` readings.
     """
     parts, count = [], 0
     for block in RecordingBlocks(path):
