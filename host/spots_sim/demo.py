@@ -213,7 +213,7 @@ def open_fast(
     Raises
     ------
     SpotsError
-        If the sensor file is missing or invalid.
+        If the sensor file is missing or invalid, or the processor is unknown.
     """
     file = load(SensorFile, sensor)
     calibration = lines or (recalibrated(file) if rezeroed else calibrate(file))

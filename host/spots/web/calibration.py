@@ -214,7 +214,7 @@ class PageCalibration(Orders):
         self._show(done=self._shown["done"] + 1, phase=WORK, note=None)
 
     def fitted(self, progress: Progress) -> None:
-        """Show the errors of all presses, and the errors expected for later ones, see `Progress`."""
+        """Show the errors of all presses, and those expected for later presses, see `Progress`."""
         rows = np.column_stack(
             (progress.place_um, progress.force_mN, progress.off_um, progress.off_share)
         )
