@@ -141,7 +141,7 @@ class Recordings(Orders):
         self._put({**self._shown, "playing": None})
 
     def _files(self) -> dict[str, Path]:
-        """Return at most `_LISTED` recordings in the folder by name, newest first, without links."""
+        """Return the newest `_LISTED` recordings by file name, newest first; links are ignored."""
         found = [one for one in self._folder.glob("*.spots") if one.is_file()]
         found = [one for one in found if not one.is_symlink()]
         found.sort(key=lambda one: one.stat().st_mtime, reverse=True)
