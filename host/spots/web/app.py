@@ -64,7 +64,7 @@ class PageApp:
     guard : Guard
         Access control for all requests.
     orders : dict of Orders, optional
-        Handlers of the requests that a browser with the access token may send, by path.
+        Handler of the requests to each path, such as ``strip``; they need the access token.
 
     Attributes
     ----------
