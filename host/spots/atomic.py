@@ -1,9 +1,10 @@
 """Atomic writes of files: a reader sees the old content or the new content, never a part.
 
 A file is written under a random name in the same folder, and renamed when it is complete. The
-random name is created exclusively, so no link is followed. `folder` makes a staging directory, in
-which a caller completes a folder before it renames this folder. If the process is killed, temporary
-files and directories remain. A write in the same folder at least an hour later removes them.
+random name is created exclusively, so no link is followed. `folder` makes a staging directory: a
+caller completes a new folder in it, then moves the new folder to its final path. If the process is
+killed, temporary files and directories remain. A write in the same folder at least an hour later
+removes them.
 """
 
 import errno
@@ -106,6 +107,8 @@ def sync(file: IO) -> None:
 def folder(parent: Path) -> Iterator[Path]:
     """Make a staging directory in the folder `parent`, and remove the directory on exit.
 
+    A caller completes a new folder in this directory, then moves the new folder to its final path.
+
     Raises
     ------
     OSError
@@ -172,14 +175,15 @@ def _replaced_mode(path: Path, new: bool) -> int | None:
 
 
 def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], None]) -> None:
-    """Remove temporary files or folders that killed processes left, if they are an hour old.
+    """Remove temporary files or folders that killed processes left more than an hour ago.
 
     Parameters
     ----------
     parent : Path
         Folder to search.
     is_kind : callable
-        ``is_kind(entry, follow_symlinks=False)`` tests whether to remove an `os.DirEntry`.
+        ``is_kind(entry, follow_symlinks=False)`` tests whether an `os.DirEntry` is a file, or is
+        a folder.
     remove : callable
         ``remove(path)`` removes a file or a folder.
     """

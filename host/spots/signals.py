@@ -2,8 +2,8 @@
 
 An output (a keyboard or gamepad of this computer) is open inside its own ``with`` block. It applies
 each change inside a second block, ``with SECTION``. A signal during the second block is deferred to
-the end of this block, so each change is completed. After a signal, outputs press nothing until the
-loop that feeds them readings has called `resumed`.
+the end of this block, so each change is completed. After the process was suspended (as by Ctrl-Z),
+outputs ignore presses until the program calls `resumed`.
 
 SIGKILL, SIGSTOP and a crash in C cannot be handled.
 """
@@ -70,7 +70,7 @@ class _Section:
     def resumed(self) -> bool:
         """Return whether the process was suspended (as by Ctrl-Z) since the last call.
 
-        If so, its keyboards and gamepads may send presses again.
+        If it was, the open outputs accept presses again.
         """
         if not self._stopped:
             return False
@@ -115,7 +115,7 @@ class _Section:
             signal.signal(number, self.handle)
 
     def _ignore(self, numbers: list[int]) -> list[int]:
-        """Ignore the signals in `numbers` that this section handles; return their numbers."""
+        """Ignore those of the signals `numbers` that this section handles, and return them."""
         handled = [one for one in numbers if signal.getsignal(one) == self.handle]
         for one in handled:
             signal.signal(one, signal.SIG_IGN)

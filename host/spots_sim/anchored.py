@@ -91,8 +91,8 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
     Returns
     -------
     list of tuple
-        For each reading in which the board finds two fingers: position error of the second finger,
-        and the standard deviation that the board reports for this position, in mm.
+        For each reading in which `ContactFinder` finds two fingers: position error of the second
+        finger, and the standard deviation that `ContactFinder` computes for it, in mm.
     """
     truth = Scenario(file)
     points = file.touch[1].points
@@ -128,7 +128,7 @@ def summary(found: list[tuple[float, float]]) -> dict:
         deviation is at most 3 mm; the values below use only these positions. ``rms_mm`` and
         ``p95_mm``: root mean square and 95th percentile of the absolute error, in mm.
         ``rms_of_error_by_sigma``: root mean square of error divided by standard deviation; it is 1
-        if the reported deviations are right.
+        if the computed deviations are right.
     """
     located = [one for one in found if one[1] <= _SIGMA_MM]
     squares = sorted(error**2 for error, _ in located)

@@ -25,8 +25,8 @@ _STEP_MN = 1.0
 class Bound:
     """The Cramer-Rao bound of a simulated sensor, for readings with six counts.
 
-    There are bounds for the position of a press, for its force, and for the light that it couples
-    into the dyed guide.
+    `sigma` returns the bounds for the position of a press, and for the light that the press couples
+    into the dyed light guide. `force_sigma_mN` returns the bound for its force.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Bound:
     exposure_us : float
         Integration time in us.
     led_mA : float
-        LED current in mA.
+        LED current that is set in the chip, in mA.
     average : int
         Number of samples in a reading.
     change : Change

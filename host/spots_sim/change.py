@@ -74,9 +74,9 @@ class Temperature(msgspec.Struct, **_Struct):
     """Temperature coefficients of a sensor, and the self-heating of its LED.
 
     Each coefficient ``NAME_per_K`` is the change per kelvin of the attribute ``NAME`` of `Change`.
-    Only `length_ppm_per_K` has no such attribute: it is the thermal expansion of the strip. The
-    LED's own heating uses the coefficients of the LED, too. Its temperature rises by `led_K_per_mA`
-    for each mA, with the time constant `led_warm_up_s` in seconds.
+    Only `length_ppm_per_K` has no such attribute: it is the thermal expansion of the strip. A lit
+    LED heats itself: its temperature rises by `led_K_per_mA` for each mA, with the time constant
+    `led_warm_up_s` in seconds. This rise changes only the attributes of LED, phosphor and light.
     """
 
     # Blue InGaN dies: 0.03 to 0.05 nm/K, typical of LED datasheets.
@@ -101,7 +101,7 @@ class Temperature(msgspec.Struct, **_Struct):
     led_warm_up_s: Annotated[float, msgspec.Meta(gt=0, le=1e6)] = 60.0
 
     def resolved(self, change: Change, led_K: float = 0.0) -> Change:
-        """Return `change` plus the effects of temperature and of the LED's heating.
+        """Return `change` plus the effects of its temperature, and of the LED's self-heating.
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class Temperature(msgspec.Struct, **_Struct):
         Returns
         -------
         Change
-            The sum, with the `temperature_K` of `change`.
+            The sum; its `temperature_K` is that of `change`.
         """
         return change + Change(
             **{

@@ -68,9 +68,8 @@ def demo(
     layout : str, optional
         Key layout of the application ``keyboard``: a path, or a name such as ``mini``.
     rezeroed : bool, optional
-        The sensor file may describe a change of the strip since its calibration (`change`). True
-        if the calibration was corrected after this change with a few presses (re-zero). Needs
-        `fast`.
+        Whether the calibration was corrected with a few presses (re-zero) after the change that
+        the table ``[change]`` of the sensor file describes. Needs `fast`.
     warm : bool, optional
         Whether the LED is warm at the start. Needs `fast`.
     cpu : str, optional
@@ -195,8 +194,8 @@ def open_fast(
     faults : Faults, optional
         Faults of the link, the I2C bus and the board.
     rezeroed : bool, optional
-        The sensor file may describe a change of the strip since its calibration (`change`). True
-        if the calibration was corrected after this change with a few presses (re-zero).
+        Whether the calibration was corrected with a few presses (re-zero) after the change that
+        the table ``[change]`` of the sensor file describes.
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
@@ -214,7 +213,7 @@ def open_fast(
     Raises
     ------
     SpotsError
-        If the sensor file is missing or invalid.
+        If the sensor file is missing or invalid, or the processor is unknown.
     """
     file = load(SensorFile, sensor)
     calibration = lines or (recalibrated(file) if rezeroed else calibrate(file))
@@ -237,8 +236,8 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     use : str
-        Application to show. ``fivebar`` shows a simulated linkage. Any other application shows a
-        strip, with the application's panel directly below it.
+        Application to show. For ``fivebar``, the web UI shows a simulated linkage. Otherwise it
+        shows a strip, and directly below the strip the panel of the application.
     sensor, scenario : str
         Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int

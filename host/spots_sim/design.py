@@ -102,9 +102,10 @@ class Design:
         Returns
         -------
         dict
-            Attributes of the design, with units in the keys. ``rate_hz``: readings per second.
-            ``resolution_um`` and ``worst_um``: mean and worst resolution along the strip.
-            ``along``: list of positions in mm with the resolution at each.
+            ``length_mm``, ``dye_per_mm``: length and dye of the strip. ``exposure_us``,
+            ``average``, ``gain``, ``led_mA``: settings, see `Design`. ``rate_hz``: readings per
+            second. ``resolution_um``, ``worst_um``: mean and worst resolution along the strip.
+            ``along``: list of dicts with ``position_mm``, and the ``resolution_um`` there.
         """
         return {
             "length_mm": self.sensor.length_mm,

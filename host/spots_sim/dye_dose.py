@@ -58,7 +58,7 @@ class Measured:
     per_mm : float
         Decay coefficient per mm, as `files.Dye.strength_per_mm`.
     misfit : float
-        Root mean square of the differences from the fit, in units of ln.
+        Root mean square of the differences from the fit, which uses natural logarithms of counts.
     """
 
     per_mm: float
@@ -176,7 +176,7 @@ def read_pieces(
     ask : callable
         ``ask(text)`` shows a request to the user, and returns when the user has confirmed it.
     dark : callable
-        Takes a dark frame; called only if the LED is always on.
+        Takes a dark frame; called only if the LED is always on: then the board takes none itself.
 
     Returns
     -------

@@ -3,7 +3,8 @@
 Each fault has its own random generator, which depends only on the seed. So the sensor's noise is
 the same with and without faults, and one fault does not change another. All times are simulated
 times. The classes can be used alone: `FaultyLink` damages bytes, `FaultyBus` damages transfers,
-and `BoardFaults` applies faults of power and clock before each request of the board.
+and `BoardFaults` applies faults of power and clock before each request of the firmware to the
+simulator, such as a transfer.
 """
 
 from __future__ import annotations
@@ -333,7 +334,7 @@ class FaultyBus:
 
 
 class BoardFaults:
-    """Faults of a board's power and clock; call `step` before each request of the board.
+    """Faults of a board's power and clock; call `step` before each transfer or wait of the board.
 
     Parameters
     ----------
@@ -410,7 +411,7 @@ class Faults:
         return np.random.default_rng([_OWN, self._seed, *kind.encode()])
 
     def spells(self, kind: str) -> Spells:
-        """Return the intervals of the fault with a key in the file, such as ``clock.stalls``."""
+        """Return the intervals of the fault with the key `kind`, such as ``clock.stalls``."""
         moments = self.file.moments()[kind]
         rng = self.rng(kind)
         return Spells(moments, self._seconds, self.file.from_s, rng, kind, self.ledger)

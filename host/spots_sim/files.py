@@ -53,7 +53,8 @@ class Led(toml.Strict):
     blue_share : float
         Share of the blue peak in the light, 0 to 1.
     irradiance_uW_cm2_per_mA : float
-        Irradiance at the sensor per mA of LED current, for full contact at the sensor's end.
+        Irradiance at the sensor per mA of LED current, for a press at the sensor's end of the
+        strip with full contact.
     bend_mA : float
         Constant of the LED's droop: at a current I, the light is proportional to
         I / (1 + I / bend_mA).
@@ -79,7 +80,7 @@ class Led(toml.Strict):
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the current of a lit LED in mA; `driver_mA` is the chip's setting."""
+        """Return the current of a lit LED: `driver_mA` if the chip sets it, else `fixed_mA`."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
@@ -103,7 +104,7 @@ class Dye(toml.Strict):
 
 
 class ContactFile(toml.Strict):
-    """Contact area (the share of the light that is coupled) by force, see `world.coupling`.
+    """Coupled light by force, as a share of the light at full contact, see `world.coupling`.
 
     Attributes
     ----------
@@ -125,7 +126,8 @@ class ContactFile(toml.Strict):
 class Converter(toml.Strict):
     """The chip's noise, and its behaviour that no document defines.
 
-    `chip.ChipNoise` and `chip.Quirks` describe attributes with these or similar names.
+    `chip.ChipNoise` and `chip.Quirks` describe the attributes; there, `read_noise_counts` is named
+    ``read_counts``, and `ratio_noise_ppm` is named ``ratio_ppm``.
     """
 
     read_noise_counts: NotNegative
@@ -371,7 +373,7 @@ class BusFaults(toml.Strict):
 
 
 class PowerFaults(toml.Strict):
-    """Power faults: brown-outs stop board and sensor; all others affect only the sensor."""
+    """Brown-outs of board and sensor, resets of the sensor, and times when it is unplugged."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -386,7 +388,7 @@ class ClockFaults(toml.Strict):
 
 
 class FaultsFile(toml.Strict):
-    """Faults of a scenario, see `faults`. No fault begins in the first `from_s` s of a run."""
+    """Faults of a scenario, see `faults`. All but `oscillator_ppm` begin after `from_s` seconds."""
 
     from_s: Time = 0.0
     to_host: SerialFaults = SerialFaults()
@@ -410,11 +412,30 @@ class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
     `strain`, `bend`, `leak` and each key of `change` are lists of points, joined by straight lines.
-    Before the first and after the last point, the value is constant. A point has a time in s, and
-    then the strain in per cent, the bending angle in degrees, or the change since the calibration.
-    A point of `leak` has two values: a share of full contact, and a position in mm. A leak is light
-    that couples at a position without a finger. Positions are measured along the stretched strip.
-    The constants `strain_percent` and `bend_deg` replace the points of `strain` and `bend`.
+    Before the first and after the last point, the value is constant. Positions are measured along
+    the stretched strip.
+
+    Attributes
+    ----------
+    seconds : float
+        Duration of the scenario in s.
+    strain_percent, bend_deg : float
+        Constant strain and bending angle; each is used only if `strain` or `bend` is empty.
+    strain : list of tuple
+        Points (time in s, strain in per cent).
+    bend : list of tuple
+        Points (time in s, bending angle in degrees).
+    leak : list of tuple
+        Points (time in s, share of full contact, position in mm) of light that couples at a
+        position without a finger.
+    touch : list of Finger
+        Fingers that touch the strip.
+    ambient : Ambient or None
+        Ambient light, in addition to the `Surroundings` of the sensor.
+    change : ChangeInTime
+        For each attribute of `change.Change`: points (time in s, change since the calibration).
+    faults : FaultsFile or None
+        Faults of the board and its connections.
     """
 
     seconds: Cycle

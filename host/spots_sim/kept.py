@@ -32,7 +32,7 @@ def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
     Parameters
     ----------
     kind : type
-        Type of the results. Results and arguments must be types that msgspec can encode.
+        Type of the results. msgspec must be able to encode the results and the arguments.
 
     Returns
     -------

@@ -46,15 +46,15 @@ class LinkWrapper:
 
 
 class Tap(LinkWrapper):
-    """A link that also passes the data of each read to a function.
+    """A wrapper of a link that passes a copy of all received data to a function.
 
     Parameters
     ----------
     link : Link
         The link to wrap.
     look : callable
-        ``look(data, now_s)`` receives the bytes of a read, and the present time by the link's
-        clock in s.
+        ``look(data, now_s)`` is called after each read, with the received bytes and the time of
+        the link's clock in s.
     """
 
     def __init__(self, link: Link, look: Callable[[bytes, float], None]):

@@ -1,6 +1,7 @@
 """Runs a simulated five-bar linkage in real time; measures the error of its twin on a path.
 
-The digital twin (`spots.Twin`) computes the position of the end point from the strips' readings.
+The digital twin (`spots.Twin`) computes the position of the end point. Its input is the readings of
+two strips, one in each base joint of the linkage.
 """
 
 from __future__ import annotations
@@ -78,6 +79,7 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
     Yields
     ------
     Source
+        The linkage's digital twin, and the two boards that it reads.
 
     Raises
     ------
@@ -91,7 +93,10 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
 
 
 def run(options) -> None:
-    """Run ``spots twin`` on a simulated linkage, in real time with ``--port``, else by `compare`.
+    """Run ``spots twin`` on a simulated linkage.
+
+    With ``--port``, the linkage moves in real time. Without ``--port``, `compare` moves it in
+    simulated time.
 
     Parameters
     ----------

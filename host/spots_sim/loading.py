@@ -28,7 +28,7 @@ SESSION = (
 
 
 def points(loads) -> list[list[tuple[float, float, float]]]:
-    """Return the path of the force in each load, as points joined by straight lines.
+    """Return the force over time of each load, as points joined by straight lines.
 
     Each point is a tuple: time in s, position as a share of the strip's length, force in mN. The
     loads are those of `record`.
@@ -57,7 +57,8 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     seed : int
         Random seed of the noise.
     led : str
-        LED settings as assignments for ``set``, if the LED is not on the chip's pin LDR.
+        LED settings: assignments for the board's command ``set``, such as ``led=always``. Empty if
+        the LED is on the pin LDR of the AS7341.
 
     Returns
     -------
@@ -87,7 +88,7 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
 
 
 def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
-    """Calibrate hysteresis and creep of a simulated strip.
+    """Measure hysteresis and creep of a simulated strip, so that the board can compensate them.
 
     Parameters
     ----------
@@ -111,16 +112,16 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
 
 
 def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> None:
-    """Set the mains frequency and the wiring of the LED on a board.
+    """Send the mains frequency and the LED settings to a board.
 
     Parameters
     ----------
     board : Board
         Board to change.
     sensor : SensorFile
-        Sensor file of the strip; its lamps give the mains frequency.
+        Sensor file of the strip; the mains frequency is that of its flickering lamps.
     led : str
-        Wiring of the LED as assignments for ``set``; empty for an LED on the chip's pin LDR.
+        LED settings, see `record`.
     number : int, optional
         Number of the strip on the board.
     """

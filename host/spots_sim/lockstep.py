@@ -38,23 +38,23 @@ class LockstepLink:
     folder : Path, optional
         File system of the board. By default a temporary folder with the firmware.
     started_s : float
-        Time for which supply and LED have been on when the board boots, in seconds.
+        Time in seconds from power-on of sensor and LED to the start of the firmware.
     board : str
         Name of the virtual board, ``virtual`` or ``virtual_circuitpython``.
     faults : faults.Faults, optional
-        Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
+        Faults of bus and board. For damaged or lost bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
         Processor time of one loop pass in us, on MicroPython only; 0 by default. The time passes
         before each read of the sensor's data registers. After a read of its FIFO, this time passes
         for each sample that was read. With a function ``busy_us(free_bytes) -> float``, the board
         reports its number of free heap bytes at each transfer, which doubles the run time.
     warm : bool, optional
-        Whether the LED has its final temperature when it is first switched on.
+        True if the LED has its final temperature from the start; False if it warms up first.
     cpu : str, optional
-        Name of a processor, see `cpu.load`: the firmware is as slow as on that board. Without it,
-        only transfers and sleeps take time.
+        Name of a processor, see `cpu.load`: the firmware is as slow as on this processor. By
+        default, only transfers and sleeps take time.
     second : tuple, optional
-        Scenario and seed of a second strip on this board; its sensor is like that of the first.
+        Scenario and seed of a second strip on this board. Both strips have the same sensor file.
 
     Attributes
     ----------

@@ -56,7 +56,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
     path : Path
         PNG file to write.
     step_deg : int
-        Angle between two lines in degrees.
+        Difference of the joint angles of two neighbouring lines, in degrees.
     mechanism : spots_sim.mechanism.Mechanism, optional
         Mechanism whose joints limit the workspace by their travel. By default there is no limit.
 

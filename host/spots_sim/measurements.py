@@ -54,8 +54,8 @@ class Run:
         Results that ``spots characterize --json`` prints. Keys end in their units; ``crb`` is the
         Cramer-Rao bound.
     series : dict of dict of arrays
-        Arrays for the figures: first key the measurement (such as ``position``), second key the
-        array.
+        Arrays for the figures. The first key is the name of a measurement, such as ``position``;
+        the second key is the name of an array, such as ``x_um``.
     """
 
     summary: dict = field(default_factory=dict)
@@ -71,7 +71,10 @@ def characterize(
     change: Change = NONE,
     hand: Hand = NO_HAND,
 ) -> Run:
-    """Measure the accuracy of a simulated sensor: position, force, bending, joint and strain.
+    """Measure the accuracy of a simulated sensor.
+
+    Position and force are measured on the flat strip. Position is also measured on the bent and on
+    the stretched strip, and the angle of a joint with the strip in the joint.
 
     Parameters
     ----------
@@ -84,9 +87,10 @@ def characterize(
     progress : callable
         ``progress(name)`` is called at the start of each step.
     change : Change
-        Change of the strip since its calibration, added to ``[change]`` of the sensor file.
+        Change of the strip after its calibration. Its values are added to those of the table
+        ``[change]`` in the sensor file.
     hand : Hand
-        Options of the re-zero, which corrects the calibration after the change with a few presses.
+        Options of the re-zero. After the change, it corrects the calibration with a few presses.
 
     Returns
     -------
@@ -207,7 +211,7 @@ def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: One
     least : float
         Cramer-Rao bound of the standard deviation, in um.
     untrusted : float
-        Share of untrusted readings, in per cent.
+        Share of the readings that the board marked as untrusted, in per cent.
     """
     true_um, _, readings, counts = zip(*_jittered(rig, rng, place_um, count))
     errors = np.array([r.position_um for r in readings]) - true_um
@@ -274,13 +278,14 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Measure the estimate `pair` on single samples, at the positions `x_um` of the strip `rig`.
+    """Measure the noise of the position estimate `pair`, from readings of one sample each.
 
-    `pair` is the position estimate from two channels; `rng` is the random generator.
+    `rig` is a calibrated strip, which is pressed at the positions `x_um`; `rng` is the random
+    generator.
 
     Returns, for each position, the ratio of the estimate's scatter to the Cramer-Rao bound, and the
-    signal-to-noise ratio of the counts. The mean counts of several samples cannot be used, because
-    the board rounds them, which changes the noise.
+    signal-to-noise ratio of the counts. Readings of several samples cannot be used: the board
+    rounds their mean counts, and this changes the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -350,9 +355,9 @@ def _threshold_mN(rig: Rig) -> float:
 
 
 def _accuracy_um(rig: Rig, rng) -> np.ndarray:
-    """Measure the position accuracy along the strip; the generator `rng` draws the presses.
+    """Measure the position accuracy along a calibrated strip `rig`, with random presses.
 
-    `rig` is a calibrated strip. Returns an array of shape (3, n) for n positions: positions, mean
+    `rng` is the random generator. Returns an array of shape (3, n) for n positions: positions, mean
     errors and mean absolute errors, all in um.
     """
     x_um = PLACES * rig.stage.length_um

@@ -176,7 +176,7 @@ class Person:
 
 
 def follow(held: Held, way: Way) -> None:
-    """Move the simulated finger along a path; the movement begins with the next reading.
+    """Move the simulated finger along a path, from the board's next exposure on.
 
     Parameters
     ----------

@@ -108,9 +108,9 @@ class PortNoise:
     Parameters
     ----------
     faults : faults.Faults
-        Faults of the scenario.
+        Faults that the scenario file describes.
     clock : RealClock
-        Clock of the faults.
+        Clock of the virtual board; its time determines when a fault happens.
     port : PseudoTerminal
         The port for frames.
     """

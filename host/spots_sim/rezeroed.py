@@ -96,7 +96,8 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
     """Calibrate a simulated sensor, change the sensor, and correct the calibration (re-zero).
 
-    Returns the text lines of the corrected calibration.
+    The table ``[change]`` of the sensor file describes the change. Returns the text lines of the
+    corrected calibration.
 
     Raises
     ------

@@ -22,7 +22,7 @@ class Press:
     Attributes
     ----------
     position_mm : float
-        Distance from the sensor's end, in mm.
+        Distance from the sensor's end of the strip, in mm.
     force_mN : float
         Force in mN.
     width_mm : float
@@ -50,7 +50,7 @@ class Pose:
     leak_share : float
         Light that couples without a finger, as a share of full contact.
     leak_mm : float
-        Position of this leak in mm from the sensor's end.
+        Distance of this leak from the sensor's end of the strip, in mm.
     """
 
     strain: float = 0.0
@@ -119,8 +119,8 @@ class Scenario:
         Returns
         -------
         bool
-            False if it is unsure: near the start or the end of a touch, and in every scenario
-            with a leak or with a pose that changes.
+            Also False where the answer is not certain: near the start or the end of a touch, and
+            in every scenario with a leak or with a pose that changes.
         """
         first_s = start_s % self.file.seconds - _NEAR_S
         i = bisect_right(self._edges, first_s)
@@ -159,7 +159,7 @@ class Held:
     Attributes
     ----------
     press : Press or None
-        The present press.
+        Press on the strip now; None if nothing presses it.
     strain : float
         Elongation divided by the length at rest.
     bend_deg : float

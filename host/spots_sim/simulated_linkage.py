@@ -78,7 +78,8 @@ def calibrated(
     exposure_us : int
         Integration time in us.
     rezeroed : bool, optional
-        Whether the calibration is then corrected (re-zero) at the joint's stops, after this change.
+        Whether the calibration is corrected after this change (re-zero), at three angles of the
+        joint.
 
     Returns
     -------
@@ -200,12 +201,12 @@ class Simulation:
         self._opened.close()
 
     def encoders(self, offset_rad=None) -> tuple[Encoder, Encoder]:
-        """Return new encoders of both joints.
+        """Return an `Encoder` for each joint, which computes the joint angle from strip readings.
 
         Parameters
         ----------
         offset_rad : sequence of float, optional
-            Mounting angle of each joint in rad; the true angles by default.
+            Mounting angle of each strip in its joint, in rad; the true angles by default.
         """
         offset_rad = self.mechanism.zero_rad if offset_rad is None else offset_rad
         return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))
@@ -255,7 +256,7 @@ class Endless:
         self.linkage = Linkage(self._mechanism.bar_mm, self._mechanism.base_mm)
 
     def encoders(self) -> tuple[Encoder, Encoder]:
-        """Return new encoders of both joints, with their true mounting angles."""
+        """Return an `Encoder` for each joint, with the true mounting angle of its strip."""
         zeros = self._mechanism.zero_rad
         return tuple(Encoder(strip.joint, zero) for strip, zero in zip(self._strips, zeros))
 

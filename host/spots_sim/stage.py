@@ -107,7 +107,7 @@ class Stage:
         Parameters
         ----------
         position_um : float
-            Distance of the press from the sensor's end, in um.
+            Distance of the press from the sensor's end of the strip, in um.
         force_mN : float
             Force of the press in mN.
         """
@@ -136,7 +136,7 @@ class Stage:
         Parameters
         ----------
         places_um : sequence of float
-            Distances from the sensor's end, in um.
+            Distances from the sensor's end of the strip, in um.
         forces_mN : sequence of float
             Forces in mN.
         samples : int
@@ -267,7 +267,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
 
 def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None:
-    """Set mains frequency, wiring of the LED and dark frame on a board, as `calibrate` used them.
+    """Send a board the settings that `calibrate` used: mains frequency, LED and dark frame.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None
 def led_settings(sensor: SensorFile) -> str:
     """Return the LED settings that `calibrate` used, as assignments for ``set``.
 
-    They are empty if the LED is on the chip's pin LDR.
+    They are empty if the LED is on the pin LDR of the AS7341.
     """
     return "" if sensor.led.wired == "ldr" else _calibrated(sensor, None)[1]
 

@@ -84,7 +84,8 @@ def assembly(shape: StripShape) -> dict:
     Returns
     -------
     dict of str to manifold3d.Manifold
-        Solids of ``support``, ``clear``, ``dyed``, ``board``, ``chip``, ``led`` and printed parts.
+        Solids of ``support``, ``clear`` and ``dyed`` (the two guides), ``board`` (breakout),
+        ``chip`` and ``led``. Printed parts: ``base``, ``sensor_cap``, ``sensor_lid``, ``led_cap``.
     """
     from manifold3d import Manifold
 

@@ -78,7 +78,7 @@ def parts(shape: StripShape) -> dict:
     Returns
     -------
     dict of str to manifold3d.Manifold
-        Closed solids in mm, by the name of the STL file without its suffix.
+        Closed solids in mm. Each key is the name of the part's STL file, without its suffix.
     """
     guides, support = _cavities_y(2, GUIDE_WIDTH), _cavities_y(1, STRIP_WIDTH)
     return {

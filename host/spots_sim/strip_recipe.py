@@ -138,9 +138,9 @@ def tint_g(mixed_g: float, dose: float) -> float:
     Parameters
     ----------
     mixed_g : float
-        Mass of the rubber in g, with the tint.
+        Mass of the tinted rubber in g.
     dose : float
-        Dose in g of tint in 100 g.
+        Tint in 100 g of tinted rubber, in g.
 
     Returns
     -------

@@ -54,7 +54,7 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Survey:
-    """Errors of a linkage at positions of its workspace, after a stop at each position.
+    """Errors of a linkage's digital twin, measured at rest at positions of the workspace.
 
     Attributes
     ----------
@@ -69,8 +69,8 @@ class Survey:
     rested : Deviation
         As `calibrated`, but from the mean of all readings at a position, not from one reading.
     expected_mean_mm, expected_max_mm : float
-        Expected mean and maximum error in mm with the true lengths, computed from the encoders'
-        standard errors.
+        Expected mean and maximum error in mm with the true lengths, computed from the standard
+        errors of the measured joint angles.
     kinematics : kinematics.Kinematics
         Result of the kinematic calibration.
     """
@@ -174,8 +174,8 @@ class PathRun:
     terminals : list of Terminal
         Estimates of the end point's position during the motion.
     error_mm : numpy.ndarray, shape (n,)
-        Distance between each estimate and the true position, in mm. Estimates at a limit of the
-        linkage are left out.
+        Distance between each estimated and true position, in mm. Entries of `terminals` without a
+        position are left out, see `Terminal.limit`.
     lost : int
         Number of lost frames.
     """
@@ -192,9 +192,9 @@ class PathRun:
         Returns
         -------
         dict
-            ``seconds``: time from the first to the last estimate. ``terminals`` and ``rate_hz``:
-            number and rate of the estimates. ``beyond_limits``: number of estimates at a limit of
-            the linkage; no other value includes these. ``lost``: number of lost frames.
+            ``seconds``: time from the first to the last estimated position. ``terminals`` and
+            ``rate_hz``: number and rate of these positions. ``beyond_limits``: number of pairs of
+            joint angles for which the linkage has no position. ``lost``: number of lost frames.
             ``error_mm``: mean, 95th percentile, maximum and root mean square of the distance from
             the true position. ``expected_rms_mm``: root mean square of the standard errors that
             the twin reports.
@@ -355,10 +355,10 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return position errors in mm that random angle errors cause, shape (draws, n).
+    """Return position errors in mm that random angle errors cause, shape (`_DRAWS`, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
-    positions. `rng` is the random generator.
+    positions. `_DRAWS` is the number of random errors at each position; `rng` generates them.
     """
     jacobian = np.asarray(linkage.jacobian(*theta))
     draws = sigmas.T * rng.standard_normal((_DRAWS, *sigmas.T.shape))

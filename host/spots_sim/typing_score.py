@@ -52,8 +52,8 @@ def strokes(
     length_mm : float
         Length of the strip, in mm.
     from_s, to_s : float
-        Start and end of the interval, in seconds of the scenario. A touch is included if it begins
-        after `from_s` and ends `AFTER_S` before `to_s`.
+        Start and end of the interval, in seconds of the scenario. A touch is included if it does
+        not begin before `from_s`, and ends at least `AFTER_S` before `to_s`.
 
     Returns
     -------
@@ -133,8 +133,8 @@ class TypingScore:
             than the touched one). ``missed``: touches without a press. ``extra``: presses without a
             touch. ``no_finger``: wrong or extra presses of a key that no finger touched. ``stuck``:
             keys that stay pressed for more than 0.5 s after the last finger has left the strip.
-            ``latency_ms``: percentiles of the time from the start of a touch to the correct press,
-            in ms.
+            ``latency_ms``: percentiles ``p50``, ``p90`` and ``p99`` of the time from the start of a
+            touch to the correct press, in ms.
         """
         fingers = strokes(*self._parts, to_s)
         presses = [press for press in self._presses if press[0] <= to_s]

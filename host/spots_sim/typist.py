@@ -89,7 +89,7 @@ class Typist:
     rng : numpy.random.Generator
         Generator of the random values.
     pause_s : tuple of float
-        Shortest and longest pause between two fingers, in seconds.
+        Shortest and longest pause after a touch, in seconds.
     start_s : float
         Time of the first touch, in seconds.
     """
@@ -175,7 +175,10 @@ class Typist:
         return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
 
     def _way(self, character: str) -> list[tuple[int, int, str]]:
-        """Return the keys to press for a character as (layer, index, slot); layer keys first."""
+        """Return the keys to press for a character: keys that change the layer come first.
+
+        Each key is a tuple: layer, index of the key in the layer, and `slot` as in `do`.
+        """
         wanted = _action_of(character)
         waiting = deque([(0, [])])
         seen = {0}
@@ -259,7 +262,7 @@ def fast_typing(
     Parameters
     ----------
     layout : KeyLayout
-        Keys of the strip; the taps of the first layer are typed.
+        Keys of the strip. Only keys of the first layer are typed, and each with a tap.
     words_per_min : float
         Speed in words a minute; a word has five keys.
     touches : int

@@ -231,8 +231,7 @@ def _shared_firmware(board: str, strips: int) -> Path | None:
     """Return a folder with a board's firmware as bytecode, which several processes share.
 
     With this folder, a board starts in half the time, because its modules are neither copied nor
-    compiled. Main files stay sources. Without a folder for stored files (see `kept_folder`), this
-    returns None.
+    compiled. Main files are not compiled. Returns None if `kept_folder` has no place to store it.
     """
 
     def make(folder: Path) -> None:
@@ -252,7 +251,7 @@ def _shared_firmware(board: str, strips: int) -> Path | None:
 
 
 def _in_group(group: int) -> dict:
-    """Return arguments for `Popen`: the process joins the process group `group`; 0: a new group."""
+    """Return arguments for `Popen`: put the process into the group `group`; 0 means a new group."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

@@ -71,7 +71,7 @@ class World:
     rng : numpy.random.Generator
         Random generator for the LED's noise.
     warm : bool, optional
-        Whether the LED has its final temperature when it is first switched on.
+        True if the LED has its final temperature from the start; False if it warms up first.
     """
 
     def __init__(self, sensor: SensorFile, scenario, rng, warm: bool = False):
@@ -209,7 +209,7 @@ def chip(sensor: SensorFile, scenario, seed: int, warm: bool = False) -> AS7341:
     seed : int
         Random seed of the noise.
     warm : bool, optional
-        Whether the LED has its final temperature when it is first switched on.
+        True if the LED has its final temperature from the start; False if it warms up first.
 
     Returns
     -------

@@ -147,7 +147,7 @@ def test_an_ideal_strip_needs_no_compensation(sensor, calibration, monkeypatch):
 
 
 def test_a_short_recording_is_refused():
-    with pytest.raises(SpotsError, match="3 readings of a press are too few"):
+    with pytest.raises(SpotsError, match="3 readings during presses are too few"):
         fit_silicone([0, 1, 2], [1000] * 3, [1000] * 3, [0] * 3)
 
 

@@ -1,7 +1,8 @@
 """Measures presses of a strip: waits until a press is steady, then reads and validates its counts.
 
 A presser (a person or a machine) presses the strip on request. A hold is a time in which the force
-is steady. A press with two forces has two holds.
+is steady. A press with two forces has two holds. A short reading lasts 0.24 s, or 8 samples if
+these take longer. A longer reading is the mean of several short readings.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def samples_of(kind: str, exposure_us: int) -> int:
     Parameters
     ----------
     kind : str
-        Kind of the press, see `session.Wanted`; empty for a short reading.
+        Kind of the press, see `session.Wanted`; empty for a short reading of about 0.24 s.
     exposure_us : int
         Exposure of a sample in us.
 
@@ -78,8 +79,9 @@ class Bench:
     path : Path
         Calibration file of the strip.
     spent : int
-        Number of requested presses that the session does not store as presses by hand, such as
-        invalid presses. If it is large, a session by hand (see `session`) asks for fewer presses.
+        Number of requested presses, minus the stored presses by hand. It counts for example
+        invalid, repeated and removed presses. If it is large, a session by hand (see `session`)
+        asks for fewer presses.
     trace : list of tuple of float
         All readings of the present press: time in s by the clock of `Board.now_s`, then the six
         counts.
@@ -135,7 +137,8 @@ class Bench:
         SpotsError
             If none of `TRIES` attempts gave a valid press.
         BadPressError
-            If the kind is ``hand`` and the press is not valid. The strip is then released.
+            If the kind is ``hand`` and the press is not valid: a press by hand has one attempt. The
+            strip is then released.
         """
         self.guide.want(wanted)
         for _ in range(TRIES):
@@ -279,10 +282,11 @@ class Bench:
 
 
 def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str) -> None:
-    """Raise `BadPressError` if a short reading has no light, or its brightness or colour changes.
+    """Raise `BadPressError` if a short reading has light in no channel, or its light changes.
 
     `noise` is the noise of the sensor, or None if unknown. `window` is the number of samples in the
-    reading. `kind` is the kind of the press: a finger has a larger limit than an indenter.
+    reading. `kind` is the kind of the press: for ``mark`` and ``hand``, the brightness may change
+    more, because a finger trembles.
     """
     if reading.unlit:
         raise TooDarkError("no press is seen")

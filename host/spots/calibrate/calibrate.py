@@ -1,4 +1,4 @@
-"""``spots calibrate``: guided sessions that calibrate position, force, strain and joint."""
+"""``spots calibrate``: guided sessions that calibrate a strip, and a joint that presses it."""
 
 from __future__ import annotations
 

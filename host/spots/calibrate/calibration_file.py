@@ -1,9 +1,9 @@
 """The calibration file: the text lines that a board uses, and how they were measured.
 
-Residuals are the errors that remain at the presses of the calibration. Marks are positions that a
-re-zero (``spots rezero``) presses again, to measure and correct drift. The file is TOML. The
-section ``[end]`` has a CRC-32 of all text before it, so that `load` detects a file that was cut
-short or changed.
+Residuals are the errors of the board's positions and forces at the presses of the calibration.
+Marks are positions that are pressed again for a re-zero (``spots rezero``), to measure and correct
+drift. The file is TOML. The section ``[end]`` has a CRC-32 of all text before it, so that `load`
+detects a file that was cut short or changed.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ class Marks(_Struct, kw_only=True):
     Attributes
     ----------
     place_um : tuple of float, length 3
-        Distances of the marks from the sensor's end in um, ascending.
+        Distances of the marks from the strip's end at the sensor in um, ascending.
     force_mN : float
         Force of each press in mN; 0 for a joint, whose indenter presses all the time.
     logs : tuple of tuple of float, shape (3, 6)
@@ -131,7 +131,7 @@ class Rezero(_Struct, kw_only=True):
     date : datetime
         Date and time in UTC.
     place_um : tuple of float, length n
-        Distances of the n pressed marks from the sensor's end, in um.
+        Distances of the n pressed marks from the strip's end at the sensor, in um.
     shifts : tuple of tuple of float, shape (n, 6)
         log2 of the counts at the re-zero minus log2 of the counts at the calibration, corrected for
         errors of force and position of the presses. Rows are marks, columns are channels.
@@ -153,7 +153,8 @@ class CalibrationFile(_Struct, kw_only=True):
     date : datetime
         Date and time of the calibration in UTC.
     board, plan, gain, exposure_us, led_mA
-        Board and settings of the calibration, see `spots_device.calibration.Conditions`.
+        Board and settings of the calibration; `plan` is the choice of the six channels. See
+        `spots_device.calibration.Conditions`.
     lines : tuple of str
         Calibration lines that the board uses, see `spots_device.calibration`.
     original : tuple of str
@@ -264,7 +265,7 @@ def send(board: Board, calibration: CalibrationFile) -> str:
     Returns
     -------
     str
-        Checksum of the calibration, as ``hello`` reports it.
+        Checksum of the calibration, as the board's command ``hello`` reports it.
 
     Raises
     ------

@@ -60,14 +60,16 @@ def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choice:
     """Return the plan with the least expected noise of the position.
 
+    The result is the plan of the first pass if its noise is at most 3 % larger.
+
     Parameters
     ----------
     plans : pair of tuple of str
         Plans of the two passes, see `passes`.
     measured : pair of Presses
         Readings of the two passes. Each pass has presses with the force `presses.FIRM_MN`, at the
-        same positions as the other pass. One more press, with the force `presses.FULL_MN`, shows
-        which channels saturate.
+        same positions as the other pass. Each pass also has one press with the force
+        `presses.FULL_MN`, which shows which channels saturate.
     full_scale : float
         Largest count that a channel can have.
 

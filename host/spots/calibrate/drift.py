@@ -2,8 +2,9 @@
 
 Drift is the change of the counts since the calibration. It is measured at the marks, the positions
 that ``spots rezero`` presses again. Different causes can change the channels alike. A shift of the
-sensor's filters looks like a shift of the LED in the opposite direction. A coupling of the light
-that favours one end of the spectrum looks like a small shift of the LED.
+sensor's filters looks like a shift of the LED in the opposite direction. A press couples light into
+the dyed light guide. If more light of one end of the spectrum is coupled than before, this looks
+like a small shift of the LED.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ def described(place_um, logs, shifts, plan) -> str:
     Parameters
     ----------
     place_um : sequence of float, length n
-        Distances of the n marks from the sensor's end in um, ascending. A drift of the
-        dye can be detected only with two marks or more.
+        Distances of the n marks from the strip's end at the sensor in um, ascending. A drift of
+        the dye can be detected only with two marks or more.
     logs : array_like, shape (n, 6)
         log2 of the dark-subtracted counts at the calibration. Rows are marks, columns are channels.
     shifts : array_like, shape (n, 6)

@@ -68,8 +68,9 @@ def fit(
     conditions : Conditions
         Board and settings of the presses.
     misfit : numpy.ndarray, shape (n, 6), optional
-        Measured minus fitted log2 of the counts of n presses; if not given, of the presses in
-        ``along[0]``. The larger these errors, the larger the misfit that the board tolerates.
+        Measured minus expected log2 of the counts of n presses. If not given, the presses in
+        ``along[0]`` are compared with smooth curves through them. The larger these errors, the
+        larger the misfit that the board tolerates.
 
     Returns
     -------
@@ -130,11 +131,11 @@ class Curves:
     Parameters
     ----------
     position_um : numpy.ndarray, shape (n,)
-        Positions of the presses in um from the sensor's end.
+        Distances of the presses from the strip's end at the sensor, in um.
     logs : numpy.ndarray, shape (n, c)
         log2 of the dark-subtracted counts of c channels.
     degree : int
-        Largest degree of the polynomials.
+        Largest degree of the curves, which are polynomials in the position.
 
     Attributes
     ----------

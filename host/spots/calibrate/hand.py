@@ -62,8 +62,8 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     session : Session
         Session with the presses already taken; the new presses are added.
     count, least : int
-        Number of presses by hand to take, and its lower limit. Repeated and refused presses reduce
-        the number, so that the total does not grow.
+        Number of presses by hand to take, and its lower limit. If many presses are invalid or
+        repeated, fewer are taken, so that the person does not press more often in total.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
 
@@ -200,10 +200,11 @@ def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
 def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     """Return how much firm presses have softened the strip, and the standard deviation of this.
 
-    Both are shares of the force. With too few presses they are 0 and infinity. A softened place
-    gives more light under forces below the largest earlier force at this place. The softening is
-    fitted to the relative errors of the forces, together with a constant and a multiple of the
-    logarithm of the force.
+    A softened place gives more light under forces below the largest earlier force at this place.
+    A softening of 0.1 means: as much light as a 10 % larger force gave before. With too few
+    presses, the softening is 0, and its standard deviation is infinity. The softening is fitted to
+    the relative errors of the forces, together with a constant and a multiple of the logarithm of
+    the force.
     """
     forces_mN, off_share = surface.taken.force_mN, surface.misfits[2]
     errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))

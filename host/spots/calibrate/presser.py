@@ -29,7 +29,7 @@ class Presser:
     patience_s : float
         Longest time in s from a request to a steady press.
     steady : int
-        Number of steady readings in a row that make a press.
+        Least number of successive steady readings that a valid press needs.
     """
 
     patience_s = 120.0
@@ -115,8 +115,9 @@ class Presser:
     def _read(self, what: str, default: str, length_um: float, wanted_mN: float):
         """Ask for position and force until the answer is valid; return them as `typed` does.
 
-        `what` and `default` are parts of the question about a press with the force `wanted_mN`.
-        Returns None instead if the person wants to repeat the press.
+        The question is ``what {what}?``. It shows `default`, the answer that the Enter key gives.
+        `wanted_mN` is the requested force in mN. Returns None if the person wants to repeat the
+        press.
         """
         while True:
             answer = self._guide.ask(f"what {what}? (Enter: {default}; again; undo) ")

@@ -22,7 +22,7 @@ class Presses:
     Attributes
     ----------
     position_um : numpy.ndarray, shape (n,)
-        Positions of the presses in um from the sensor's end.
+        Distances of the presses from the strip's end at the sensor, in um.
     force_mN : numpy.ndarray, shape (n,)
         Forces of the presses in mN.
     counts : numpy.ndarray, shape (n, c)
@@ -57,7 +57,7 @@ class Presses:
     def lit_everywhere(self) -> Presses:
         """Return the presses that are stronger than every press with at most 1 count in a channel.
 
-        The forces of these presses give light in all channels at every position.
+        The forces of the returned presses give light in all channels at every position.
         """
         dark = self.force_mN[~(self.counts > 1).all(axis=1)]
         return self.keep(self.force_mN > (dark.max() if len(dark) else -1))

@@ -140,7 +140,7 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
     Returns
     -------
     str
-        Checksum of the new calibration, as ``hello`` reports it.
+        Checksum of the new calibration, as the board's command ``hello`` reports it.
 
     Raises
     ------
@@ -160,10 +160,9 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the shifts of three marks, corrected for presses that missed their mark.
 
-    The arguments are those of `drift.described`. A drift of LED, filters or dye has the same effect
-    as a movement of the marks, by distances that are a linear function of their positions. So a
-    deviation of the apparent movements from a straight line is an error of the presses, and is
-    removed.
+    The arguments are those of `drift.described`. A drift of LED, filters or dye changes the colours
+    as if each mark had moved. This apparent movement is a linear function of the mark's position.
+    The deviations from a straight line are therefore errors of the presses, and are removed.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]

@@ -2,8 +2,8 @@
 
 The colours of the presses show their distances from each other, but not their distance from the
 ruler's zero. This distance is estimated from the positions that the person read. If the errors of
-these positions are Gaussian, the mean is the best estimate. But a ruler has marks, and a position
-that is rounded to the nearest mark has a uniform error, of at most half the distance between marks.
+these positions are Gaussian, the mean is the best estimate. But a ruler has lines, and a position
+that is rounded to the nearest line has a uniform error, of at most half the distance between lines.
 The ends of such a distribution show its middle better than the mean does. So the error is modelled
 as either Gaussian, or the sum of a rounding error and a smaller logistic (nearly Gaussian) error.
 The data determine the probabilities of these models, and the sizes of the errors. Weak presses have
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_MARKS_UM = (500.0, 1000.0, 2000.0)  # possible distances between the marks of a ruler
+_MARKS_UM = (500.0, 1000.0, 2000.0)  # possible distances between the lines of a ruler
 _GAUSSIAN = 0.5  # prior probability of Gaussian errors
 # Possible standard deviations of Gaussian or logistic errors, as multiples of `sigma_um`.
 _SIGMAS = 2.0 ** np.arange(-4.0, 1.5, 0.5)
@@ -39,7 +39,7 @@ def common_error_um(
     noise_um : numpy.ndarray, shape (n,)
         Standard deviations of `off_um` due to the noise of the sensor, in um.
     sigma_um : float
-        Standard deviation in um that the fit expects of errors of `read_um`.
+        Standard deviation that the fit assumed for the errors of `read_um`, in um.
 
     Returns
     -------

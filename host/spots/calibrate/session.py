@@ -83,14 +83,15 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     length_um : float or None
         Length of the strip at rest in um; None for a joint and in files of older versions.
     board, plan, gain, exposure_us, led_mA
-        Board and settings, see `spots_device.calibration.Conditions`.
+        Board and settings; `plan` is the choice of the six channels. See
+        `spots_device.calibration.Conditions`.
     time : str
         Date and time in UTC, ISO 8601.
     trace : tuple of tuple of float
         All readings of a press by hand: time in s by the clock of `Board.now_s`, then the six
         counts.
     holds : tuple of (float, float)
-        Start and end of the hold of each force, in s by the same clock.
+        Start and end of the time in which each force was steady, in s by the same clock.
     """
 
     counts: Six

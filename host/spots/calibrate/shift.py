@@ -29,8 +29,8 @@ def shifted(lines, place_um, shifts) -> list[str]:
         Lines of the original calibration, see `spots_device.calibration`. The tables of all
         strains shift by the same c_i(x), see the module docstring.
     place_um : sequence of float, length n
-        Distances of the n marks from the sensor's end, in um. The shift is a polynomial of
-        degree n - 1 in the position.
+        Distances of the n marks from the strip's end at the sensor, in um. The shift is a
+        polynomial of degree n - 1 in the position.
     shifts : array_like, shape (n, 6)
         log2 of the present counts minus log2 of the counts at the calibration. Rows are marks,
         columns are channels.
@@ -83,10 +83,10 @@ def _integers(line: str) -> tuple[str, list]:
 
 
 def _borders(rows, segments: int):
-    """Yield the start of each segment of the strip in um: all segments of a strain, then the next.
+    """Yield the start of each segment of the strip in um, for one strain after the other.
 
-    `rows` are the statements of a calibration, as pairs of name and list of integers; `segments` is
-    the number of segments.
+    `rows` are the lines of a calibration, as pairs of name and list of values; `segments` is the
+    number of segments.
     """
     places: list[list[int]] = []
     for name, values in rows:

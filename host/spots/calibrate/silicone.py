@@ -24,7 +24,7 @@ from .session import Point
 PLAYS_MN = (300, 1000, 3000)  # half widths of the play operators
 TAUS_MS = (400, 4000, 40_000)  # time constants of the creep
 _LEAST_MN = 300.0  # weaker forces are not used: they are in the dead zone, or near it
-_READINGS_MIN = 100  # least number of readings of a press
+_READINGS_MIN = 100  # least number of readings during presses
 # Expected sizes of the weights of the play operators, and of the shares of creep. The fit tries all
 # pairs of sizes, and uses the pair with the largest evidence (marginal likelihood). The size is 0
 # if the recording does not show the effect.
@@ -46,7 +46,7 @@ class Compensated(NamedTuple):
         hysteresis nor creep.
     sigma : numpy.ndarray, shape (7,)
         Standard deviations of the gain, 3 weights of play operators and 3 shares of creep, times
-        2**12.
+        2**12 like these values in `line`.
     before_mN, after_mN : float
         Mean absolute error of the forces that the board reads, without and with compensation.
     hysteresis_percent, creep_percent : tuple of (float, float)
@@ -136,15 +136,15 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
     Raises
     ------
     SpotsError
-        If the recording has fewer than 100 readings of a press.
+        If the recording has fewer than 100 readings with forces above 0.3 N.
     """
     time_s, force_mN, read_mN = (np.asarray(a, float) for a in (time_s, force_mN, read_mN))
     place = np.asarray(place)
     pressed = (force_mN > _LEAST_MN) & (read_mN > _LEAST_MN)
     if pressed.sum() < _READINGS_MIN:
         raise SpotsError(
-            f"{pressed.sum()} readings of a press are too few for hysteresis and creep: load, hold "
-            f"and unload the strip again, for at least {_READINGS_MIN} readings"
+            f"{pressed.sum()} readings during presses are too few for hysteresis and creep: load, "
+            f"hold and unload the strip again, for at least {_READINGS_MIN} readings"
         )
     known_mN = np.where(np.isfinite(force_mN), force_mN, read_mN)
     columns = _columns(time_s, known_mN, read_mN, place)[pressed]
@@ -216,8 +216,9 @@ def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
     """Return the columns of the least-squares fit for each reading, shape (n, 7).
 
     The arguments are those of `fit_silicone`. The first column is the force that the board read.
-    Three columns are for hysteresis: the value of a play operator at a first loading, minus its
-    value. Three columns are for creep: the negative output of a low-pass filter of the true force.
+    Three columns are for hysteresis: the value that a play operator would have if the force had
+    only risen, minus its actual value. Three columns are for creep: the negative output of a
+    low-pass filter of the true force.
     """
     radii, taus_s = np.array(PLAYS_MN, float), np.array(TAUS_MS) / 1000
     plays, crept = np.zeros(len(radii)), np.zeros(len(taus_s))

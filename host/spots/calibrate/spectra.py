@@ -171,7 +171,8 @@ class SpectrumReader:
     def _frames(self, count: int, is_wanted: Callable[[Frame], bool], limit_s: float) -> list:
         """Return up to `count` frames that `is_wanted` accepts; wait at most `limit_s` seconds.
 
-        Only frames whose exposure begins after this call are returned.
+        A frame is a message of the board, such as a spectrum. Only frames whose exposure begins
+        after this call are returned.
         """
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
         found = (f for f in self.board.frames(limit_s) if is_wanted(f) and f.time_s >= begun_s)

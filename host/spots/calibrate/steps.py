@@ -58,7 +58,7 @@ def calibrate(
     strain_percent: float | None,
     options: argparse.Namespace,
 ) -> None:
-    """Take the missing presses of one kind; if no press is missing then, store a calibration.
+    """Take the missing presses of one kind; store a calibration if the session is then complete.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def calibrate(
         ``fine`` (with a scale) or ``rough`` (without) for presses by hand; or ``position``,
         ``strain``, ``force`` or ``joint``.
     count : int
-        Number of presses by hand, positions or forces, or of angles in each direction; 0 for the
-        default.
+        Number of presses by hand, of positions, of forces, or of angles in each direction,
+        according to `kind`; 0 for the default.
     strain_percent : float or None
         Strain in per cent, for the kind ``strain``.
     options : argparse.Namespace
@@ -194,9 +194,9 @@ class _Steps:
         bench.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
     def _exposed(self) -> None:
-        """Read the press for the exposure again at the new settings; store it as a press by hand.
+        """Read the press that set the exposure again, at the new settings.
 
-        The person then types its true position.
+        The person then types the true position, and the press is stored as a press by hand.
         """
         bench = self.bench
         try:

@@ -359,7 +359,7 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return two matrices, which convert errors of the coefficients to errors of readings.
+        """Return two matrices, which convert errors of the coefficients to those of presses.
 
         The first matrix gives errors of the position in um, the second relative errors of the
         force. Each has a row for each press; `place_um` and `force_mN` describe the presses.

@@ -27,8 +27,8 @@ def typed(
     length_um : float
         Length of the strip in um.
     wanted_mN : float, optional
-        Force that the person was asked to press with, in mN. A typed force of at least half of
-        it is accepted, even if it is small.
+        Requested force of the press, in mN. A typed force below 98 mN (10 g) is accepted only if
+        it is at least half of the requested force.
 
     Returns
     -------

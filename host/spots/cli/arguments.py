@@ -35,7 +35,7 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
 
 
 def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
-    """Add the options of installed packages for a simulated board or linkage.
+    """Add the options for a simulated board or linkage, which other packages may provide.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
 """Reads and writes the settings of the controller: a TOML file whose keys are validated.
 
-The default file ``data/controller.toml`` explains each key.
+The default file ``data/controller.toml`` explains each key. The zone of a button is the part of the
+strip from `from_percent` to `to_percent`.
 """
 
 from pathlib import Path

@@ -92,9 +92,9 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
 
 
 def _touch(board: Board) -> Touch:
-    """Wait until a finger has rested on the strip, and return a reading with the medians.
+    """Wait until a finger rests on the strip; return a reading with its median position and force.
 
-    Position and force of the returned reading are the medians of all readings of this finger.
+    The medians leave out the readings of the first moment, in which the finger settles.
     """
     readings: list[Touch] = []
     for touch in _readings(board, "no touch was held"):

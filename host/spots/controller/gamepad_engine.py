@@ -45,7 +45,7 @@ class Controller:
         Length of the strip, in um.
     decay : int, optional
         Decay of the light by the dye in log2 units per um, times 2**24, from the board's reply to
-        ``hello``; used to find a second finger. A typical value if not given.
+        the command ``hello``; used to find a second finger. A typical value if not given.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class _Axis:
         self._move(getattr(touch, self._field), dt_s)
 
     def take_position(self, position_um: float, dt_s: float) -> None:
-        """Move the axis to `position_um`, `dt_s` after the last value.
+        """Move the axis to `position_um`, `dt_s` seconds after its last value.
 
         Do nothing if the axis follows the force.
         """
@@ -238,8 +238,8 @@ class _Axis:
 def usable(touch: Touch) -> bool:
     """Return whether a reading is accurate enough for a controller.
 
-    Such a reading is trusted, or has the flags `TWO_FIT`: its spectrum fits one press well enough,
-    but the strip has drifted, or two fingers touch the strip. See docs/drift.md.
+    Such a reading is trusted, or has the flags `TWO_FIT`. These mean: the spectrum fits one press
+    after subtraction of the drift, or although two fingers may touch. See docs/drift.md.
     """
     return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
 
@@ -301,7 +301,7 @@ class _Button:
         """Handle the start of a touch; `mine` is true if the touch may press this button.
 
         A touch may press a button if it begins in the button's zone, after a reading without a
-        touch. If it begins in the zone of an `Anchored` button, it presses only such buttons.
+        touch. If it begins in the zone of an `Anchored` button, it presses no other kind of button.
         """
         self._mine = mine
 

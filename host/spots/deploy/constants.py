@@ -1,8 +1,8 @@
 """Replaces names of integer constants by their values, in a copy of the firmware's package.
 
 On a board, the name of a constant takes 10 to 30 bytes of flash and heap in each module that uses
-it, and each look-up takes 2 us. MicroPython's own ``const`` works in one module only. Its import is
-removed, too: mpy-cross evaluates ``const(...)`` without it.
+it, and each look-up takes 2 us. MicroPython's own ``const`` works in one module only. The
+imports of ``const`` are removed: mpy-cross evaluates ``const(...)`` without an import.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def inline(package: Path) -> None:
 
 
 class _Module:
-    """A module of the firmware, with the constants that replace names in it."""
+    """A module of the firmware, with the values of the constants that it defines or imports."""
 
     def __init__(self, path: Path):
         self._path = path
@@ -67,10 +67,10 @@ class _Module:
         self._remove_const()
 
     def evaluate(self, name: str, modules: dict[str, _Module], kept: set[str]) -> None:
-        """Find the module's constants and their values, and the values that it imports.
+        """Find the values of the constants that the module defines or imports.
 
-        `name` is the module's path in the package, `modules` are all modules by such a path, and
-        `kept` are names that are not constants.
+        `name` is the module's path in the package. `modules` contains all modules of the package,
+        by their paths. `kept` contains the names that must not be replaced by values.
         """
         for node in self._imports:
             folder = name.split("/")[: -node.level]
@@ -119,7 +119,7 @@ class _Module:
                 self._import(node, {})
 
     def write(self) -> None:
-        """Write the module with its constants replaced."""
+        """Write the module's file again, with values in place of the names of constants."""
         known = self._imported | self.values
         lines = self._text.splitlines(keepends=True)
         starts = [0]

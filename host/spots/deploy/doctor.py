@@ -161,9 +161,10 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 def _await(
     board: Board, reading_s: float, done: Callable[[float], bool]
 ) -> tuple[float, int, bool]:
-    """Measure the LED's light repeatedly until ``done(light)`` is true, for 10 s at most.
+    """Call `_led_light` repeatedly until ``done(light)`` is true, for 10 s at most.
 
-    Return the last result of `_led_light`.
+    `reading_s` is the duration of a reading, in seconds. Return the light, the peak and the fit of
+    the last call, see `_led_light`.
     """
     end_s = board.now_s() + _WITHIN_S
     while True:
@@ -191,10 +192,10 @@ def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
     light : float
         Counts due to the LED, in the channel where they are largest; 0 without a sample.
     peak : int
-        Largest raw count of all channels.
+        Largest raw count in any channel while the LED was on; 0 without a sample.
     fits : bool
-        Whether at least one sample fits the calibration, see `decode.MISFIT`; True without a
-        sample.
+        Whether the spectrum of at least one sample fits the calibration, see `decode.MISFIT`; True
+        without a sample.
     """
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2

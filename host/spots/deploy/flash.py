@@ -209,12 +209,13 @@ class Known:
     runtime : str
         ``micropython`` or ``circuitpython``.
     more : iterable of str
-        Further paths to look up in `sizes`.
+        Paths of other files to include in `sizes`.
 
     Attributes
     ----------
     sizes : dict
-        Size in bytes of each file that exists, by its path.
+        Size in bytes of each file that exists, by its path. Only the paths of the firmware, of the
+        manifest and of `more` are looked up, and the partial copies of such files.
     entries : set of (str, str)
         Path and SHA-256 of each file in the manifest on the board.
     listed : set of str

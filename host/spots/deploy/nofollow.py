@@ -36,15 +36,15 @@ class Tree:
     Attributes
     ----------
     port : str
-        Path of the folder; error messages name the drive by this path.
+        Path of the folder; error messages call it the drive.
 
     Raises
     ------
     OSError
         If the folder cannot be opened.
     SpotsError
-        Every method raises it if the file system reports an error, a part of the path is a link, a
-        special file or on another file system, or the path of a file names a folder.
+        Raised by every method if the file system reports an error; if a part of the path is a link
+        or a special file; if it is on another file system; or if a file's path leads to a folder.
     """
 
     def __init__(self, folder: str):
@@ -153,7 +153,8 @@ class Tree:
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
         """Yield the descriptor of the folder that contains the file `path`, and the file's name.
 
-        If `make` is true, a missing folder is created.
+        On Windows, the descriptor is None, and the name is the whole path. If `make` is true, a
+        missing folder is created.
         """
         *folders, name = path.split("/")
         handle, prefix = (os.dup(self._root), "") if _BY_HANDLE else (None, f"{self.port}/")

@@ -87,8 +87,8 @@ class Device(toml.Strict, kw_only=True):
             raise ValueError("viper needs runtime = micropython, and the key march: add them")
         if not 1 <= len(self.strips) <= STRIPS_MAX:
             raise ValueError(
-                f"there must be 1 to {STRIPS_MAX} [[strips]] tables; a board with one strip needs "
-                "none"
+                f"write 1 to {STRIPS_MAX} [[strips]] tables, or leave them out for a board with "
+                "one strip"
             )
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
@@ -115,8 +115,8 @@ def device_of(board: str, strips: int = 1) -> Device:
     board : str
         A name that ``spots boards`` lists.
     strips : int
-        Number of strips on the board. If it is more than 1, `Device.device` has the name
-        ``SENSORS``: a list of dict, with all values of each strip.
+        Number of strips on the board. For more than 1, the dict `Device.device` of the result has
+        the key ``SENSORS``, with a list: for each strip, a dict of all its names and values.
 
     Returns
     -------

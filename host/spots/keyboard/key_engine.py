@@ -23,8 +23,8 @@ class KeyEngine:
     sink : KeySink
         Receiver of the key events.
     decay : int, optional
-        Decay of the light by the dye in log2 units per um, times 2**24, from the board's reply to
-        ``hello``; a typical value if not given.
+        Attenuation of the light by the dye in log2 units per um, times 2**24: the value of
+        ``decay`` in the board's reply to ``hello``. If not given, or 0, a typical value is used.
 
     Attributes
     ----------

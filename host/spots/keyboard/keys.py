@@ -102,7 +102,8 @@ def say(layout: KeyLayout, action: int) -> str:
     Returns
     -------
     str
-        Modifiers and key, joined by ``+``, or a verb and a layer; empty for no action.
+        Modifiers and key, joined by ``+``; or ``layer``, ``toggle`` or ``once``, and the name of a
+        layer. Empty for no action.
     """
     if not action:
         return ""

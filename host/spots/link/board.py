@@ -90,8 +90,8 @@ def addressed(line: str, sensor: int) -> str:
     Returns
     -------
     str
-        The command with ``sensor=``. Commands for all strips stay unchanged. So do the lines of an
-        upload after its first line, which names the sensor for all of them.
+        The command with ``sensor=``. A command for all strips is returned unchanged. In an upload,
+        the first line names the sensor for all its lines; the other lines are returned unchanged.
     """
     if line.partition(" ")[0] in _OF_ALL or _UPLOADED.match(line):
         return line
@@ -128,8 +128,8 @@ class Board:
     patience_s : float
         Time in seconds for which a streaming board may be unplugged before PortLostError is raised.
     calibration : list of str or None
-        Lines of the calibration that this object uploaded, otherwise None: a board reports only
-        their checksum.
+        Lines of the latest calibration that this object uploaded to sensor 0; None if there was no
+        upload. They cannot be read from a board, which reports only their checksum.
     read_only : bool
         True for a recording or a remote board, which no command can change.
     ended : bool

@@ -78,11 +78,11 @@ def fed(
 ) -> Iterator[tuple[Touch | None, Any]]:
     """Feed the readings of a board to an engine, such as a `KeyEngine`; yield its results.
 
-    The setting ``baseline=1`` turns on the board's baseline tracking; it is sent again after a
-    restart of the board. When this process is resumed after Ctrl-Z, older readings are dropped, and
-    the engine releases the present touch. When all readings become untrusted, the cause is printed
-    on stderr. The baseline is the light of the untouched strip. If the engine detects an object
-    that is not a finger, the board takes the present light as its baseline.
+    The baseline is the light of the untouched strip. This function makes the board track slow
+    changes of the baseline, also after a restart of the board. If the engine detects an object that
+    is not a finger, the light at that moment becomes the board's baseline. When this process is
+    resumed after Ctrl-Z, stale readings are dropped, and ``engine.release()`` is called. When all
+    readings become untrusted, the cause is printed on stderr.
 
     Parameters
     ----------

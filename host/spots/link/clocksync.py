@@ -102,6 +102,7 @@ def _waits(soon: int) -> Iterator[float]:
 def spread_s(i: int) -> float:
     """Return an additional delay, in seconds, before round trip number `i`.
 
-    The delays of successive round trips are spread evenly between 0 and 0.01 s.
+    The delays of successive round trips are spread evenly between 0 and 0.01 s, so that these round
+    trips begin at different moments of the board's loop.
     """
     return i * _GOLDEN % 1 * _SPREAD_S

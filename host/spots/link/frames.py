@@ -37,8 +37,8 @@ NOTE = 15  # kind of a note
 def whole(data: bytes) -> int:
     """Return the number of bytes after which data can be cut without splitting a frame.
 
-    The cut is after the last delimiter (a zero byte). Without a delimiter, return 0; but if the
-    data is longer than any frame, return ``len(data)``.
+    The cut is after the last delimiter (a zero byte). Without a delimiter, return 0, because the
+    frame is incomplete. But data longer than the longest valid frame is damaged: return its length.
     """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
@@ -368,9 +368,9 @@ class Decoder:
     def restarted(self, restarts: int) -> None:
         """Set the number of restarts of the board.
 
-        If the number has grown, the board's sequence numbers have started from 0 again. Frames that
-        seem lost since the last reading are then not counted: after a restart, a board sends no
-        readings until its streams resume.
+        A restarted board counts its frames from 0 again, which looks like a loss of frames. So, if
+        the number of restarts has grown, losses counted since the last reading are removed from
+        `stats`. No reading was lost: a restarted board sends none until its streams resume.
         """
         if restarts > self.restarts:
             self.restarts = restarts

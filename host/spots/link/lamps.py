@@ -57,11 +57,11 @@ def mains_hz(board: Board) -> int:
 def _light(
     board: Board, exposure_us: int, settings: Mapping[str, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Take n samples, and return two arrays of shape (n,): the times in s, and the light.
+    """Measure the light around the strip; return n times in s and n values: arrays of shape (n,).
 
-    The light of a sample is the sum of the counts of all channels. Time 0 is the first sample. The
-    exposure and the `settings` are sent to the board first. If the settings contain ``led_mA``,
-    only samples without the LED are returned; otherwise, only samples with the LED.
+    A value is the sum of the counts of all channels. Time 0 is the first sample. The exposure and
+    the `settings` are sent to the board first. If the settings contain ``led_mA`` (0, to switch the
+    LED off), samples with the LED on are left out; otherwise, samples with the LED off.
     """
     board.set(exposure_us=exposure_us, **settings)
     begun_s = board.now_s() + 1e-6 * exposure_us

@@ -11,13 +11,15 @@ have
 and may have
 
 ``check(rest, *, sensor, scenario, seed)``
-    Raises SpotsError for wrong arguments, with which no board can ever be opened.
+    Raises SpotsError if the arguments are invalid, so that every call of ``open_port`` would fail.
 ``calibration_setup(options, made, path, guide)``
-    Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. ``options`` are
-    those of the command line. ``made`` is the session of ``spots calibrate``, or the calibration
-    that ``spots rezero`` corrects. ``path`` is the file to write; ``guide`` prints the progress.
+    Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. `options` are
+    those of the command line. `made` is the `Session` of ``spots calibrate``, or the
+    `CalibrationFile` that ``spots rezero`` corrects. `path` is the calibration file to write.
+    `guide` prints the progress.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
-    Returns a `linkage.twin_source.DrivenLinkage`: a five-bar linkage that opens its boards itself.
+    Returns a `linkage.twin_source.DrivenLinkage`: a five-bar linkage whose method ``open``
+    opens the boards of its joints. `sensor`, `linkage` and `path` (a movement) are names of files.
     `path`, `seed` and `exposure_us` must have defaults.
 ``run_linkage(options)``
     Runs ``spots twin`` with a simulated linkage, and compares the twin with the true positions.

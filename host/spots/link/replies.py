@@ -35,8 +35,8 @@ class Settings(TypedDict):
 class Changed(Settings, total=False):
     """The reply to ``set`` and ``auto``: all settings after the change.
 
-    ``note`` warns that the calibration or the layout does not fit these settings. ``rate_mHz`` is
-    the expected rate, in readings per 1000 s.
+    ``note`` is only present as a warning that the calibration or the layout does not fit these
+    settings. ``rate_mHz`` is the expected rate, in readings per 1000 s.
     """
 
     rate_mHz: _Number
@@ -46,8 +46,8 @@ class Changed(Settings, total=False):
 class Hello(Settings):
     """The reply to ``hello``: the board's identity and settings.
 
-    Without an id or a layout, this value is None. Without a calibration, these are None:
-    ``length_um``, ``decay``, ``relative_force`` and ``calibration``.
+    ``id`` is None if the board has no id; ``layout`` is None if it has no layout. If it has no
+    calibration, ``length_um``, ``decay``, ``relative_force`` and ``calibration`` are None.
     """
 
     board: str
@@ -62,7 +62,12 @@ class Hello(Settings):
 
 
 class Get(Settings):
-    """The reply to ``get``: the board's settings and state, see docs/protocol.md."""
+    """The reply to ``get``: the board's settings and state, see docs/protocol.md.
+
+    ``led`` is the way in which the LED is connected, such as "ldr". ``full_scale`` is the largest
+    possible count. ``dark`` is the dark frame, see `DarkFrame`. ``missed`` is the number of missed
+    samples. ``fault`` is the reason why the sensor does not answer; None if it answers.
+    """
 
     led: str
     full_scale: _Number
@@ -72,15 +77,16 @@ class Get(Settings):
 
 
 class DarkFrame(TypedDict):
-    """The reply to ``dark``: for each channel, the sum of 64 counts without the LED."""
+    """The reply to ``dark``: a list of the six mean counts without the LED, each times 64."""
 
     dark: _Dark
 
 
 class Sync(TypedDict):
-    """The reply to ``sync``: the board's time in us, modulo 2**32, and the names of its streams.
+    """The reply to ``sync``: the board's time and its streams.
 
-    ``stream`` is None if the firmware does not report its streams.
+    ``t_us`` is the board's time in us, modulo 2**32. ``stream`` has the kinds of frames that the
+    board streams; None if the firmware does not report them.
     """
 
     t_us: _Time
@@ -136,7 +142,7 @@ def decoded(data: Any) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        If the data is not a JSON object, is too long, or is nested too deep.
+        If the data is not a JSON object, is too long, or contains too many lists and objects.
     """
     if len(data) > JSON_BYTES_MAX:
         raise ValueError(f"a message must have at most {JSON_BYTES_MAX} bytes")

@@ -116,12 +116,15 @@ class LinkLoss:
         return now_s - self._expected_s > silent_s(least_s, self.every_s)
 
     def heard(self, now_s: float) -> None:
-        """Record the arrival of a frame, except a KEY frame, which is sent without a stream."""
+        """Record the arrival of a frame.
+
+        Do not call this for a KEY frame: a board sends KEY frames even when no stream is on.
+        """
         self._asked = 0
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
     def expect(self, now_s: float | None) -> None:
-        """Record a reading or the start of a stream; with None, expect no more readings."""
+        """Record the time of a reading or of a stream's start; with None, expect no readings."""
         self._expected_s = _NEVER if now_s is None else now_s
 
     def asking(self, now_s: float) -> None:

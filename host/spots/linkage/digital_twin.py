@@ -37,8 +37,8 @@ class Terminal(NamedTuple):
     x_mm, y_mm : float or None
         Position in mm; None if the linkage has no solution at these angles.
     velocity_mm_s : tuple of 2 floats or None
-        Velocity in x and in y, in mm/s; None without a position, or before an encoder has a
-        velocity.
+        Velocity in x and in y, in mm/s; None without a position, or before the third
+        reading of a joint.
     covariance_mm2 : tuple of 3 floats or None
         Variance of x, covariance of x and y, and variance of y, in mm**2; None without a position.
     theta_rad : tuple of 2 floats
@@ -199,7 +199,10 @@ class Twin:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a warning that names each joint without an angle for 3 s; may be empty."""
+        """Return a warning that names each joint without an angle in the last 3 s; may be empty.
+
+        `now_s` is the present time in seconds, by the clock of `Touch.time_s`.
+        """
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
@@ -209,8 +212,9 @@ class Twin:
         return f"no angle of {names}: check that the indenter presses the strip" if silent else ""
 
     def _moments(self) -> list[float]:
-        """Return the times of new readings, up to the latest time that both joints have reached.
+        """Return the times for which positions are now complete, in order of time.
 
+        They are the times of new readings, up to the earlier one of the two joints' latest angles.
         No time is returned twice.
         """
         if not all(self._angles):

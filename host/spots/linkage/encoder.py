@@ -34,14 +34,14 @@ class Angle(NamedTuple):
     angle_rad : float
         Angle in rad.
     sigma_rad : float
-        Standard error of the angle, in rad. It includes noise, deviation from the calibrated line,
-        and backlash unless the joint is moving.
+        Standard error of the angle, in rad. It includes the noise and the error of the calibrated
+        line (angle over position). If the joint rests, it also includes the backlash.
     systematic_rad : float
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        Angular velocity and its standard error in rad/s, by the board's clock. The velocity is the
-        mean over the last 3 readings in a fast movement, and over up to 8 in a slow movement. None
-        before the third reading.
+        Angular velocity and its standard error in rad/s, from times of the board's clock. The
+        velocity is the mean over the last 3 readings in a fast movement, and over up to 8 in a slow
+        movement. None before the third reading.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.
@@ -70,27 +70,28 @@ class Encoder:
         of a loaded calibration file.
     offset_rad, gain : float
         Mounting of the strip: the returned angle is ``offset_rad + gain * angle``, where ``angle``
-        is the calibrated angle. `kinematics.calibrate` can measure offset and gain.
+        is computed with the calibration (the calibrated angle). `kinematics.calibrate` can measure
+        offset and gain.
 
     Raises
     ------
     SpotsError
-        If the calibration has no joint, or the gain is 0.
+        If the calibration file is not that of a joint, or `offset_rad` or `gain` is invalid.
 
     Examples
     --------
     >>> encoder = spots.Encoder("joint.toml")
     >>> with spots.open_recording("run.spots", speed=float("inf")) as board:
     ...     angles = [encoder.take(touch) for touch in board.touches()]
-    >>> sum(angle is not None for angle in angles)  # None without a trusted touch
+    >>> sum(angle is not None for angle in angles)  # untrusted readings give None
     92
 
     Notes
     -----
     The joint moves an indenter, which presses the strip. With backlash between joint and indenter,
-    the moving indenter lags behind the joint by half the backlash. When the position changes by
-    more than its noise, the direction of movement is known. Half the backlash is then added to the
-    angle or subtracted from it.
+    the moving indenter lags behind the joint by half the backlash. When the indenter has moved by
+    more than the noise, the direction of movement is known. From then on, half the backlash is
+    added to the angle or subtracted from it.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class Encoder:
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
-        """Compute the joint's angle from a reading; return None if the reading is untrusted."""
+        """Compute the joint's angle from a reading; return None if `touch.trusted` is false."""
         if not touch.trusted:
             return None
         joint = self.joint
@@ -169,7 +170,7 @@ class Encoder:
     def _follow(self, indenter_deg: float, noise_deg: float) -> None:
         """Update the direction of movement if the indenter has moved by more than the noise.
 
-        One reading detects a large movement; means of up to 4 readings detect a small movement.
+        A large movement is detected in one reading, a small one in means of up to 4 readings.
 
         Parameters
         ----------
@@ -197,9 +198,9 @@ class Encoder:
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
         """Return velocity and its standard error in degrees per second; None if unknown.
 
-        The velocity is the slope of a line through the last readings. Their number is the smallest
-        for which the slope is more than 10 times its standard error. `noise_deg` is the standard
-        deviation of the angles of single readings, in degrees.
+        The velocity is the slope of a line through the last 3 readings. If it is not more than 10
+        times its standard error, a fourth reading is added, and so on, up to 8. `noise_deg` is the
+        standard deviation of the angles of single readings, in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

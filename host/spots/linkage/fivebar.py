@@ -1,8 +1,9 @@
 """The planar five-bar linkage: two arms on two base joints, which meet at a common end point.
 
-An arm consists of an inner and an outer bar, joined at the elbow. This module contains Eqs. 3 and 4
-of the paper for bars of any length, and their inverse. The base joints lie at (0, 0) and (base, 0).
-Each joint's angle is measured from +y towards the other joint. Functions take scalars or arrays.
+An arm consists of an inner and an outer bar, joined at the elbow. This module computes the joint
+angles for an end point (Eqs. 3 and 4 of the paper, here for bars of any length), and the end point
+for joint angles. The base joints lie at (0, 0) and (base, 0). Each joint's angle is measured from
++y towards the other joint. Functions take scalars or arrays.
 """
 
 from enum import IntEnum
@@ -96,7 +97,7 @@ class Linkage:
     Notes
     -----
     If there is no solution, a method raises `LimitError` for scalars. For arrays, a method always
-    returns masked arrays (`numpy.ma.MaskedArray`); elements without a solution are masked NaN.
+    returns masked arrays (`numpy.ma.MaskedArray`); elements without a solution are NaN and masked.
     `forward_limits` and `inverse_limits` return the reason for each element. Masked input elements
     stay masked. `inverse` assumes that the elbows point outwards, as Eqs. 3 and 4 do.
 
@@ -330,9 +331,10 @@ class Linkage:
 
 
 def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
-    """Return the position of the end point for two joint angles, without checks.
+    """Return the position of the end point for two joint angles; do not check that it exists.
 
-    The end point is an intersection of two circles around the elbows (Eqs. 3 and 4 of the paper).
+    The outer bars are the radii of two circles around the elbows. The end point is one of the two
+    intersections of these circles.
 
     Parameters
     ----------
@@ -346,8 +348,8 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
         Angles of joint 1 and joint 2, in rad from +y towards the other joint; the shapes must
         broadcast.
     least : float
-        Lower bound of `off2` in the solution. A value above 0 keeps a fit smooth at angles where
-        the outer bars cannot meet.
+        If `off2` is lower than this value, the position is computed with this value instead. A
+        value above 0 keeps a fit smooth at angles where the outer bars cannot meet.
 
     Returns
     -------
@@ -374,11 +376,11 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm's inner bar in rad, and the `Limit` code of arm 1.
+    """Return the angle of an arm's inner bar in rad, and a `Limit` code as for arm 1.
 
-    For arm 2, the caller adds 1 to a code that is not 0. (`x`, `y`) is the end point relative to
-    the arm's base joint, with x towards the other joint. `inner` and `outer` are the lengths of the
-    arm's bars. All are in mm.
+    If the arm is arm 2 and the code is not 0, the caller adds 1 to get the code of arm 2. (`x`,
+    `y`) is the end point relative to the arm's base joint, with x towards the other joint. `inner`
+    and `outer` are the lengths of the arm's bars. All are in mm.
     """
     reach = np.hypot(x, y)
     # The cosine rule; for equal bars it is Eq. 3's sqrt(x^2 + y^2) / 2l.
@@ -425,7 +427,7 @@ def _answer(solve, what, first, second):
     solve : callable
         ``solve(first, second)`` returns the results and, as last value, the `Limit` codes.
     what : str
-        Format of the arguments in an error message.
+        Format string that writes `first` and `second` in an error message.
     first, second : float or array_like
         Arguments of `solve`.
 

@@ -1,7 +1,7 @@
 """Kinematic calibration: fits lengths and mounting of a linkage to measured end points.
 
 Uses robust least squares of scipy (the extra ``kinematics``), and reports which parameters the
-positions determine.
+measured points determine.
 """
 
 from dataclasses import dataclass
@@ -55,8 +55,8 @@ class Kinematics:
         Names of the fitted (free) parameters.
     values, standard_errors : dict of str to float
         Value and standard error of each parameter, by name. The error of a fixed parameter is 0. If
-        the points do not determine a parameter, its error is its prior standard deviation, see the
-        top of this file.
+        the points do not determine a parameter, its error is close to its prior standard deviation:
+        5 % of a length, or the value in `_PRIORS`.
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
@@ -111,7 +111,7 @@ class Kinematics:
         Parameters
         ----------
         angles_rad : array_like, shape (2, ...)
-            Angles of encoder 1 and encoder 2 by their own calibrations, in rad.
+            Calibrated angles of encoder 1 and encoder 2 in rad, without `offset_rad` and `gain`.
 
         Returns
         -------
@@ -161,7 +161,8 @@ def calibrate(
     Parameters
     ----------
     angles_rad : array_like, shape (2, n)
-        Angles of encoder 1 and encoder 2 at each of n points, in rad, by their own calibrations.
+        Calibrated angles of encoder 1 and encoder 2 at each of n points, in rad, without offset and
+        gain of the mounting.
     x_mm, y_mm : array_like, shape (n,)
         Measured position of the linkage's end point at each of the n points, in mm. The coordinate
         frame is that of the measuring device, for example a grid.
@@ -176,8 +177,8 @@ def calibrate(
     free : tuple of str
         Names of the parameters to fit, from `NAMES`; other parameters keep their nominal values.
         ``frame_x_mm``, ``frame_y_mm`` and ``frame_rad`` are position and rotation of the linkage in
-        the measuring frame. ``frame_scale`` is the number of measured units per mm, for a picture
-        of unknown scale; the default `STANDARD` does not include it.
+        the measuring frame. ``frame_scale`` is the number of measured units per mm, for positions
+        from a photo of unknown scale; the default `STANDARD` does not include it.
 
     Returns
     -------
@@ -222,7 +223,7 @@ def calibrate(
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
         raise SpotsError(
             "the angles do not belong to the positions: measure both at the same moment, and give "
-            "positions in mm, and angles in the unit that ends their name (rad or deg)"
+            "positions in mm, and angles in the unit of the argument or column (_rad or _deg)"
         )
     _check_enough(int((~outlier).sum()), names, f"without {outlier.sum()} outliers, ")
     jacobian = fit.jacobian(found, scale)[np.repeat(~outlier, 2)]
@@ -310,9 +311,9 @@ class _Fit:
 
 
 def _slopes(function, at, step):
-    """Return the derivatives of `function` at `at`, with respect to each element of this array.
+    """Return the derivatives of `function` with respect to each element of the array `at`.
 
-    They are central differences with the step `step`.
+    They are central differences at `at`, with the step `step`.
     """
     shifts = step * np.eye(len(at))
     return [(function(at + shift) - function(at - shift)) / (2 * step) for shift in shifts]

@@ -28,7 +28,7 @@ class Mounting(toml.Strict, kw_only=True):
     calibration : str
         Path of the strip's calibration file, relative to the folder of the linkage file.
     offset_deg : float
-        Joint angle (Eqs. 3 and 4 of the paper) where the calibrated angle is 0, in degrees.
+        Joint angle (as in `Linkage`) at which the strip's calibration gives 0, in degrees.
     gain : float
         About 1, or about -1 if the calibrated angle grows in the opposite direction.
     """
@@ -148,7 +148,7 @@ class Mounted(toml.Strict, kw_only=True):
 def is_mounted(name: str) -> bool:
     """Return whether a linkage file is for real boards, and not for a simulated linkage.
 
-    `name` is the file's path. A file that cannot be read returns False.
+    `name` is the file's path. The result is also False if the file cannot be read.
     """
     try:
         content = toml.loads(read_text(name))

@@ -76,7 +76,8 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
     source : Source
         The twin and its boards.
     seconds : float or None
-        Time after which to end, in seconds; no limit if None. The end of recordings also ends it.
+        Time after which to end, in seconds; no limit if None. When recordings end, this function
+        ends, too.
     as_json : bool
         Whether to print each position as a JSON object. Otherwise a terminal window shows a
         picture, and any other output gets four lines a second.
@@ -145,7 +146,7 @@ def line(terminal: Terminal, began_s: float) -> str:
     terminal : Terminal
         The position to print.
     began_s : float
-        Time to print as 0, in seconds by the clock of `Terminal.time_s`.
+        Time that the line shows as 0 s, in seconds by the clock of `Terminal.time_s`.
 
     Returns
     -------

@@ -83,9 +83,10 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
 
 
 def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say=print) -> int:
-    """Measure points: ask for the end point's position, read the joints, append both to a table.
+    """Measure points of a kinematic calibration, and append them to a table.
 
-    This repeats until the answer is empty.
+    For each point, the user types the end point's position, and the joint angles are measured. An
+    empty line ends the measurement.
 
     Parameters
     ----------

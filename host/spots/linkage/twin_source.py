@@ -33,9 +33,10 @@ class Source(NamedTuple):
     boards : list of Board
         Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
     restarted : callable
-        Called with a board after it restarted, see `digital_twin.readings`.
+        Called with a board after it restarted, to upload its calibrations again.
     sensors : tuple of int or None
-        Number of each joint's strip on its board. If None, see `digital_twin.readings`.
+        Number of each joint's strip on its board. If None: 0 and 1 if both joints have the same
+        board, else 0 for each.
     """
 
     twin: Twin
@@ -56,7 +57,8 @@ class Source(NamedTuple):
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
     """Open the one or two boards of a linkage file, until the end of a ``with`` block.
 
-    Each joint's calibration is uploaded to the joint's board. It must have been made on this board.
+    Each joint's calibration is uploaded to the joint's board. A calibration must have been made on
+    the board to which it is uploaded.
 
     Parameters
     ----------
@@ -143,7 +145,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
 
 
 class DrivenLinkage(Protocol):
-    """A linkage with a function that opens its joints' boards, such as a simulated linkage.
+    """A linkage that opens its joints' boards itself, such as a simulated linkage.
 
     Attributes
     ----------
@@ -161,9 +163,10 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_factory(ports: list[str]):
-    """Return the function that makes a `DrivenLinkage` for one of the ports; None if there is none.
+    """Return a function that makes a `DrivenLinkage`, or None if no port has such a function.
 
-    It is the function `linkage` of the module that opens the port, see `link.ports`.
+    A port's module may have this function under the name `linkage`, see `link.ports`. The first
+    port that has the function is used.
     """
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
@@ -192,9 +195,10 @@ def board_of(strip: CalibrationFile) -> str:
 
 
 def give(board: Board, strip: CalibrationFile, number: int) -> int:
-    """Find a joint's strip on a board by its calibration file, and upload the calibration.
+    """Find a joint's strip on a board, and upload the strip's calibration.
 
-    A recording or another read-only board accepts no upload; it must already use this calibration.
+    The calibration file contains the id of the strip. A recording or another read-only board
+    accepts no upload; it must already use this calibration.
 
     Parameters
     ----------
@@ -244,8 +248,8 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
         raise SpotsError(
-            f"both joints have a calibration of board {wanted[0]}, but each joint needs a strip: "
-            "correct the linkage file, or name ports with --port"
+            f"both joints have a calibration of the same strip ({wanted[0]}): name the "
+            "calibrations of two strips in the linkage file"
         )
     wanted = list(dict.fromkeys(map(board_of, strips)))
     there = {board.info["id"]: stack.enter_context(board) for board in find()[0]}

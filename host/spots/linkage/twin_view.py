@@ -43,7 +43,8 @@ class TwinView:
         stats : list of LinkStats
             Link statistics of each board.
         now_s : float
-            Present time in seconds, by the clock of `Touch.time_s`.
+            Present time in seconds, by the clock of `Touch.time_s`; used to warn of a joint that
+            has had no angle for 3 s.
 
         Returns
         -------

@@ -1,8 +1,8 @@
 """Keyboard for macOS and Windows, which uses the Python package pynput.
 
 Keys are identified by their characters, not by their positions: a key stands for the character that
-it types on an American keyboard. The key that types this character in the computer's own keyboard
-layout is then pressed.
+it types on an American keyboard. This keyboard presses the key that types the same character in the
+computer's own keyboard layout.
 """
 
 from ..errors import SpotsError

@@ -108,7 +108,8 @@ class KeySink(Protocol):
 class Keyboard(Output):
     """Base class of keyboards.
 
-    A modifier that several pressed keys need is pressed with the first and released with the last.
+    If several pressed keys need the same modifier, it is pressed with the first of these keys, and
+    released with the last one.
     """
 
     def __init__(self):

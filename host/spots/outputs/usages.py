@@ -112,7 +112,7 @@ def chord_of(text: str) -> tuple[int, int, int]:
     Raises
     ------
     SpotsError
-        If the key or a modifier is unknown, or the key cannot have modifiers.
+        If the key or a modifier is unknown, or a media key (HID page 0x0C) has modifiers.
     """
     *modifiers, name = text.split("+") if len(text) > 1 else [text]
     bits = 0

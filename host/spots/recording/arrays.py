@@ -81,9 +81,10 @@ _Groups = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 class _Run(NamedTuple):
-    """Consecutive pieces of a stream: frames except texts, and notes that contain only a time.
+    """Consecutive pieces of a recording: frames except texts, and notes that contain only a time.
 
-    A piece is the bytes between two delimiters. Indices count these pieces from 0.
+    A note is metadata that the recorder adds between frames. A piece is the bytes between two
+    delimiters. Indices count these pieces from 0.
 
     Attributes
     ----------
@@ -169,7 +170,7 @@ class Arrays:
 
     ========== === =============================================================
     time_s     f8  time of the measurement on the host's monotonic clock, in s;
-                   NaN if the clocks were never compared
+                   NaN if the clocks of board and host were never compared
     arrived_s  f8  time of arrival on the same clock, in s, as in `Recording`
     t_us       u4  board time in us, modulo 2**32
     sequence   u2  number of the frame, modulo 2**16, as in `Touch`

@@ -78,7 +78,7 @@ class _Files(ExitStack):
     def sync(self) -> list[Path]:
         """Flush all files to the storage medium, and return their paths.
 
-        Call this before the ``with`` block ends, which gives the files their names.
+        Call this before the end of the ``with`` block, because there the files get their names.
         """
         for path, file in self._files.items():
             try:
@@ -134,7 +134,7 @@ def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
 
 
 class _Spool:
-    """Stores rows of a table on disk, because an array's header contains the number of rows."""
+    """Stores rows of a table on disk until their number, which an array starts with, is known."""
 
     def __init__(self, table: Table, file: IO):
         self._table, self._file = table, file

@@ -49,8 +49,8 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     part : int
         Number of this file in the recording, from 0.
     host_s, utc_s : float
-        Start of the file, in seconds: on the host's monotonic clock, and since 1970. The times of
-        the file's notes are counted from here.
+        Start of the file, in seconds: on the host's monotonic clock, and since 1970. Times in the
+        file's notes (metadata between frames) count from this start.
     info : dict
         The board's reply to ``hello``.
     clock : Clock
@@ -74,7 +74,10 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def encoded(header: Header) -> bytes:
-    """Encode a header as notes. Each note occurs twice, in case one copy is damaged."""
+    """Encode a header as notes, which are pieces of metadata in a recording.
+
+    Each note occurs twice, in case one copy is damaged.
+    """
     text = json.dumps(msgspec.to_builtins(header))  # ASCII, so no cut divides a character
     pieces = [text[i : i + _PIECE] for i in range(0, len(text), _PIECE)]
     of = len(pieces)

@@ -21,8 +21,9 @@ class Recording:
     """Reads a recording: iterate over this object, any number of times.
 
     The iteration yields pairs (time of arrival, frame). The time of arrival is on the host's
-    monotonic clock, in seconds. It is exact, or up to 5 ms (`recorder.ARRIVAL_STEP_S`) too early.
-    The ``time_s`` of a frame is the same as during the recording.
+    monotonic clock, in seconds. Frames that arrived within 5 ms (`recorder.ARRIVAL_STEP_S`) of each
+    other may have the time of the first one. The ``time_s`` of a frame is the same as during the
+    recording.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def open_port(rest: str, **simulated) -> Replay:
     rest : str
         Path of the recording.
     **simulated
-        Options of a simulated board; ignored.
+        Options that only simulated boards use; ignored.
 
     Returns
     -------

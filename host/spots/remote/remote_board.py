@@ -83,7 +83,7 @@ def open_port(rest: str, **simulated) -> Remote:
     rest : str
         Id of the board; empty for the only published board.
     **simulated
-        Options of a simulated board; ignored.
+        Options that only simulated boards use; ignored.
 
     Returns
     -------

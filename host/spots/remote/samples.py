@@ -27,7 +27,7 @@ def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``utc_s``, and the columns of the kind of frame in `recording.table` without their times.
+        ``utc_s``, and the frame's columns in `recording.table` except ``time_s`` and ``arrived_s``.
     """
     names = _NAMES[type(frame).__name__.lower()]
     return {"utc_s": utc_s} | {name: getattr(frame, _FIELDS.get(name, name)) for name in names}

@@ -86,7 +86,7 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
 def _infos(board: Board) -> list[Hello]:
     """Return the reply to ``hello`` of each strip.
 
-    For a strip that refuses the command, return the reply of the first strip.
+    If the board refuses the command for a strip, return the first strip's reply instead.
     """
     infos = [board.command("hello")]
     for sensor in board.sensors[1:]:

@@ -56,8 +56,8 @@ class Judge(Protocol):
     def facts(self) -> dict:
         """Return the results of the comparison, as dicts of names and values to show.
 
-        Key ``link``: dict that is added to the row with the counters of received and lost frames.
-        Key ``rows``: list with a dict for each further row.
+        Key ``link``: dict to show in the same row as the numbers of received and lost frames. Key
+        ``rows``: list of dicts, each of which is shown in a row of its own.
         """
 
 
@@ -78,7 +78,8 @@ class StripView:
     advice : str
         Sentence that is shown below the picture.
     unit : str
-        Unit of ``force_mN / 1000``: ``N``, or ``relative`` after a calibration without a scale.
+        Unit of ``force_mN / 1000``: ``N``, or ``relative`` if the strip was calibrated without a
+        kitchen scale.
     """
 
     def __init__(self, info: dict, port: str):

@@ -80,8 +80,9 @@ class Gestures:
     length_um : int, optional
         Length of the strip in um; with 0, gestures of two fingers are not detected.
     decay : int, optional
-        Decay of the light by the dye in log2 units per um, times 2**24, from the board's reply to
-        ``hello``; used for gestures of two fingers. A typical value if not given.
+        Decay of the light along the strip, caused by its dye, in log2 units per um, times 2**24.
+        The board's reply to ``hello`` contains it. Used for gestures of two fingers; a typical
+        value if not given.
 
     Attributes
     ----------
@@ -328,7 +329,7 @@ class _Path:
         return below(max(self.spread_um, 1), _STILL_UM)
 
     def arrived_s(self) -> float:
-        """Return the last time in s at which the finger was not yet near its last position."""
+        """Return the time in s of the last reading that is not near the path's end position."""
         away_s = (
             time_s
             for time_s, x_um in reversed(self._lately)

@@ -1,8 +1,8 @@
 """Detects gestures of two fingers: both press harder, or one rests while the other slides.
 
-The first finger must be alone for a moment before the second one touches. Two fingers that both
-move cannot be separated. So a slide is checked after one finger has lifted: the slide is valid only
-if the remaining finger is measured where it was estimated before the lift.
+The first finger must be alone for a moment before the second one touches. While both touch, their
+positions are estimates, which are wrong if both fingers move. So a slide is checked after one
+finger has lifted: the measured position of the other finger must agree with its last estimate.
 """
 
 import math
@@ -35,13 +35,13 @@ class TwoFingers:
     length_um : int
         Length of the strip, in um.
     decay : int, optional
-        Decay of the light by the dye, see `link.contact_finder.ContactFinder`.
+        Decay of the light along the strip, see `link.contact_finder.ContactFinder`.
 
     Attributes
     ----------
     both : bool
-        Whether two fingers have touched together for at least 0.15 s (longer than in typing), and
-        at least one of them still touches.
+        Whether two fingers have touched together for at least 0.15 s (longer than fingers overlap
+        in typing), and at least one of them still touches.
     """
 
     def __init__(self, length_um: int, decay: int | None = None):
@@ -86,7 +86,7 @@ class _Pair:
 
     @property
     def settled(self) -> bool:
-        """Whether both fingers have touched together for `_SETTLED_S`, longer than in typing."""
+        """Whether both fingers have touched together for longer than fingers overlap in typing."""
         return self.lasted_s >= _SETTLED_S
 
     def extend(

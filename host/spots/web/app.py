@@ -1,8 +1,8 @@
 """The web application: static files, a WebSocket for the state, and requests for changes.
 
-On the WebSocket, a browser only acknowledges the server's messages. A request that changes
-something is a POST, and needs the access token. A browser acknowledges each message after drawing
-it, and then gets the newest state. So stale states never wait in a queue or in a socket.
+On the WebSocket, the server sends states, and a browser only acknowledges each one after drawing
+it. The server then sends the newest state, so stale states never wait in a queue or in a socket. A
+request that changes something is a POST, and needs the access token.
 """
 
 import asyncio
@@ -64,7 +64,7 @@ class PageApp:
     guard : Guard
         Access control for all requests.
     orders : dict of Orders, optional
-        Handlers of the requests that a browser with the access token may send, by path.
+        Handler of the requests to each path, such as ``strip``; they need the access token.
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ class BoardReader:
     on_touch : callable
         ``on_touch(touch)`` is called with each reading, in the reader's thread.
     orders : collection of Orders
-        Queues of the requests of browsers; this thread handles the requests.
+        Queues of requests from browsers; the reader's thread handles these requests.
     """
 
     def __init__(
@@ -105,7 +105,10 @@ class BoardReader:
                 self._stopping.wait(self._search_every_s)
 
     def _attempt(self) -> bool:
-        """Open and read a board until the reader is stopped; return False if reading fails."""
+        """Read a board, or a recording that a browser has chosen; return False if reading fails.
+
+        Return True if the reader is stopped, or if a browser chooses another source.
+        """
         playing = self._playing()
         try:
             with open_recording(playing) if playing else self._open_board(self._id) as board:
@@ -310,9 +313,9 @@ def finder(
     port : str or None
         Port as for `spots.open`; if None, the board is found on USB.
     sensor, scenario : str
-        Sensor file and scenario file of the virtual board, by path or name.
+        Sensor file and scenario file if `port` is a virtual board: each a path or a name.
     seed : int
-        Seed of the virtual board's noise.
+        Random seed of the noise if `port` is a virtual board.
 
     Returns
     -------
@@ -322,7 +325,7 @@ def finder(
     Raises
     ------
     SpotsError
-        If a file of the virtual board is invalid.
+        If the sensor file or the scenario file of a virtual board is invalid.
     """
     module, rest = scheme(port)
     simulated = {"sensor": sensor, "scenario": scenario, "seed": seed}

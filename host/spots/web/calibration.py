@@ -41,7 +41,8 @@ class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=T
     """Request of a browser: start or continue a session with a strip of length `length_mm`.
 
     `kind` is ``rough`` (with a fingertip and a ruler), ``fine`` (with an indenter, a ruler and a
-    scale) or ``rezero`` (corrects the drift of a calibration, and uses the calibration's length).
+    scale) or ``rezero`` (corrects the drift of a calibration). `length_mm` is not used for
+    ``rezero``, because the calibration contains the length.
     """
 
     kind: Literal["rough", "fine", "rezero"]
@@ -74,8 +75,8 @@ class PageCalibration(Orders):
     Parameters
     ----------
     path : Path
-        Session file; the calibration file has the same name with the suffix ``.toml``. Strip 1 of a
-        board with several strips has its own files: before the suffix, their names end in ``-1``.
+        Session file of strip 0. The calibration file has the same name with the suffix ``.toml``.
+        File names of any other strip contain its number, such as ``-1``, before the suffix.
     state : PageState
         State of the web UI; a session sets the parts ``calibration``, ``hold`` and ``spectrum``.
 
@@ -213,7 +214,7 @@ class PageCalibration(Orders):
         self._show(done=self._shown["done"] + 1, phase=WORK, note=None)
 
     def fitted(self, progress: Progress) -> None:
-        """Show the residuals of all presses that were taken, and the expected errors."""
+        """Show the errors of all presses, and those expected for later presses, see `Progress`."""
         rows = np.column_stack(
             (progress.place_um, progress.force_mN, progress.off_um, progress.off_share)
         )
@@ -240,7 +241,10 @@ class PageCalibration(Orders):
         return text
 
     def _listen(self) -> str | None:
-        """Show the newest counts; handle one request, and return its text if it is an `Answer`."""
+        """Show the newest spectrum, and handle one request; return the text of an `Answer`.
+
+        Return None if there is no request, or if the request is refused.
+        """
         while self._live.unread:
             counts = next(self._live).counts
             if not self._live.unread:

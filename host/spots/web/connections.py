@@ -12,14 +12,14 @@ CONNECTION_S = 30.0
 class Connections:
     """Limits the number and the duration of connections that are not WebSockets.
 
-    A new connection beyond `CONNECTIONS_MAX` closes the oldest one. So a client that opens many
-    connections and sends nothing cannot block browsers: a browser sends its request immediately,
-    and reconnects if its connection is closed.
+    A connection is closed after `CONNECTION_S` seconds. A new connection beyond `CONNECTIONS_MAX`
+    closes the oldest one. So a client that opens many connections and sends nothing cannot block
+    browsers: a browser sends its request immediately, and reconnects if its connection is closed.
 
     Parameters
     ----------
     protocol : callable
-        Function that returns the asyncio protocol for a new connection, such as aiohttp's server.
+        ``protocol()`` returns the asyncio protocol for a new connection.
     """
 
     def __init__(self, protocol: Callable[[], asyncio.Protocol]):

@@ -54,14 +54,14 @@ class FileEditor(Orders):
     kind : str
         Kind of file for error messages, such as "layout".
     part : str
-        Name of the part of the state that describes the file.
+        Name of the part of `state` that describes the file, see `PageState.put`.
     state : PageState
-        State of the web UI; contains this part.
+        State of the web UI; only this part is set.
 
     Attributes
     ----------
     text : str
-        Present text of the file.
+        Current text of the file.
 
     Raises
     ------
@@ -112,15 +112,16 @@ class FileEditor(Orders):
             raise SpotsError(f"another browser has changed the {self._kind}: reload this window")
 
     def _show(self, info: Any) -> None:
-        """Show the file in the web UI; `info` is the board's ``hello`` reply, or None if lost."""
+        """Show the file in the web UI; `info` is the board's ``hello`` reply, or None."""
         shown = {"file": self._path.name, "text": self.text, "base": self.base}
         self._state.put(self._part, {**shown, **self._shown(info)})
 
 
 class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=True):
-    """Request of a browser: replace the layout whose checksum is `base`.
+    """Request of a browser: replace the layout whose checksum is `base` by the layout `text`.
 
-    `loses` lists the actions of the present layout that the new layout may lack.
+    `loses` lists the actions, such as typed keys, that only the old layout has. The user has
+    agreed to lose these actions. If another action would be lost, the layout is not replaced.
     """
 
     text: Text
@@ -206,7 +207,7 @@ class LayoutEditor(FileEditor):
 
 
 class Save(msgspec.Struct, tag_field="do", tag="save", forbid_unknown_fields=True):
-    """Request of a browser: replace the text of the file; `base` is the old text's checksum."""
+    """Request of a browser: replace the file's old text, which has the checksum `base`."""
 
     text: Text
     base: Base
@@ -226,7 +227,7 @@ class Kind(NamedTuple):
     read : callable
         ``read(text, path)`` returns the settings of a text, or raises SpotsError.
     more : dict
-        Further values for browsers.
+        Further values for the web UI, by name, such as the names of all gestures.
     """
 
     words: str

@@ -32,7 +32,7 @@ class Feel:
     board : Board
         The board that is read.
     info : dict
-        The board's reply to ``hello``. If it shows no calibration, only the readings are shown.
+        The board's reply to ``hello``. If the board is not calibrated, only readings are shown.
     state : PageState
         State of the web UI; its parts ``touch``, ``keys``, ``stick`` and ``untrusted`` are set, and
         events are added.
@@ -44,7 +44,7 @@ class Feel:
         ``draft()`` returns None, or a draft: a key layout to try in addition to `layout`. A key
         that the draft would press is shown as an event ``tried``.
     gestures : Mapping, optional
-        Keys of the gestures; each gesture is shown with the name of the key that it presses.
+        The key that each gesture presses; a gesture is shown with the name of its key.
     """
 
     def __init__(
@@ -237,8 +237,8 @@ def _is_on(info: Mapping, layout: KeyLayout) -> bool:
 def layout_shown(layout: KeyLayout) -> dict:
     """Return a layout as a dict for the web UI.
 
-    ``layers`` has a list of keys for each layer: bounds of their zones (``low`` and ``high``, as
-    shares of the strip), and ``label``.
+    ``name``: name of the layout. ``layers``: for each layer by name, a list of its keys. Each key
+    has a ``label``, and ``low`` and ``high``: the bounds of its zone as shares of the strip.
     """
     return {
         "name": layout.name,

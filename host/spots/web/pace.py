@@ -79,8 +79,9 @@ class PagePace:
             self.answered(self._now_s() - asked_s)
 
     def answered(self, way_s: float) -> None:
-        """Record the round-trip time of a ping, in seconds; the smallest such time is used.
+        """Record the round-trip time of a ping, in seconds.
 
-        A ping needs no drawing, but a busy processor delays its answer, too.
+        A message is late if it is drawn after `LATE_S` plus the smallest round-trip time. Larger
+        times are not used, because a busy processor also delays the answer to a ping.
         """
         self._way_s = way_s if self._way_s is None else min(self._way_s, way_s)

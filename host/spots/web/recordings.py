@@ -141,7 +141,7 @@ class Recordings(Orders):
         self._put({**self._shown, "playing": None})
 
     def _files(self) -> dict[str, Path]:
-        """Return the recordings in the folder by name, newest first. Links are not followed."""
+        """Return the newest `_LISTED` recordings by file name, newest first; links are ignored."""
         found = [one for one in self._folder.glob("*.spots") if one.is_file()]
         found = [one for one in found if not one.is_symlink()]
         found.sort(key=lambda one: one.stat().st_mtime, reverse=True)
@@ -181,14 +181,14 @@ class Recordings(Orders):
 
 
 def _curve(path: Path) -> dict:
-    """Return the position and the force of a recording over time.
+    """Return position and force over time, from the readings of strip 0 in a recording.
 
     Returns
     -------
     dict
-        ``name``; ``points``: at most `_POINTS` lists of time in s, position in um and force in mN,
-        both null without a press; ``cut``: whether the recording has more than `_READ_MAX`
-        readings.
+        ``name``: file name; ``points``: at most `_POINTS` lists (time in s, position in um, force
+        in mN), where position and force are None without a press; ``cut``: whether the recording
+        has more than `_READ_MAX` readings.
     """
     parts, count = [], 0
     for block in RecordingBlocks(path):

@@ -99,7 +99,7 @@ class PageState:
 
 
 class Beside(PageState):
-    """Latest reading and warning of a strip that the web UI does not show in detail.
+    """Shows only the latest reading and warning of a strip, if another strip is shown in detail.
 
     Parameters
     ----------
@@ -108,7 +108,8 @@ class Beside(PageState):
     sensor : int
         Number of the strip.
     strips : dict
-        Reading and warning of each strip, by its number; all strips of a board share this object.
+        Reading and warning of each strip, by number of the strip. All `Beside` objects of a board
+        share this dict.
     """
 
     def __init__(self, state: PageState, sensor: int, strips: dict[int, dict]):

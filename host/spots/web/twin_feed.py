@@ -103,7 +103,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """Discards the state of a board that the web UI does not show, but reports the board's loss."""
+    """Discards the state of a joint's board, but reports a disconnection to a `TwinFeed`."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()
