@@ -9,9 +9,9 @@ the limits of all polls: the next sample ends within `_end` +- `_half`.
 poll bisects: it is scheduled exactly at `_end`, and its result halves `_half`. All other polls are
 scheduled after the latest possible end, so they find the sample even if they are late.
 
-The bisection needs one or two polls in about 15 samples. `several.SeveralApp` gives these polls
-priority over the work for other strips. After a start, the period is uncertain by 6 %. With
-exposures of at most 10 ms, the times are accurate after a second. Integers only; allocates nothing.
+In 15 samples, one or two polls bisect. `several.SeveralApp` gives these polls priority over the
+work for other strips. At the first start, the period is uncertain by 6 %. One second later, the
+times are accurate to 20 us for exposures of 5 to 10 ms. Integers only; allocates nothing.
 """
 
 from micropython import const
@@ -35,8 +35,8 @@ _RUN = const(4)
 class AlignedPacing(Pacing):
     """Tracks the sample clock of a sensor whose polls are often late; see `pacing.Pacing`.
 
-    The time of each sample in the FIFO is known, even if the loop reads the FIFO late. Without a
-    FIFO, stalls of the loop lose samples, as with `Pacing`.
+    It computes the time of each sample in the FIFO, even if the loop reads the FIFO late. Without a
+    FIFO, samples are lost while the loop stalls, as with `Pacing`.
     """
 
     def start(self, now, period_us):
@@ -87,7 +87,7 @@ class AlignedPacing(Pacing):
         return end
 
     def _advance(self):
-        """Move the state on to the next sample, and schedule the poll for that sample."""
+        """Predict the end of the next sample (`_end`, `_half`), and schedule the poll for it."""
         self._was_early = False
         self.slack_us = self._half >> _Q - 1
         part = self._part + self._exact
@@ -107,7 +107,8 @@ class AlignedPacing(Pacing):
     def _lock(self, now, width_us=0):
         """Restart the tracking at a sample that ended at most `width_us` before the poll at `now`.
 
-        If `width_us` is 0, the time since the last early poll is used, at most a period.
+        If `width_us` is 0, it is set to one period, or to the time since the preceding poll if that
+        poll was too early and this time is shorter.
         """
         if not width_us:
             width_us = self._chip_us
@@ -145,9 +146,9 @@ class AlignedPacing(Pacing):
         self._samples = self._taken = 0
 
     def _limit(self, low, high):
-        """Move `_end` to the middle of two limits, and correct the period.
+        """Move `_end` to the middle of two limits of the sample's end, and correct the period.
 
-        The limits are in Q8 us, relative to `_end`.
+        The limits `low` and `high` are relative to `_end`, in Q8 us (1/256 us).
         """
         part = self._part + (high + low >> 1)
         self._end = self._add(self._end, part >> _Q)

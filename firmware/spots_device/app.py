@@ -23,17 +23,17 @@ _COUNTED = const(16)  # least number of passes in the mean
 
 
 class Meter:
-    """Measures the mean time that the main loop needs for one sample.
+    """Measures the mean time that the main loop needs to process one sample.
 
     `add` allocates nothing.
 
     Attributes
     ----------
     busy_us : int
-        Mean duration in us of a loop pass that processes a sample, without the fixed time of FIFO
-        reads, see `as7341.AS7341.burst_us`. A loop that is slower than the sensor reads many
-        samples in one FIFO read; it then needs about this time for each sample. 0 before the first
-        mean is complete.
+        Mean duration in us of a loop pass that processes a sample; 0 before the first mean is
+        complete. The fixed time of FIFO reads (see `as7341.AS7341.burst_us`) is left out, because
+        it hardly matters for a loop that is slower than the sensor: one FIFO read then gets many
+        samples.
     """
 
     def __init__(self):
@@ -53,8 +53,8 @@ class Meter:
         lasted_us : int
             Duration of the pass without its sleep, in us.
         burst_us : int
-            Part of this duration that a FIFO read takes for any number of samples, see
-            `as7341.AS7341.burst_us`; 0 for a pass without a FIFO read.
+            Part of this duration that does not depend on the number of samples read from the FIFO,
+            see `as7341.AS7341.burst_us`; 0 for a pass without a FIFO read.
         """
         if burst_us:
             if self._passes >= _COUNTED:
@@ -214,7 +214,11 @@ class BoardApp:
             self.lose(error)
 
     def step(self):
-        """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
+        """Run one pass of the loop; allocates nothing while sampling.
+
+        It sleeps 10 ms at most, so that commands are read often. While the sensor is lost, a pass
+        takes 0.1 s or more.
+        """
         try:
             self._pass()
         except (OSError, SensorError) as error:
@@ -244,7 +248,7 @@ class BoardApp:
             self._take()
 
     def measure(self):
-        """Start to measure `Meter.busy_us`; the loop is slightly slower until it is known."""
+        """Start to measure `Meter.busy_us`; the loop is slightly slower during the measurement."""
         self.meter.restart()
         self._pass = self._measured_pass
 
@@ -263,8 +267,8 @@ class BoardApp:
     def _measured(self, began, complete, waits):
         """Add a loop pass to the mean if it gave a sample; return True when the mean is complete.
 
-        The arguments are values from before the pass: the ticks, and the attributes `complete` and
-        `waits` of the sensor.
+        The caller stores the arguments before the pass: `began` is the time in ticks, `complete`
+        and `waits` are the sensor's attributes of these names.
         """
         clock, sensor = self._clock, self._sensor
         if self.reconnect.lost or sensor.complete == complete:
@@ -282,7 +286,7 @@ class BoardApp:
         self.reconnect.restart()
 
     def abandon(self, why):
-        """Cancel the running dark frame or search; its command gets an error reply with `why`."""
+        """Cancel a requested dark frame or search for settings; `why` is its error reply."""
         self.strip.forget_requests()
         self.replies.abandon(why)
 
@@ -357,7 +361,8 @@ class BoardApp:
         Returns
         -------
         str or None
-            Why the stored calibration is not used. None if it is used, or if none is stored.
+            Why the stored calibration is not used; None if it is used, or if there is none. A
+            missing dark frame (of an LED that is always on) is reported in both cases.
         """
         if self.reconnect.lost:
             found = why_not = None
@@ -409,7 +414,10 @@ class BoardApp:
         return reply
 
     def rate_mHz(self):
-        """Return the expected rate of readings in mHz, limited by the sensor or by the loop."""
+        """Return the expected rate of readings in mHz: what the slower of sensor and loop allows.
+
+        A reading is the sum of ``average`` samples.
+        """
         s = self.settings.values
         return 1_000_000_000 // (max(s["exposure_us"], self.meter.busy_us) * s["average"])
 

@@ -2,9 +2,9 @@
 
 The chip stores samples in a FIFO: 128 entries of two bytes, which is 21 samples of six counts. So
 the loop may stall for 20 exposures without loss. No published driver reads six channels from this
-FIFO, so it is not certain to work. Each start of the sensor tests it: the FIFO must contain the
-sample that is in the data registers. If it does not, `poll` reads the data registers, one sample in
-each transfer.
+FIFO, so it is not certain that this works. Each start of the sensor tests it: the FIFO must
+contain the sample that is in the data registers. If this test fails, `poll` reads the data
+registers, one sample in each transfer.
 
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
 `switch_led` and `read_into` allocate nothing.
@@ -199,10 +199,11 @@ class AS7341:
         pacing.start(now, chip_us)
 
     def drifted(self):
-        """Return whether the measured exposure is wrong by more than 0.7 of its smallest step.
+        """Return whether the measured exposure differs too much from the attribute `exposure_us`.
 
-        The next `start` with `mains_hz` corrects the exposure. Allocates nothing if the result is
-        False.
+        The limit is 0.7 of the exposure's smallest step, because rounding to steps alone causes
+        errors up to 0.5 of it. The next `start` with `mains_hz` corrects the exposure. Allocates
+        nothing if the result is False.
         """
         pacing = self.pacing
         expected_us = pacing.sampled * self.exposure_us
@@ -215,7 +216,7 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def burst_us(self):
-        """Return the fixed time of the last FIFO read, in us, at least 1.
+        """Return the fixed time of the last FIFO read in us, or 1 if the FIFO is not used.
 
         A FIFO read takes this time, plus a time that is proportional to the number of samples.
         """
@@ -228,8 +229,8 @@ class AS7341:
 
         The attribute `steady` is False for samples that began before this call.
 
-        With the setting ``led=always``, the user must unplug or plug in the LED; this call only
-        records its state.
+        With the setting ``led=always``, the user must unplug the LED or plug it in again. This
+        call then only records the state of the LED.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0

@@ -140,12 +140,13 @@ class Upload:
         self._bytes = 0
 
     def take(self, words):
-        """Process a command of an upload, such as one line of text; return the reply (dict).
+        """Process one command of an upload; return the reply (dict).
 
         Parameters
         ----------
         words : list of str
-            Words after the name of the command.
+            Words after the name of the command: ``begin``, ``clear``, ``end`` and the checksum, or
+            one line of the text.
 
         Raises
         ------

@@ -56,13 +56,14 @@ _PRODUCT_MAX = const(256)
 class Dark:
     """Averages dark windows (four samples with the LED off). `add` allocates nothing.
 
-    `kernel.process` advances the age of the dark frame, and finds changes of the ambient light.
+    `kernel.process` decides when the next dark window begins: it counts the age of the dark frame
+    and detects changes of the ambient light.
 
     Parameters
     ----------
     state : array of int
-        State of the strip, see decode.py; contains the mean dark counts, and which windows are
-        wanted and when.
+        State of the strip, see decode.py. It contains the mean dark counts, the age of the dark
+        frame, and whether a new window is wanted.
 
     Attributes
     ----------
@@ -102,7 +103,10 @@ class Dark:
             state[IDLE_MIN_US] = IDLE_US
 
     def request(self):
-        """Restart the mean with a dark window as soon as possible, if the LED can be switched."""
+        """Restart the mean of the dark windows with a window as soon as possible.
+
+        No window is requested if the LED cannot be switched.
+        """
         self.state[WANTED] = 1 if self.state[AGE_STEP_US] else 0
 
     def use(self, sums):
@@ -119,12 +123,15 @@ class Dark:
         return bool(sums)
 
     def request_pool(self):
-        """Restart the mean: take 16 dark windows in a row, or as many as fit in two seconds."""
+        """Restart the mean of the dark windows: request 16 in a row, or as many as fit in 2 s."""
         self._pool_wanted = True
         self.state[WANTED] = 1
 
     def begin(self, exposure_us):
-        """Begin a series of dark samples of `exposure_us` us each; the LED is already off."""
+        """Begin a series of dark samples of `exposure_us` us each; the LED must be off already.
+
+        The series is one sample, one dark window (four samples), or all windows of `request_pool`.
+        """
         if self.state[WANTED]:
             windows = 1
             if self._pool_wanted:
@@ -138,7 +145,7 @@ class Dark:
             self._left = _WINDOW_SAMPLES if self.state[IDLE_MIN_US] else 1
 
     def add(self, counts):
-        """Add a dark sample (six counts); return whether the series is complete."""
+        """Add a dark sample (six counts); return whether the series of `begin` is complete."""
         for i in range(CHANNELS):
             self._window[i] = counts[i] + (self._window[i] if self._taken else 0)
         self._taken += 1
@@ -185,7 +192,7 @@ class Dark:
 
 
 class Baseline:
-    """Tracks the baseline, and computes the sum of dark frame and baseline (`floor`).
+    """Tracks the baseline, which is the light of the untouched strip minus the dark frame.
 
     Parameters
     ----------
@@ -197,7 +204,7 @@ class Baseline:
     floor : memoryview of int
         Sum of dark frame and baseline, as six sums of counts; subtracted from each reading.
     samples : int
-        Number of samples in a reading for which `floor` is scaled.
+        Samples in each reading from which `floor` is subtracted; limits the scale of `floor`.
     """
 
     def __init__(self, dark):
@@ -210,13 +217,14 @@ class Baseline:
         self.samples = 0
 
     def sums(self):
-        """Return the baseline: each channel's sum of `decode.DARK_SAMPLES` samples."""
+        """Return the baseline: for each channel a sum over `decode.DARK_SAMPLES` samples."""
         return [level >> _POOL_SHIFT for level in self._level]
 
     def rescale(self, samples):
-        """Scale `floor` for readings of `samples` samples; return the number of samples in `floor`.
+        """Scale `floor` to sums over n samples, for readings of `samples` samples; return n.
 
-        The returned number is a power of 2, at most 64, and within the limits of `kernel.estimate`.
+        n is the largest power of 2 for which n <= 64 and ``n * samples <= 256``; see
+        `decode.Decode.scale`.
         """
         self.samples = samples
         dark_samples = _POOL_SAMPLES
@@ -246,7 +254,7 @@ class Baseline:
         self.update()
 
     def update(self):
-        """Compute `floor` again, after a change of the dark frame or of the baseline."""
+        """Compute `floor` again; must be called after a change of dark frame or baseline."""
         shift = self._state[SHIFT]
         half = 1 << shift >> 1
         for i in range(CHANNELS):

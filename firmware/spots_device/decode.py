@@ -1,15 +1,16 @@
 """Computes position and force from counts: six logarithms, four dot products, tables.
 
-By Eq. 1 of the paper, L_i = log2(counts_i - dark_i) of channel i is linear in two unknowns: the
-filtering length x (length of dyed guide that the light passes) and the logarithm of the coupled
-light. A weighted sum of the L_i whose weights add up to 0 depends on x only: the position contrast.
-A sum whose weights add up to 1 and cancel the decay depends on the light only: the brightness. The
-best weights change along the strip, so a coarse contrast selects a segment with its own weights.
-The misfit is another weighted sum: it shows how far the spectrum is from that of a single press.
-All integers fit 31 bits; nothing is allocated.
+According to Eq. 1 of the paper, L_i = log2(counts_i - dark_i) of channel i is linear in two
+unknowns: the filtering length x (length of dyed guide that the light passes) and the logarithm of
+the coupled light. A weighted sum of the L_i whose weights add up to 0 depends on x only: the
+position contrast. A sum whose weights add up to 1 and cancel the decay depends on the light only:
+the brightness. The best weights change along the strip, so a coarse contrast selects a segment with
+its own weights. The misfit is another weighted sum: it shows how far the spectrum is from that of a
+single press. All integers fit 31 bits; nothing is allocated.
 
 This module defines the layout of the arrays that the functions of kernel.py read and write.
-kernel_viper.py uses the same numbers as literals, because each look-up of a name takes time there.
+kernel_viper.py uses the same numbers as literals, because a look-up of a name is slow in machine
+code.
 """
 
 from array import array
@@ -80,7 +81,8 @@ class Decode:
     Attributes
     ----------
     state : array of int
-        Fields of the TOUCH frame, and the other values that `kernel.estimate` stores for a strip.
+        Settings, sums and estimates of the strip, at the indices that this module defines; first
+        the fields of the TOUCH frame.
     tables : array of int
         The tables of the calibration.
     """
@@ -109,9 +111,10 @@ class Decode:
             self.state[DRIFT_MAX] = calibration.drift_max
 
     def scale(self, samples, dark_samples):
-        """Set the number of samples in a reading, and in the sums of the dark frame.
+        """Set the number of samples in a reading, and in the sums that are subtracted from it.
 
-        The product of both numbers is at most 256.
+        The product of both numbers must be at most 256: times the largest count, this is just below
+        the limit of `log2.log2_q20`.
         """
         state = self.state
         state[SAMPLES] = samples

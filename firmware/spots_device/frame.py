@@ -1,6 +1,6 @@
 """Frames from board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
 
-Board and host both use the layouts in this module. The board's 32-bit time is written as two
+Board and host both use the formats in this module. The board's 32-bit time is written as two
 halves, because a small int has 31 bits. Packing and sending allocate nothing.
 """
 
@@ -52,7 +52,7 @@ class Time32:
     head : array of int
         Header of the next frame, see `decode.KIND`.
     last : int
-        Ticks of the clock at the time in `head` plus ``head[LESS_US]``.
+        Ticks of the clock ``head[LESS_US]`` us after the time in `head`.
     """
 
     def __init__(self, clock):

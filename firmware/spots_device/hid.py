@@ -60,8 +60,8 @@ def with_report_id(descriptor, report_id):
 class Outbox:
     """First-in first-out queue of reports; no report is sent twice.
 
-    If a report does not fit, all reports are dropped, and one report without pressed keys is sent:
-    a lost key press is better than a stuck key.
+    If the queue is full, all its reports are dropped. If the host may see a pressed key, one report
+    without pressed keys is sent: a lost key press is better than a stuck key.
 
     Parameters
     ----------

@@ -121,13 +121,13 @@ def process(state, tables, counts, flags, head, payload, encoded):
     counts : array of int
         Six counts of the sample.
     flags : int
-        Flag bits of the sample, as for `estimate`, and bits that select the work. `decode.READ`:
-        add the sample, and estimate the reading if it is complete. `SEND`: check the ambient
-        light, track the baseline, and encode the TOUCH frame, all for a complete reading. `TWO`:
-        two fingers may have caused the reading.
+        Flag bits of the sample, as for `estimate`, and three more bits of `decode`. `READ`: add
+        the sample, and estimate the reading if it is complete. `SEND`: if the reading is complete,
+        check the ambient light, track the baseline, and encode the TOUCH frame. `TWO`: two
+        fingers may have caused the reading.
     head, payload, encoded
-        As for `frame`. The time of `head`, plus its `LESS_US`, must be the end of the sample. It
-        becomes the middle of the reading if the reading is complete.
+        As for `frame`. With `READ`, the time of `head` plus its `LESS_US` must be the end of the
+        sample. If the reading is complete, the time of `head` is set to the middle of the reading.
 
     Returns
     -------
@@ -228,7 +228,8 @@ def estimate(state, tables, flags):
         Settings and sums (input) and estimates (output) at the indices that decode.py defines.
         The six sums at `SUMS` are over ``state[SAMPLES]`` samples; those at `FLOOR`, of dark frame
         and baseline, are over ``state[FLOOR_SAMPLES]`` samples and subtracted after scaling.
-        ``sums * state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24.
+        ``sums * state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24, the
+        limit of `log2.log2_q20`.
     tables : sequence of int
         Tables of the calibration, see `calibration.SEGMENTS`; 0 segments mean that there is no
         calibration.
@@ -470,8 +471,9 @@ _crc = array("H", bytes(4))
 def frame(head, payload, size, encoded):
     """Add header and CRC to a payload, and encode it with COBS; return the encoded length in bytes.
 
-    An encoded frame must not fill its last USB packet of 64 bytes exactly, because USB CDC then
-    stalls. In this case a second delimiter is added; the host skips the empty frame.
+    The delimiter of frames is a zero byte. An encoded frame must not fill its last USB packet of 64
+    bytes exactly, because USB CDC then stalls. Such a frame gets a second delimiter; the host skips
+    the empty frame between the two.
 
     Parameters
     ----------
@@ -482,7 +484,7 @@ def frame(head, payload, size, encoded):
     size : int
         Number of bytes of header and body.
     encoded : bytearray
-        Output: the encoded frame and its delimiter, a zero byte.
+        Output: the encoded frame and its delimiters.
     """
     payload[0] = head[KIND]
     for i in range(SEQUENCE, GAP):

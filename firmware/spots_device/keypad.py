@@ -73,7 +73,10 @@ class Keypad:
         self.contact.set_layout(layout, length_um, decay)
 
     def tick(self, t):
-        """Handle all deadlines up to the time `t` in ticks; must be called after every reading."""
+        """Decide the gestures whose time limit is over at the time `t` in ticks.
+
+        Must be called after every reading.
+        """
         # Old times are dropped, because ticks wrap.
         if self._tapped_at >= 0:
             self._age_tap(t)
@@ -196,8 +199,8 @@ class Keypad:
     def second(self, x_um, slack_um, t):
         """Press the key under a second finger, if it is certain; return whether it was pressed.
 
-        A key is certain if the whole range `x_um` +- `slack_um` is on it, if it has only the action
-        of a tap, and if its layer has no swipes.
+        A key is certain if the whole range `x_um` +- `slack_um` is on it, if it has no action but
+        that of a tap, and if its layer has no swipes.
 
         Parameters
         ----------
@@ -276,10 +279,10 @@ class Keypad:
     def _find(self, x_um, again):
         """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
-        `again` is the row of the key that was tapped before, or -1. A quick second touch is less
-        accurate: it may be outside this key, by ``slack_um`` or a sixteenth of the key's width,
-        whichever is less. If this touch is then on a neighbouring key, it counts for the tapped key
-        only if the tapped key has a ``hold`` or ``double`` action.
+        `again` is the row of the key that was tapped just before, or -1. Quick second touches are
+        less accurate. So a touch slightly outside the tapped key still counts for this key: at most
+        ``slack_um`` or a sixteenth of the key's width outside, whichever is less. A touch on a
+        neighbouring key does so only if the tapped key has a ``hold`` or ``double`` action.
         """
         layout = self._layout
         keys = layout.keys

@@ -7,12 +7,14 @@ Each line is one statement. The statements of `LIMITS`, such as ``detect``, are 
     key 0 100 7340036 0 0 0 0 0
 
 The first two numbers of a key are its bounds in thousandths of the strip, from the sensor's end.
-Six actions follow: tap, double tap, hold, firm press, slide to the sensor, slide away from it. The
-action of a slide is repeated each time the finger has moved by ``slide_um``.
+Six actions follow: tap, double tap, hold, firm press, slide to the sensor, slide away from it. In
+the example, a tap presses the key A: 7 * 2**20 + 4. The action of a slide is repeated each time the
+finger has moved by ``slide_um``.
 
 An action is one integer. Bits 20 and higher are its kind. Kind 0 does nothing. Kinds 7 (keyboard)
 and 12 (consumer) are HID usage pages; then bits 12 to 19 are the modifiers and bits 0 to 11 the
-usage. For the kinds `MOMENTARY`, `TOGGLE` and `ONCE`, bits 0 to 11 are the number of a layer.
+usage. The kinds `MOMENTARY`, `TOGGLE` and `ONCE` switch a layer on: while the key is held, until
+the action is repeated, or for the next key. Then bits 0 to 11 are the number of the layer.
 
 The keys of a layer are in ascending order and do not overlap. A press between two keys has no
 action.
@@ -101,7 +103,8 @@ class Layout:
     Raises
     ------
     LayoutError
-        If a statement is unknown or out of range, or there is no key.
+        If a statement is unknown or out of range, if keys overlap, or if there are no keys or too
+        many keys or layers.
     """
 
     def __init__(self, lines):
@@ -152,7 +155,10 @@ class Layout:
                 setattr(self, name, value)
 
     def first(self, layer):
-        """Return the row of a layer's first key; if ``layer == layers``, the length of `keys`."""
+        """Return the row (index in `keys`) of a layer's first key.
+
+        If ``layer == layers``, return the length of `keys`.
+        """
         return self._firsts[layer]
 
     def is_on(self, layer, row):

@@ -12,7 +12,9 @@ _DARK_MAX = (exposure.GAIN_MAX, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAM
 
 
 def settle(changes, values, board):
-    """Validate ``led`` and ``dark`` in a change of settings; add the changes that these require.
+    """Validate new values of ``led`` and ``dark``, and adapt settings that depend on others.
+
+    A new LED changes ``led_mA``. A new LED or channel plan removes the stored dark frame.
 
     Parameters
     ----------

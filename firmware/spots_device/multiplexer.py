@@ -1,4 +1,7 @@
-"""A sensor behind an I2C multiplexer TCA9548A. Only boards with ``MUX_CHANNEL`` get this module."""
+"""A sensor behind an I2C multiplexer TCA9548A.
+
+Only boards with ``MUX_CHANNEL`` in their configuration get this module.
+"""
 
 from micropython import const
 

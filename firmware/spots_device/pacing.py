@@ -3,19 +3,20 @@
 The chip has its own oscillator, which deviates from the board's clock by a few per cent. A poll
 asks the sensor for a new sample. A poll that is too early and the next poll, which finds the
 sample, bracket the end of the sample. Two brackets, n samples apart, give a lower bound of the
-sample period. Each poll is scheduled slightly earlier than this bound predicts: no poll is late,
-and about one in twenty is early. Integers only; allocates nothing.
+sample period. Each poll is scheduled slightly earlier than this bound predicts. So the scheduled
+times do not fall behind the samples, and about one poll in twenty is early. Integers only;
+allocates nothing.
 
-A loop that is slower than the sensor never polls early, so it has no brackets. A sample that it
-finds ended within the last period; the sample is used with this uncertainty of its time. Without a
-FIFO, a slow loop misses samples. They are counted with the last measured period of the chip, scaled
-to the exposure. Samples in the chip's FIFO are not lost while the loop stalls.
+A loop that is slower than the sensor never polls early, so it has no brackets. When it finds a
+sample, the sample may have ended up to one period before; this is the uncertainty of its time.
+Without a FIFO, a slow loop misses samples. They are counted with the last measured period of the
+chip, scaled to the exposure. Samples in the chip's FIFO are not lost while the loop stalls.
 
-Polls may be late, so their times are not the times of the samples. The times of the samples come
-from an estimate of the chip's phase and period that counts every sample. A poll that finds one
-sample gives an upper limit of the sample's end; an early poll gives a lower limit. Between two
-early polls, the polls approach the end in small steps, so these limits soon differ by only one
-step. The error is half a step.
+The loop may run a poll later than scheduled, so the times of polls are not the times of samples.
+The times of samples are computed from the number of samples, and from estimates of the chip's
+phase and period. A poll that finds one sample gives an upper limit of the sample's end; an early
+poll gives a lower limit. Between two early polls, the polls approach the end in small steps, so
+these limits soon differ by only one step. The error is half a step.
 """
 
 from micropython import const
@@ -58,11 +59,11 @@ class Pacing:
     due : int
         Time of the next poll in ticks.
     exposure_us, period_us : int
-        Nominal period, and lower bound of the measured period, in us.
+        Nominal sample period (the exposure), and lower bound of the measured period, in us.
     missed : int
         Number of samples that were not read, or whose time is unknown.
     slack_us : int
-        Uncertainty: the last sample ended at its estimated time, or up to this time earlier.
+        Uncertainty in us: the last sample ended at most this long before its estimated end.
     sampled, lasted_us, longest_us : int
         Measurement of the period: number of samples, and lower and upper limit of their total
         duration in us of the board's clock. `sampled` is 0 before the first measurement.
@@ -109,8 +110,8 @@ class Pacing:
         The relative deviation is equal for all exposures.
 
         Call it before `start`. A measurement since the last `start` replaces the stored deviation
-        if the two disagree. Without a measurement and a stored deviation, samples of at least 0.2 s
-        give a first rough value.
+        if the two disagree. If there is neither a measurement nor a stored deviation, the lower
+        bound of the period is used, after 0.2 s of samples: it is then accurate to 0.1 %.
         """
         if self.sampled:
             expected_us = self.sampled * self.exposure_us
@@ -315,9 +316,9 @@ class Pacing:
         return before if used else None
 
     def _count(self, now, read):
-        """Count samples up to `now` (ticks), at least 1; add the unread samples to `missed`.
+        """Count the samples since the last counted one, up to `now` (ticks); update `missed`.
 
-        `read` is the number of these samples that were read: 0 or 1.
+        The count is at least 1. `read` of these samples (0 or 1) were read; the others are missed.
         """
         if self._locked:
             self._last = self._add(self.due, self._creep - self.period_us)

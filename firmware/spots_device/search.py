@@ -29,8 +29,8 @@ class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
     The search changes the gain first (factors of 2), then the LED current. If both are at their
-    maximum, it sets a longer exposure of at least 182 ms, because above 182 ms full scale does not
-    grow with the exposure.
+    maximum, it sets a longer exposure of at least 182 ms. A shorter one would not help: below
+    182 ms, full scale grows with the exposure as the counts do.
 
     Parameters
     ----------

@@ -48,8 +48,8 @@ class BoardSettings:
     ----------
     board : object
         Module board_config, or an object with ``LED_MAX_MA``, the maximum current of the board's
-        LED in mA (int). Optional attributes: ``STRIP_LED``, one of `light.LEDS`, and
-        ``STRIP_LED_PIN``, which the setting ``led=gpio`` needs.
+        LED in mA (int). Optional attributes: ``STRIP_LED``, the default of the setting ``led``
+        (one of `light.LEDS`), and ``STRIP_LED_PIN``, the pin that ``led=gpio`` needs.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class BoardSettings:
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
 
     def reply(self):
-        """Return the settings as a dict for a reply; ``plan`` is a list."""
+        """Return the settings except ``dark`` as a dict for a reply; ``plan`` is a list."""
         reply = dict(self.values)
         reply["plan"] = list(reply["plan"])
         del reply["dark"]  # the reply to ``get`` contains these sums

@@ -1,11 +1,11 @@
 """Compensates hysteresis and creep of the silicone, which change the light at a given force.
 
 Hysteresis is a weighted sum of play operators (Prandtl-Ishlinskii). Only its difference from a
-first load is subtracted, because the force table was measured with first loads. Creep follows the
-force with several time constants; a share of the creep is subtracted. The play operators restart
-when the finger lifts or moves to another position. Creep restarts only when another position is
-pressed; after a lift it decays with its time constants. All integers fit 31 bits; `take` allocates
-nothing.
+first load (a force that has only grown since the finger touched) is subtracted, because the force
+table was measured with first loads. Creep follows the force with several time constants; a share of
+the creep is subtracted. The play operators restart when the finger lifts or moves to another
+position. Creep restarts only when another position is pressed; after a lift it decays with its time
+constants. All integers fit 31 bits; `take` allocates nothing.
 """
 
 from array import array
@@ -38,8 +38,9 @@ class Compensation:
     Parameters
     ----------
     values : sequence of int, length 13
-        Gain (Q12); half widths of three play operators in mN, their three weights (Q12); time
-        constants of three parts of the creep in ms, their three shares of the force (Q12).
+        Factor of the force (Q12); half widths of three play operators in mN, their three weights
+        (Q12); time constants of three parts of the creep in ms, their three shares of the force
+        (Q12).
 
     Raises
     ------

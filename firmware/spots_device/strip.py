@@ -76,12 +76,11 @@ class Strip:
     conditions : calibration.Conditions or None
         Board and settings of the readings; None before the first start.
     lit_flags : int
-        Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 while an LED that is
-        always on has no dark frame.
+        Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 if no dark frame is
+        subtracted, because the LED is always on and no dark frame is stored.
     baseline : dark.Baseline
         Tracks the light without a touch. Its `floor` (dark frame plus baseline, one sum of counts
-        per channel) is subtracted from each reading. `Decode.scale` sets how many samples each sum
-        has.
+        per channel) is subtracted from each reading.
     """
 
     def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
@@ -121,7 +120,10 @@ class Strip:
         self._reading[STREAMED] = self._kind if on else 0
 
     def start(self):
-        """Start the sensor with the present settings; the first samples are a dark frame.
+        """Start the sensor with the present settings; begin with a dark frame if possible.
+
+        It is not possible if the LED is always on. Then a dark frame stored for these settings is
+        used, if there is one.
 
         Raises
         ------

@@ -46,7 +46,8 @@ class Uses:
     two : bool
         Whether two fingers may have caused the last reading.
     rests : bool
-        Whether the touch has not moved for the layout's ``stuck_ms``, so that it is not a finger.
+        Whether the touch has not moved for the layout's ``stuck_ms``: it is then treated as an
+        object, not as a finger.
     outputs : tuple
         Opened USB interfaces.
     fault : str or None
@@ -215,7 +216,7 @@ class Uses:
             self._consumer.key(usage, pressed)
 
     def stuck(self):
-        """Record that the present touch is not a finger."""
+        """Record that the present touch is no finger, because it has not moved for long."""
         self.rests = True
 
     def pump(self):
@@ -235,7 +236,7 @@ class Uses:
             output.release()
 
     def finish(self, clock, until):
-        """Release all keys and gamepad buttons; wait until the host has read these releases.
+        """Release all keys and gamepad buttons; wait until USB has accepted these reports.
 
         Parameters
         ----------
@@ -256,7 +257,7 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Select the touch tracker for the readings: the keypad's, the contacts', or None."""
+        """Select the touch tracker: that of the keypad, that of the CONTACT frames, or None."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

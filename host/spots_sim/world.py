@@ -27,12 +27,13 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
     """Return the contact area under a finger at a force, as a share of full contact.
 
     The material is hyper-elastic: each further newton adds less area (paper, section III.B and
-    Fig. 3A). Below the threshold, before contact, a small share of the light crosses the air gap.
+    Fig. 3A). Below the force of first contact (``threshold_mN``), a small share of the light
+    crosses the air gap.
 
     Parameters
     ----------
     contact : ContactFile
-        Table of the sensor file that gives the contact area by force.
+        Table of the sensor file: contact area as a function of force.
     force_mN : float
         Force of the press in mN.
 
@@ -50,7 +51,11 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
 
 @lru_cache(_SENSORS)
 def _optics(sensor: SensorFile) -> Callable[[Change, float], Optics]:
-    """Return a caching function that computes `Optics` from a change and an LED temperature."""
+    """Return a function that computes and caches `Optics`.
+
+    Its arguments are the `Change` of the sensor since the calibration, and the LED's temperature
+    rise in K.
+    """
     return lru_cache(_KEPT)(partial(Optics, sensor))
 
 

@@ -248,7 +248,7 @@ def fast_touch(head, payload, state, encoded):
 
 
 def speed_up():
-    """Let every sample use `fast_crc32` and `fast_touch` instead of the functions of `kernel`."""
+    """Replace the functions `crc32` and `touch` of `kernel` by `fast_crc32` and `fast_touch`."""
     kernel.crc32 = fast_crc32
     kernel.touch = fast_touch
 
@@ -275,7 +275,7 @@ class CdcSerial:
     def write(self, buffer, size):
         """Write a frame if the port has room; return whether it was sent completely.
 
-        If a frame is larger than the port's buffer, wait up to 20 ms for the host to read.
+        If the port takes only a part of the frame, wait up to 20 ms for the host to read.
 
         Parameters
         ----------
@@ -366,8 +366,9 @@ def boot():
 def main():
     """Run the application on this board until a command or Ctrl-C ends it.
 
-    Returns to the prompt if boot.py has not enabled the data port. After an exception of the
-    application, the board sends a log line and restarts.
+    Returns to the prompt at once if boot.py has not enabled the data port, or after a reset by
+    Ctrl-C (see stay.py). After an exception of the application, the board sends a log line and
+    restarts.
     """
     import board_config
 
@@ -407,7 +408,7 @@ def _open_sensor(config, clock):
 
 
 def _strip_led(board_config):
-    """Return a function ``gpio(on)`` that switches the strip's LED; the first call opens a pin."""
+    """Return a function ``gpio(on)`` that switches the strip's LED and opens its pin if needed."""
     pin = None
 
     def switch(on):

@@ -203,8 +203,9 @@ class MachineUsb:
 def main():
     """Run the application on this board until a command or Ctrl-C ends it.
 
-    Returns to the prompt if the board's button is pressed soon after a reset. After an exception
-    of the application, the board sends a log line and restarts.
+    Returns to the prompt if the board's button is pressed soon after a reset, or after a reset by
+    Ctrl-C (see stay.py). After an exception of the application, the board sends a log line and
+    restarts.
     """
     import board_config
 

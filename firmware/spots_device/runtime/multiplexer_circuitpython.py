@@ -18,8 +18,8 @@ class I2CChannel:
     """An I2C bus behind the multiplexer; `try_lock` selects its channel.
 
     All channels of a multiplexer share one ``busio.I2C``, because its pins can be opened only once.
-    If the sensor of one strip frees the wires and opens the bus again, the sensors of the other
-    strips use the new ``busio.I2C``.
+    After a fault of one strip's sensor, its driver closes and opens the bus again; the drivers of
+    the other strips then use the new ``busio.I2C``.
 
     Parameters
     ----------
