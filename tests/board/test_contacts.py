@@ -172,8 +172,8 @@ def test_no_key_is_typed_without_keys(played):
 
 @pytest.mark.parametrize("fingers", [ROLLED, RESTED])
 def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
-    _, frames = played(*fingers)
-    finder = ContactFinder(LENGTH_UM, 289)
+    board, frames = played(*fingers)
+    finder = ContactFinder(LENGTH_UM, board.info["decay"])
     made = [one for frame in frames if isinstance(frame, Touch) for one in finder.take(frame)]
     there = [frame for frame in frames if isinstance(frame, Contact)]
     assert [repr(one[2:]) for one in there] == [repr(one[2:]) for one in made] != []

@@ -295,8 +295,8 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["strain"], "give --strain-percent together with 'strain'"),
-        (["position", "--strain-percent", 5], "together with 'strain'"),
+        (["strain"], "--strain-percent belong together: give both"),
+        (["position", "--strain-percent", 5], "'spots calibrate strain' and --strain-percent"),
         (["position", "--places", 5], "must be 12 or more for 'position'"),
         (["force", "--places", 5], "must be 14 or more for 'force'"),
         (["position", "--places", 0], "must be 12 or more for 'position'"),

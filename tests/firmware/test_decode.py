@@ -207,7 +207,7 @@ def test_a_misfit_too_large_for_a_drift_is_good_for_nothing(decoder):
         decoder.update(NO_DARK, 1, NO_DARK, 0)
 
 
-WEAK = [count * 30 // 100 for count in LIT]
+WEAK = [count * 35 // 100 for count in LIT]
 
 
 def test_light_that_fits_no_press_begins_a_touch_at_four_times_the_force(decoder):
