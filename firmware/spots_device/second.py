@@ -1,4 +1,4 @@
-"""Estimates the second of two fingers from two readings; checks whether the first one may rest.
+"""Estimates the second of two fingers from two readings; checks whether the first one rests.
 
 A finger rests if neither its position nor its force changes.
 
@@ -8,8 +8,9 @@ first finger, with 0 < f < 1. Its brightness (here a natural logarithm) is sligh
 
     f / (1 - f) = l2 / l1 * exp(-k d)        ln(l) - brightness = 0.39 f (1 - f) (k d)**2
 
-k is the decay at wavelengths that the dye absorbs. Both equations hold within 0.01 on strips of 30
-to 85 mm. A reading gives two values, position and brightness, for the two unknowns l2 and d. No
+k is the decay at wavelengths that the dye absorbs. On strips of 30 to 85 mm, the errors of
+f and of ln(l) are below 0.01. l1 is known from a reading of the first finger alone. A reading of
+both gives two values, position and brightness, for the two unknowns l2 and d. No
 value remains to check that the first finger rests, so several readings must agree. All integers fit
 31 bits; allocates nothing.
 """

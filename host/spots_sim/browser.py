@@ -20,6 +20,6 @@ def opens() -> bool:
 
 
 def show(url: str) -> None:
-    """Open an address in a browser, if `opens` returns True."""
+    """Open an address in a browser if one can be opened, see the function `opens`."""
     if opens():
         webbrowser.open(url)

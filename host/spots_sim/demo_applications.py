@@ -93,7 +93,7 @@ def type_on_board(
     board : Board
         A calibrated virtual board.
     truth : Scenario
-        True fingers over time, which the keys are compared with.
+        The simulated fingers over time, with which the score compares the pressed keys.
     started_s : float
         Host time in seconds at which the scenario's time is 0.
     seconds : float or None

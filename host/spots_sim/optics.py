@@ -166,7 +166,7 @@ class Optics:
         return decay, spread - tilt_percent / 100 * (half / 3 + half**3 / 30)
 
     def source_uW_cm2(self, led_mA: float) -> float:
-        """Return the LED's irradiance on the chip in uW/cm2, for a full contact beside the chip."""
+        """Return the LED's irradiance on the chip in uW/cm2 for a full contact at position 0."""
         light_mA = led_mA / (1 + led_mA / self._led.bend_mA)
         return self._light * self._led.irradiance_uW_cm2_per_mA * light_mA
 

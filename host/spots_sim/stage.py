@@ -293,8 +293,8 @@ def led_settings(sensor: SensorFile) -> str:
 def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str, ...], str]:
     """Calibrate a sensor at an exposure; return calibration lines and LED settings.
 
-    If `exposure_us` is None, the board searches for the exposure. The LED settings are assignments
-    for ``set``.
+    If `exposure_us` is None, the board searches for the exposure. The LED settings are
+    assignments such as ``led_mA=20`` for the board's command ``set``.
     """
     with Stage(sensor) as stage:
         stage.expose(exposure_us)

@@ -260,7 +260,7 @@ def _surface(session: Session, length_um: float, start: Surface | None = None) -
 
 
 def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
-    """Remove from a session the press by hand that fits worst, if it is an outlier.
+    """If the worst-fitting press by hand of a session is an outlier, remove it.
 
     `surface` is the fit of the session, and `guide` shows a message to the person. Returns False if
     there is no outlier.

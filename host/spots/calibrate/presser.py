@@ -129,7 +129,7 @@ class Presser:
                 self._guide.say(str(error))
 
     def dark(self, board: Board) -> None:
-        """Take the dark frame of a board whose LED is always on. The strip must not be pressed."""
+        """Ask the person to unplug an LED that is always on, then take the dark frame."""
         take_dark(board, self._guide.ask)
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:

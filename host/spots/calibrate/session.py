@@ -282,7 +282,7 @@ class Session:
 
     @property
     def plan_is_open(self) -> bool:
-        """Whether the channels can still change: all points are of the kind ``choose``."""
+        """Whether the channels can still change, because all presses were for their choice."""
         return all(p.kind == "choose" for p in self.points)
 
     def check(self, present: Conditions) -> None:

@@ -433,7 +433,7 @@ def fitted(
     length_um: float,
     sizes: Sizes | None = None,
 ) -> Surface:
-    """Fit surfaces with different `Sizes`; return the surface with the largest evidence.
+    """Fit surfaces with different `Sizes`; return that of largest evidence (marginal likelihood).
 
     Parameters
     ----------

@@ -151,7 +151,7 @@ def rezero(parser: Parser):
 
 
 def dark(parser: Parser):
-    """Take the dark frame (counts without the LED) of a board whose LED is always on.
+    """Take the dark frame of a board that cannot switch its LED off: asks you to unplug it.
 
     example:
       spots dark

@@ -217,7 +217,7 @@ class _Axis:
         self._move(getattr(touch, self._field), dt_s)
 
     def take_position(self, position_um: float, dt_s: float) -> None:
-        """Move the axis to `position_um`, `dt_s` seconds after its last value.
+        """Give the axis the position `position_um`; `dt_s` is the time since its previous value.
 
         Do nothing if the axis follows the force.
         """

@@ -236,7 +236,7 @@ class Prompt:
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt, and return `facts`, which the program `_FACTS` prints."""
+        """Enter MicroPython's raw REPL, run `_FACTS` there, and return the dict that it prints."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors

@@ -116,7 +116,8 @@ def device_of(board: str, strips: int = 1) -> Device:
         A name that ``spots boards`` lists.
     strips : int
         Number of strips on the board. For more than 1, the dict `Device.device` of the result has
-        the key ``SENSORS``, with a list: for each strip, a dict of all its names and values.
+        the key ``SENSORS``, with a list of one dict for each strip: the strip's pins
+        and other configuration, by name.
 
     Returns
     -------
