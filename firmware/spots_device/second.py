@@ -1,18 +1,18 @@
-"""Estimates the second of two fingers from two readings; checks whether the first one rests.
+"""Estimates position and light of a second finger; checks whether the first finger rests.
 
 A finger rests if neither its position nor its force changes.
 
 Let l1 and l2 be the light of the two fingers, and d the distance between them. A reading measures
-the light of both, l = l1 + l2. Its position lies between the fingers, at the distance f d from the
-first finger, with 0 < f < 1. Its brightness (here a natural logarithm) is slightly less than ln(l):
+the light of both, l = l1 + l2. Its position lies between the fingers, at the distance f * d from
+the first finger, with 0 < f < 1. Its brightness (here a natural logarithm) is slightly less than ln(l):
 
     f / (1 - f) = l2 / l1 * exp(-k d)        ln(l) - brightness = 0.39 f (1 - f) (k d)**2
 
-k is the decay at wavelengths that the dye absorbs. On strips of 30 to 85 mm, the errors of
-f and of ln(l) are below 0.01. l1 is known from a reading of the first finger alone. A reading of
-both gives two values, position and brightness, for the two unknowns l2 and d. No
-value remains to check that the first finger rests, so several readings must agree. All integers fit
-31 bits; allocates nothing.
+k is the decay at wavelengths that the dye absorbs. On strips of 30 to 85 mm, the errors of f
+and of ln(l) are below 0.01. l1 is known from a reading of the first finger alone. A reading of both
+gives two values, position and brightness, for the two unknowns l2 and d. So one reading cannot show
+whether the first finger rests: several readings must give the same result. All integers fit 31
+bits; allocates nothing.
 """
 
 try:

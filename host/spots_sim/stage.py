@@ -274,7 +274,7 @@ def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None
     board : Board
         Board to change.
     sensor : SensorFile
-        Sensor file of the strip, with the lamps and the wiring of its LED.
+        Sensor file of the strip; it also describes the LED's wiring, and lamps in the room.
     number : int, optional
         Number of the strip on the board.
     """

@@ -77,7 +77,7 @@ class MicroPythonProcess:
         File descriptors of the board's end of the serial port that has the prompt.
     folder : Path, optional
         File system of the board. By default a temporary folder, which `close` removes. In simulated
-        time, its firmware may be outside, see `_shared_firmware`.
+        time, the firmware may be in another folder, see `_shared_firmware`.
     board : str
         Name of the virtual board. The modules in ``boards/<board>`` replace built-in modules.
     blank : bool

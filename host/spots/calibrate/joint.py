@@ -47,7 +47,9 @@ def fit_joint(points: list[Point]) -> Joint:
     order = np.lexsort((angle, up))
     same_way = np.diff(up[order].astype(int)) == 0
     if (np.diff(angle[order])[same_way] == 0).any():
-        raise SpotsError("two points of one direction have the same angle: begin another session")
+        raise SpotsError(
+            "two points of the same direction of the joint have the same angle: begin another session"
+        )
     steps = np.diff(position[order])[same_way]
     if not ((steps > 0).all() or (steps < 0).all()):
         raise SpotsError(
