@@ -4,7 +4,8 @@ A finger rests if neither its position nor its force changes.
 
 Let l1 and l2 be the light of the two fingers, and d the distance between them. A reading measures
 the light of both, l = l1 + l2. Its position lies between the fingers, at the distance f * d from
-the first finger, with 0 < f < 1. Its brightness (here a natural logarithm) is slightly less than ln(l):
+the first finger, with 0 < f < 1. Its brightness (here a natural logarithm) is slightly less than
+ln(l):
 
     f / (1 - f) = l2 / l1 * exp(-k d)        ln(l) - brightness = 0.39 f (1 - f) (k d)**2
 

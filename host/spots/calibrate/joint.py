@@ -48,7 +48,7 @@ def fit_joint(points: list[Point]) -> Joint:
     same_way = np.diff(up[order].astype(int)) == 0
     if (np.diff(angle[order])[same_way] == 0).any():
         raise SpotsError(
-            "two points of the same direction of the joint have the same angle: begin another session"
+            "two points have the same angle and direction of turn: begin another session"
         )
     steps = np.diff(position[order])[same_way]
     if not ((steps > 0).all() or (steps < 0).all()):
