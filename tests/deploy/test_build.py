@@ -20,7 +20,7 @@ from spots.deploy.names import shorten
 from spots.deploy.staging import board_names, device_of, stage
 from spots_sim.vm import micropython_command
 
-VIPER = ("kernel", "locate", "steady")
+VIPER = ("kernel", "locate", "pair", "second", "steady")
 MACHINE_CODE = {f"spots_device/{name}.mpy" for name in VIPER}
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -95,7 +95,7 @@ def test_a_traceback_names_file_and_function(tmp_path):
     assert place == ("runtime/common", "run")
 
 
-@pytest.mark.parametrize("module", ["kernel", "steady"])
+@pytest.mark.parametrize("module", VIPER)
 def test_boards_get_machine_code_without_any_correction_of_signs(module):
     text = (Path(spots_device.__file__).parent / f"{module}_viper.py").read_text(encoding="utf-8")
     code = text.split('"""')[2]

@@ -5,12 +5,14 @@ one value passes 31 bits. Arguments go to the ends of what calibration and chip 
 """
 
 import itertools
+import math
 import random
 from functools import partial
+from unittest.mock import Mock
 
 import pytest
 
-from spots_device import contact, contact_state
+from spots_device import contact, contact_state, pair
 from spots_device.calibration import (
     KNOTS_MAX,
     ONE_Q13,
@@ -18,6 +20,7 @@ from spots_device.calibration import (
     Calibration,
     CalibrationError,
 )
+from spots_device.contact_state import FADED, FOUND, LIFTED, MOVED, NEXT, REMAINS, SAME
 from spots_device.decode import (
     CRC_SIZE,
     DARK_SUBTRACTED,
@@ -34,6 +37,7 @@ from spots_device.layout import (
     MOMENTARY,
     ONCE,
     TOGGLE,
+    Layout,
     action,
     default_lines,
 )
@@ -319,6 +323,88 @@ def a_finger(rng):
         for _ in range(rng.choice((0, 1, 4, 8, 60))):
             read(4, 0, 0)
     return readings
+
+
+def some_fingers(rng, length_um, decay, seconds=9):
+    """Return readings of random fingers that overlap; see the model in second.py."""
+    lanes = rng.choice((2, 3))
+    touches = []
+    for lane in range(lanes):
+        now_s = rng.uniform(0.05, 0.6)
+        while now_s < seconds - 1:
+            # Fingers are apart.
+            places = [length_um * (lane + rng.uniform(0.15, 0.85)) / lanes for _ in range(2)]
+            if rng.random() < 0.6:
+                places[1] = places[0]  # does not slide
+            rise_s, fall_s = rng.choice((0.015, 0.1)), rng.choice((0.015, 0.05, 0.15))
+            held_s = rng.choice((0.06, 0.1, 0.2, 0.6, 1.0))
+            light = 2 ** rng.uniform(7.5, 11.5)
+            more = rng.choice((1, 1, rng.uniform(0.6, 1.5)))
+            ends_s = now_s + rise_s + held_s + fall_s
+            touches.append((now_s, rise_s, fall_s, ends_s, places, light, more))
+            now_s = ends_s + rng.choice((0.03, 0.2, 0.6)) * rng.uniform(1, 1 + lane)
+    readings = []
+    start = rng.randint(0, contact.TICKS - 1)
+    for i in range(100 * seconds):
+        now_s = 0.01 * i
+        found = []
+        for from_s, rise_s, fall_s, ends_s, places, light, more in touches:
+            if from_s < now_s < ends_s:
+                past = (now_s - from_s) / (ends_s - from_s)
+                ramp = min(1, (now_s - from_s) / rise_s, (ends_s - now_s) / fall_s)
+                x_um = places[0] + (places[1] - places[0]) * past
+                found.append((x_um, light * ramp * (1 + (more - 1) * past)))
+        light = sum(one for _, one in found)
+        t = (start + i * 10_000 // 1024) % contact.TICKS
+        if light < 20:
+            readings += [4, 0, 0, 0, t]
+            continue
+        per_um = math.log(2) * decay / 2**24
+        shares = [one * math.exp(-per_um * x_um) for x_um, one in found]
+        mean_um = sum(share * x_um for share, (x_um, _) in zip(shares, found)) / sum(shares)
+        lost = sum(share * (x_um - mean_um) ** 2 for share, (x_um, _) in zip(shares, found))
+        lost = 0.39 * per_um**2 * lost / sum(shares) / math.log(2)
+        x_um = round(mean_um + rng.gauss(0, 90_000 / light))
+        b = round((math.log2(light) - lost + rng.gauss(0, 0.01)) * (1 << 20))
+        flags = 1 | (rng.choice((MISFIT, MISFIT, MISFIT | 4)) if lost > 0.03 else 0)
+        if rng.random() < 0.003:
+            flags |= rng.choice((SATURATED, LED_OFF, MISFIT))
+        readings += [flags, max(0, min(x_um, length_um)), round(2.5 * light), b, t]
+    return readings
+
+
+def test_fingers_that_overlap(machine, cpython, rng, monkeypatch):
+    cases = []
+    for _ in range(7):
+        length_um, decay = rng.choice(((85_000, 289), (85_000, 289), (200_000, 120)))
+        limits = rng.choice(([], ["stuck_ms 600"], ["detect 1", "release_ms 0"]))
+        readings = some_fingers(rng, length_um, decay)
+        cases.append([[*limits, *default_lines()], length_um, decay, *readings])
+    kinds = {-1, 0, REMAINS, FOUND, MOVED, NEXT, LIFTED, SAME, FADED}
+    seen = results_of_watch(cases, monkeypatch)
+    assert seen >= kinds
+    for case in cases:
+        expected = cpython.run("contacts", case)
+        assert len(expected) == (len(case) - 3) // 5
+        assert machine.run("contacts", case) == expected
+
+
+def results_of_watch(cases, monkeypatch):
+    """Return the results of `pair.watch` for readings; of those with a length, only the kind."""
+    seen = set()
+
+    def watch(*arguments):
+        what = pair.watch(*arguments)
+        seen.add(what if what < 0 else what & 0xFF)
+        return what
+
+    monkeypatch.setattr(contact, "watch", watch)
+    for lines, length_um, decay, *readings in cases:
+        tracker = contact.ContactTracker(Mock(**{"second.return_value": True}))
+        tracker.set_layout(Layout(lines), length_um, decay)
+        for i in range(0, len(readings), 5):
+            tracker.take(*readings[i : i + 5])
+    return seen
 
 
 RICH = [
