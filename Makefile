@@ -4,7 +4,7 @@ BOARD ?= pico
 PORT ?=
 ARGS ?=
 BIN := .venv/bin
-# Some tests wait, so there are three processes for two processors, see tests/conftest.py.
+# Some tests wait, so there are three processes for every two processors, see tests/conftest.py.
 PARALLEL := --numprocesses auto --maxprocesses 4 --dist worksteal
 FAST := tests/test_*.py tests/firmware tests/sim tests/referee
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
@@ -13,25 +13,25 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 .DEFAULT_GOAL := help
 
 help:
-	@echo 'make demo   the virtual board, in a browser or here  ARGS="--seconds 5 --json"'
-	@echo 'make test   every test                            ARGS="-k log2"'
-	@echo 'make test-fast  the tests of arithmetic, simulator and structure, in half a minute'
-	@echo 'make lint   style, format, docstrings and links'
-	@echo 'make bench  driver, firmware and host compared with other projects'
-	@echo 'make soak   hours of faults in simulated time    ARGS="--hours 1"'
-	@echo 'make fuzz   bytes that break a parser         ARGS="decoder --seconds 60"'
-	@echo 'make build  the files of a board, in build/BOARD  BOARD=pico'
-	@echo 'make flash  the firmware onto a board, and start it  BOARD=pico PORT='
-	@echo 'make erase  remove firmware, settings and calibration'
-	@echo 'make doctor check a board, and print what to do'
-	@echo 'make pictures  draw the pictures of the documents again'
-	@echo 'make paper  measure the figures of docs/paper.md, fivebar.md, applications.md again'
-	@echo 'make clean  remove .venv and all that was built'
+	@echo 'make demo      the virtual board, in a browser or terminal               ARGS="--seconds 5 --json"'
+	@echo 'make test      run all tests                                             ARGS="-k log2"'
+	@echo 'make test-fast run the fast tests: arithmetic, simulator, structure; half a minute'
+	@echo 'make lint      check style, format, docstrings, links and types'
+	@echo 'make bench     compare driver, firmware and host with other projects'
+	@echo 'make soak      test with faults for hours of simulated time              ARGS="--hours 1"'
+	@echo 'make fuzz      search for bytes that a parser fails on                   ARGS="decoder --seconds 60"'
+	@echo 'make build     write the files of a board to build/BOARD                 BOARD=pico'
+	@echo 'make flash     copy the firmware to a board, and start it                BOARD=pico PORT='
+	@echo 'make erase     remove firmware, settings and calibration from a board    BOARD=pico PORT='
+	@echo 'make doctor    check a board, and print a remedy for each problem        PORT='
+	@echo 'make pictures  draw the pictures and screenshots of the documents again'
+	@echo 'make paper     measure again, and write docs/paper.md, fivebar.md and applications.md'
+	@echo 'make clean     remove .venv and all built files'
 
 demo: .venv/demo
 	@$(BIN)/spots demo $(ARGS)
 
-# Where an environment forbids compiled modules, every start of Python takes longer.
+# Tests start Python often: let it store compiled modules, even if the environment forbids that.
 test test-fast: export PYTHONDONTWRITEBYTECODE =
 
 test: .venv/test tests/wasm/node_modules browser
@@ -87,7 +87,7 @@ clean:
 	@$(PYTHON) -m venv .venv
 	@$(PIP) install --prefer-binary --editable '.[virtual,web]'
 	@$(PIP) install --prefer-binary --editable '.[flash,export,zenoh]' || \
-		echo 'Not every optional package exists for this machine; a command that needs one names it.'
+		echo 'Not every optional package exists for this machine. A command that needs a missing one names it.'
 	@touch $@
 
 .venv/test: pyproject.toml

@@ -12,7 +12,11 @@ DEADLINE_S = 20.0
 
 @contextlib.contextmanager
 def running(folder, board=VIRTUAL):
-    """Start a virtual board whose file system is `folder`; return its ports."""
+    """Start a virtual board whose file system is `folder`, for a `with` block.
+
+    Yields a dict: ``port`` is the name of the serial port, and ``console`` that of CircuitPython's
+    console.
+    """
     start, end = start_simulator("default", "demo", 0, str(folder), board)
     try:
         yield start
@@ -22,7 +26,7 @@ def running(folder, board=VIRTUAL):
 
 @contextlib.contextmanager
 def virtual_board(folder):
-    """Start a virtual board as `running` does; return its only port."""
+    """Start a virtual board as `running` does; yield the name of its only port."""
     with running(folder) as start:
         yield start["port"]
 
@@ -38,7 +42,7 @@ def until(link, wanted):
 
 
 def refused(capsys, *arguments):
-    """Run the command line, which must fail with one line; return this line."""
+    """Run ``spots`` with arguments that it must refuse with one line; return this line."""
     assert main(list(arguments)) == 2
     error = capsys.readouterr().err
     assert error.startswith("spots: ")

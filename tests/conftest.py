@@ -1,4 +1,4 @@
-"""Fixtures of all tests: a calibrated simulated sensor, made once."""
+"""Fixtures of all tests, such as a simulated sensor and its calibration."""
 
 from __future__ import annotations
 
@@ -18,22 +18,27 @@ from spots_sim.files import SensorFile, load
 from spots_sim.kept_folder import FOLDER
 from spots_sim.stage import calibrate
 
-# A loaded machine is slow, not wrong.
+# No deadline for an example: a machine under load is slow.
 settings.register_profile("spots", deadline=None, derandomize=bool(os.environ.get("CI")))
 settings.load_profile("spots")
 
-# Of what plays keyboards and gamepads, so that every machine runs every test.
+# Substitutes for the packages of virtual keyboards and gamepads, so that every machine can run all
+# tests.
 STAND_INS = Path(__file__).parent / "stand_ins"
 
 
-# Folders of tests whose programs compute at the same time. In others a virtual board and its host
-# take turns, which costs half as much processor time if both are on one processor.
+# Folders of tests whose processes compute at the same time. In the other folders a virtual board
+# and its host wait for each other, which needs half the processor time if both are on one
+# processor.
 PARALLEL = {"bench", "remote", "web"}
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
-    """Return how many processes ``--numprocesses auto`` starts: much of the time is waiting."""
+    """Return how many processes ``--numprocesses auto`` starts: 3 for 2 processors.
+
+    There are more processes than processors because tests often wait.
+    """
     return 3 * os.cpu_count() // 2
 
 
@@ -49,7 +54,8 @@ def pytest_runtest_setup(item):
 def pytest_collection_finish():
     """Exempt modules and tests from garbage collection.
 
-    The firmware collects at its start; in a process with every test loaded that costs 0.1 s.
+    The firmware collects garbage at its start. In a process that has loaded all tests, this would
+    take 0.1 s.
     """
     gc.collect()
     gc.freeze()
@@ -57,23 +63,23 @@ def pytest_collection_finish():
 
 @pytest.fixture(scope="session")
 def sensor():
-    """The default sensor."""
+    """Sensor file `default`: the simulated strip that most tests use."""
     return load(SensorFile, "default")
 
 
 @pytest.fixture(scope="session")
 def shared_folder(tmp_path_factory):
-    """The folder that all processes of a test run share."""
+    """Temporary folder that all processes of a test run share."""
     folder = tmp_path_factory.getbasetemp()
     return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
 
 
 @pytest.fixture(scope="session")
 def once(shared_folder):
-    """Return a function that makes a file or a folder once for all processes of a test run."""
+    """Return a function that creates a file or folder one time for all processes of a test run."""
 
     def once(name, make):
-        """Return the path; the first caller makes it with ``make(path)``, and others wait."""
+        """Return the path of `name`; the first caller creates it with ``make(path)``."""
         path = shared_folder / name
         with open(shared_folder / f"{name}.lock", "a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -87,7 +93,7 @@ def once(shared_folder):
 
 @pytest.fixture(scope="session", autouse=True)
 def kept_calibrations(shared_folder):
-    """Let programs that tests start reuse the calibrations of their virtual boards."""
+    """Cache the calibrations of virtual boards for all programs that tests start."""
     folder = shared_folder / "calibrations"
     folder.mkdir(exist_ok=True)
     os.environ[FOLDER] = str(folder)
@@ -96,17 +102,18 @@ def kept_calibrations(shared_folder):
 @pytest.fixture(scope="session")
 def calibration(sensor, once):
     """Calibration lines of the default sensor, from presses of the simulated stage."""
-    once("calibrated", lambda path: (calibrate(sensor), path.touch()))  # others read it
+    once("calibrated", lambda path: (calibrate(sensor), path.touch()))  # other processes read it
     return list(calibrate(sensor))
 
 
 @pytest.fixture(scope="session", autouse=True)
 def signals():
-    """Let programs that tests start get every signal, even if nohup or a shell ignores it.
+    """Let programs that tests start receive every signal, even if nohup or a shell ignores it.
 
-    A process inherits which signals are ignored, and a program of ours leaves those alone.
+    A process inherits the ignored signals, and our programs do not change them.
     """
-    for number in signal.valid_signals() - {signal.SIGPIPE, signal.SIGXFSZ}:  # as Python has them
+    # Python itself ignores these two signals.
+    for number in signal.valid_signals() - {signal.SIGPIPE, signal.SIGXFSZ}:
         if signal.getsignal(number) == signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -114,14 +121,14 @@ def signals():
 
 @pytest.fixture(autouse=True)
 def no_zenoh_configuration(monkeypatch):
-    """Undo ``--zenoh-config``, which the command line sets for the process in the environment."""
+    """Remove ZENOH_CONFIG from the environment; the option ``--zenoh-config`` sets it."""
     monkeypatch.setenv("ZENOH_CONFIG", "")
     monkeypatch.delenv("ZENOH_CONFIG")
 
 
 @pytest.fixture
 def full_disk():
-    """Return a context manager in which no file can grow beyond a given number of bytes."""
+    """Return a context manager in which writing a file beyond a number of bytes fails."""
 
     @contextmanager
     def limit(file_bytes):
@@ -143,7 +150,7 @@ def _without(monkeypatch, *names):
 
 @pytest.fixture
 def evdev(monkeypatch):
-    """Make ``import evdev`` import the substitute."""
+    """Make ``import evdev`` import the substitute in tests/stand_ins; return this module."""
     _without(monkeypatch, "evdev")
     monkeypatch.syspath_prepend(str(STAND_INS))
     import evdev
@@ -155,7 +162,7 @@ def evdev(monkeypatch):
 
 @pytest.fixture
 def pynput(monkeypatch):
-    """Make ``import pynput`` import the substitute."""
+    """Make ``import pynput`` import the substitute; return its module ``pynput.keyboard``."""
     _without(monkeypatch, "pynput")
     monkeypatch.syspath_prepend(str(STAND_INS))
     from pynput import keyboard
@@ -167,13 +174,13 @@ def pynput(monkeypatch):
 
 @pytest.fixture
 def environment():
-    """The environment of a process that imports the substitutes."""
+    """Environment variables for a process that imports the substitutes for evdev and pynput."""
     path = os.pathsep.join([str(STAND_INS), *filter(None, sys.path)])
     return {**os.environ, "PYTHONPATH": path}
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Print which checks could not run on this machine."""
+    """Print which checks did not run because this machine cannot run them."""
     if not os.access("/dev/uinput", os.W_OK):
         terminalreporter.write_line(
             "not run: a real uinput keyboard read back, for /dev/uinput cannot be written here"

@@ -1,4 +1,4 @@
-"""Compares a recording's arrays with its frames: equal to the last bit, or the same error."""
+"""Checks that the arrays of a recording equal its frames exactly, or that both give one error."""
 
 from __future__ import annotations
 
@@ -22,7 +22,17 @@ _COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "co
 
 
 def recording_of(path: Path, data: bytes, part: int = 0, restarts: int = 0) -> Path:
-    """Write a recording with these bytes behind its header; return its path."""
+    """Write a recording that consists of a header and the bytes `data`; return its path.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    data : bytes
+        Frames and notes.
+    part, restarts : int
+        Number of the part in a set of files, and restarts of the board before it.
+    """
     header = Header(
         recording=1,
         program="test",
@@ -39,12 +49,17 @@ def recording_of(path: Path, data: bytes, part: int = 0, restarts: int = 0) -> P
 
 
 def check(path: Path, block_bytes: int = arrays._BLOCK_BYTES) -> int:
-    """Check that both ways to read a recording give the same frames; return their number.
+    """Check that arrays and single frames of a recording are equal; return the number of frames.
+
+    If one of the two ways to read the recording fails, the other must fail with the same message;
+    the result is then 0.
 
     Parameters
     ----------
+    path : Path
+        The recording.
     block_bytes : int
-        Bytes that are decoded in one call.
+        Number of bytes that are decoded into arrays in one call.
     """
     with mock.patch.object(arrays, "_BLOCK_BYTES", block_bytes):
         recording, frames, refusal = _frames(path)
@@ -92,7 +107,7 @@ def _rows(table, kind):
 
 
 def _known(touch):
-    """Return a `Touch` as in an array: 0 where position or force is unknown."""
+    """Return a `Touch` as an array has it: NaN for an unknown position or force."""
     blind = touch.flags & (decode.NOT_CALIBRATED | decode.LED_OFF)
     if blind or not (touch.flags & decode.TOUCHING or touch.force_mN):
         touch = touch._replace(position_um=math.nan)
@@ -111,4 +126,4 @@ _KNOWN = {Touch: _known, Contact: _known_force}
 
 
 def _bits(rows):
-    return [repr(row) for row in rows]  # a float's repr is its bits, and True is not 1
+    return [repr(row) for row in rows]  # the repr of a float is exact, and True differs from 1

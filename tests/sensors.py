@@ -1,10 +1,10 @@
-"""Variants of a sensor file."""
+"""Makes variants of a sensor file for tests."""
 
 import msgspec
 
 
 def replaced(sensor, **parts):
-    """Return the sensor with fields of its parts replaced, as ``led={"noise_ppm_10ms": 0}``."""
+    """Return a copy of a sensor with changed fields, such as ``led={"noise_ppm_10ms": 0}``."""
     return msgspec.structs.replace(
         sensor,
         **{

@@ -1,4 +1,7 @@
-"""An int that raises an error beyond 31 bits, like a small int on a 32-bit board; its clock."""
+"""Integers of at most 31 bits, as on a 32-bit board, and a clock with such ticks.
+
+A result of more than 31 bits raises an error; a board would allocate it on the heap.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ WRAP = 1 << 29  # period of the ticks in us, as on CircuitPython
 
 
 class LeftSmallIntError(ArithmeticError):
-    """Raised for a value beyond 31 bits, which a board would allocate on the heap."""
+    """Raised for a result that needs more than 31 bits."""
 
 
 class SmallInt(int):
@@ -38,12 +41,12 @@ for _name in ("neg", "abs", "invert", "pos"):
 
 
 def small(values):
-    """Return a list of SmallInt."""
+    """Return integers as a list of `SmallInt`."""
     return [SmallInt(value) for value in values]
 
 
 class SmallClock:
-    """Ticks like those of MicroPython's module ``time``."""
+    """Clock with the functions of MicroPython's ``time``, whose ticks are `SmallInt`."""
 
     @staticmethod
     def ticks_add(ticks, delta):

@@ -1,4 +1,4 @@
-"""Imports between packages, compared with the table of rooms in ARCHITECTURE.md."""
+"""Imports between packages: allowed by the table in ARCHITECTURE.md, whose rows are the rooms."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAMES = {".".join(p.relative_to(HOST).with_suffix("").parts): p for p in PATHS}
 MODULES = {name.removesuffix(".__init__"): path for name, path in NAMES.items()}
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
 OURS = "spots", "spots_sim", "spots_device"
-OPTIONAL = "aiohttp", "mcap"  # packages without which the rest works
+OPTIONAL = "aiohttp", "mcap"  # packages that only some functions need
 
 
 def rules():
@@ -39,7 +39,7 @@ def room(module):
 
 
 def imports(module):
-    """Yield what a module imports, and whether it does so in a function."""
+    """Yield (name of an imported module, whether the import is in a function) for a module."""
     path = MODULES[module]
     package = module.split(".") if path.stem == "__init__" else module.split(".")[:-1]
     for node, lazy in statements(ast.parse(path.read_text(encoding="utf-8"))):
@@ -57,7 +57,7 @@ def imports(module):
 
 
 def statements(node, lazy=False):
-    """Yield the statements below a node, and whether they are in a function."""
+    """Yield (statement, whether it is in a function) for all statements below a node."""
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.expr):  # imports nothing
             continue
@@ -67,7 +67,7 @@ def statements(node, lazy=False):
 
 @cache
 def all_imports():
-    """Return (module, what it imports, whether in a function)."""
+    """List of (module, imported module, whether the import is in a function)."""
     return [(module, target, lazy) for module in MODULES for target, lazy in imports(module)]
 
 

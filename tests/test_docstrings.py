@@ -24,7 +24,7 @@ GIVING = (ast.Return, ast.Yield, ast.YieldFrom)
 
 
 def public(body, prefix):
-    """Yield the names of the public functions of a body, and their nodes."""
+    """Yield (full name, node) of each public function and method in the statements `body`."""
     for node in body:
         if not isinstance(node, (*FUNCTION, ast.ClassDef)) or node.name.startswith("_"):
             continue
@@ -35,14 +35,14 @@ def public(body, prefix):
 
 
 def modules():
-    """Yield the names of the modules of both packages, and their statements."""
+    """Yield (name, statements) of each module of `spots` and `spots_sim`."""
     for path in sorted(HOST.rglob("*.py")):
         name = ".".join(path.relative_to(HOST).with_suffix("").parts)
         yield name, ast.parse(path.read_text(encoding="utf-8")).body
 
 
 def sections(docstring):
-    """Return the sections of a docstring by their titles."""
+    """Return the texts of a docstring's numpydoc sections, as a dict by title."""
     _, *parts = SECTION.split(docstring or "")
     return dict(zip(parts[::2], parts[1::2]))
 
@@ -53,7 +53,7 @@ def named(section):
 
 
 def parameters(function):
-    """Return the names of a function's parameters as in a docstring, without self."""
+    """Return the names of a function's parameters in numpydoc style, without self."""
     of = function.args
     names = [one.arg for one in of.posonlyargs + of.args]
     names += ["*" + of.vararg.arg] if of.vararg else []
@@ -63,7 +63,7 @@ def parameters(function):
 
 
 def own(node):
-    """Yield the nodes of a function, without those of functions within it."""
+    """Yield the nodes of a function, without the nodes of nested functions."""
     for child in ast.iter_child_nodes(node):
         if not isinstance(child, FUNCTION):
             yield child
@@ -71,21 +71,21 @@ def own(node):
 
 
 def raised(function):
-    """Return the names of the errors that a function itself raises."""
+    """Return the names of the exceptions in a function's own ``raise`` statements."""
     errors = [node.exc for node in own(function) if isinstance(node, ast.Raise)]
     names = [ast.unparse(one.func) for one in errors if isinstance(one, ast.Call)]
     return {name for name in names if name.rpartition(".")[2][:1].isupper()}
 
 
 def gives(function):
-    """Return whether a function returns or yields something."""
+    """Return whether a function returns or yields a value."""
     if function.returns is not None:
         return ast.unparse(function.returns) not in ("None", "NoReturn")
     return any(isinstance(one, GIVING) and one.value for one in own(function))
 
 
 def missing(function, found):
-    """Yield what the sections `found` of a function's docstring lack, as assertions would."""
+    """Yield a sentence for each item that a function's docstring lacks; `found`: its sections."""
     wanted = parameters(function)
     if (documented := named(found.get("Parameters", ""))) != wanted:
         yield f"Parameters {documented} instead of {wanted}"
@@ -95,10 +95,10 @@ def missing(function, found):
         yield f"no Raises of {sorted(more)}"
 
 
-# In a fixture, because each process of a test run would parse all modules to collect its tests.
+# A fixture, because otherwise each process of a test run would parse all modules to collect tests.
 @pytest.fixture(scope="module")
 def checked():
-    """Each function to check, by name: its node, and the sections of its docstring."""
+    """Dict of the functions to check: name to (node, sections of its docstring)."""
     parsed = list(modules())
     functions = dict(item for name, body in parsed for item in public(body, name))
     found = {name: sections(ast.get_docstring(function)) for name, function in functions.items()}
@@ -114,7 +114,7 @@ def checked():
     def contract(name):
         return name.rpartition(".")[2], *parameters(functions[name])
 
-    # Of a method that implements a contract, the contract has the sections.
+    # A method that implements a protocol needs no sections: the method of the protocol has them.
     contracts = {contract(name) for name in methods & set(functions) if "Parameters" in found[name]}
     return {
         name: (function, found[name])
@@ -137,7 +137,7 @@ def test_both_packages_are_checked(checked):
 
 
 EXPORTED = [getattr(spots, name) for name in spots.__all__]
-# Of a NamedTuple and a dataclass the docstring explains what their names do not.
+# The docstring of a NamedTuple or a dataclass explains only fields whose names are not clear.
 MADE = [
     one
     for one in EXPORTED

@@ -18,13 +18,13 @@ ROOT = Path(__file__).parents[1]
 FILES = subprocess.run(
     ["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True
 ).stdout.split()
-# What is there now; the changes name what was there once.
+# Documents about the present state. The change log also names things that no longer exist.
 PRESENT = [name for name in FILES if name != "CHANGELOG.md"]
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#([^)]+))?\)")
 NAMED = re.compile(r"`((?:host|firmware|tests|docs|boards|examples)/[a-z0-9_./-]+)`")
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"`(spots [a-z][^`]*)`")
-# Words that stand for others, and what may be left out.
+# Placeholders such as FILE, and optional parts such as [--json].
 PLACEHOLDER = re.compile(r"…|\.\.\.|\[|\||\b[A-Z]{2,}\b(?![a-z])")
 
 
@@ -54,7 +54,7 @@ def test_links_and_named_files_exist(name):
 
 
 def parser_says(words, capsys):
-    """Return the parser's exit code and what it prints."""
+    """Parse words of a command line; return the parser's exit code and its output."""
     code = 0
     try:
         _parser().parse_args(words)
@@ -74,7 +74,7 @@ def test_the_parser_takes_each_command(name, capsys):
             code, said = parser_says(words, capsys)
             refused += [(line, said)] if code else []
     for line in COMMAND.findall(text):
-        # In running text it may be a part of one: its name and its options have to exist.
+        # In running text, a command may be incomplete, but its name and its options must exist.
         words = shlex.split(line)[1:]
         if parser_says(words, capsys)[0]:
             code, said = parser_says([words[0], "--help"], capsys)

@@ -18,7 +18,7 @@ LINK = re.compile(r"\]\((?!https?:)([^)#\s]*)#([^)\s]+)\)")
 
 
 def prose(path):
-    """Return a document without its blocks of code."""
+    """Return the text of a document without its code blocks."""
     return CODE.sub("", path.read_text(encoding="utf-8"))
 
 
@@ -34,7 +34,7 @@ def anchors(text):
 
 
 def broken(path):
-    """Return the links of a document whose anchor does not exist."""
+    """Return (document, anchor) of each link in a document whose anchor does not exist."""
     links = [(path.parent / to if to else path, anchor) for to, anchor in LINK.findall(prose(path))]
     return [(to.name, anchor) for to, anchor in links if anchor not in anchors(prose(to))]
 

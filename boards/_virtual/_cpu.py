@@ -33,7 +33,7 @@ _KINDS = {
 
 
 class _Collector:
-    """Stands for the module `gc` in a module of the firmware."""
+    """Replaces the module `gc` in a module of the firmware."""
 
     def __init__(self, collect):
         self.collect = collect
@@ -42,10 +42,16 @@ class _Collector:
 def slow_down(package, times_us, spend_us):
     """Make functions of the firmware take additional time at the end of each call.
 
-    `package` is the name of the firmware's package. `times_us` has the time of a call in whole
-    us by the function's name in the package; or a dict of times by the kind of the call, for the
-    functions in `_KINDS`. The name ``gc.collect`` stands for the collections of all modules.
-    ``spend_us(us)`` lets this time pass on the board's clock.
+    Parameters
+    ----------
+    package : str
+        Name of the firmware's package.
+    times_us : dict
+        Additional time of a call in whole us, by the function's name in the package, such as
+        ``app.BoardApp.step``. For the functions in `_KINDS`: a dict of times by kind of the call.
+        The name ``gc.collect`` stands for the garbage collections of all modules.
+    spend_us : callable
+        ``spend_us(us)`` advances the board's clock by this time.
     """
     for name in times_us:
         time_us = times_us[name]

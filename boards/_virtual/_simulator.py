@@ -8,7 +8,7 @@ import gc
 import os
 
 import utime
-from _protocol import (  # the board's other modules take them from here
+from _protocol import (  # the board's other modules import these names from this module
     BUSY,
     EAGAIN,  # noqa: F401
     FEED,  # noqa: F401
@@ -45,7 +45,7 @@ STRIP_LED = const(4)  # a pin, not a wire of the bus
 
 simulated_time = os.getenv("SPOTS_CLOCK") == "simulated"
 _memory_every = int(os.getenv("SPOTS_MEMORY_EVERY"))
-_looks = 0
+_looks = 0  # calls of `_report_memory`
 _busy_us = 0  # processor time that the simulator does not know yet
 now_us = 0
 
@@ -83,7 +83,7 @@ def set_wire(wire, level):
 
 
 def sda(bus=0):
-    """Return the level of the wire SDA of an I2C bus, 0 or 1: 1 for high, 0 for low."""
+    """Return the level of the wire SDA of I2C bus 0 or 1: 1 for high, 0 for low."""
     call(LINES, _wires[WIRES * bus + SCL], _wires[WIRES * bus + SDA], 1, _level)
     return _level[0]
 
@@ -115,7 +115,8 @@ def _report_busy():
 
 
 def _report_memory():
-    # Not part of a reply: free memory differs between runs, but the board's stream must not.
+    # A request of its own, not a part of a reply of the board: free memory differs between runs,
+    # but the board's replies must not.
     global _looks
     _looks += 1
     if _looks % _memory_every == 0:

@@ -6,7 +6,7 @@ import _simulator
 from umachine import *  # noqa: F403
 
 _wires = {}  # wire of an I2C bus by number of its pin
-_STRIP_LED_PINS = {15: 0, 14: _simulator.SECOND_BUS}
+_STRIP_LED_PINS = {15: 0, 14: _simulator.SECOND_BUS}  # bus of the strip whose LED the pin switches
 
 
 class Pin:

@@ -27,7 +27,7 @@ if _simulator.simulated_time:
         return _simulator.now_us
 
 else:
-    # Error of the board's oscillator.
+    # Error of the board's oscillator in ppm.
     _ppm = int(os.getenv("SPOTS_CLOCK_PPM"))
 
     def ticks_us():

@@ -17,7 +17,7 @@ if _simulator.simulated_time:
         return 1000 * (_wraps * _simulator.PERIOD_US + _last_us)
 
 else:
-    # Error of the board's oscillator.
+    # Error of the board's oscillator in ppm.
     _ppm = int(os.getenv("SPOTS_CLOCK_PPM"))
 
     def monotonic_ns():

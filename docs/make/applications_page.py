@@ -9,7 +9,8 @@ from spots import atomic
 from spots_sim.demo import demo
 from spots_sim.typing_speed import added, typed
 
-# Name of the column; sensor file; is the strip re-zeroed after its change; is its LED warm.
+# Name of the column; sensor file; whether the calibration was corrected after the change of the
+# strip (re-zero); whether the LED is warm at the start.
 STRIPS = (
     ("ideal strip", "default", False, False),
     ("imperfect strip, not re-zeroed", "real", False, True),
@@ -22,12 +23,13 @@ TOUCHES = 150
 _SECONDS = 10.0
 _TEXT = """# Typing and controller, on the ideal and on the imperfect strip
 
-`make paper` writes this document, and measures all numbers. Both strips are simulated. The ideal
-strip (sensor file `default`) has not changed since its calibration. The imperfect strip (sensor
-file `real`) has the faults of a physical one: it has aged and warmed up since its calibration, and
-is under a lamp ([drift.md](drift.md)). A re-zero corrects the drift with presses at known
-positions (the marks); here each mark was pressed once, after the LED had warmed up. The last column
-is measured after power-on, while the LED warms up.
+This document compares the errors of typing and of the game controller on two simulated strips.
+`make paper` writes this document, and measures all numbers. The ideal strip (sensor file `default`)
+has not changed since its calibration. The imperfect strip (sensor file `real`) has the faults of a
+physical strip: it has aged and warmed up since its calibration, and is under a lamp. These changes
+cause drift: wrong positions ([drift.md](drift.md)). A re-zero corrects the drift with presses at
+known positions (the marks). For this table each mark was pressed one time, after the LED had warmed
+up. The last column is measured after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
 10 ms. The statistics of these touches are from publications, which
@@ -35,8 +37,9 @@ A simulated person types {touches} touches on ten keys, for each of {seeds} seed
 finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The
 latency is the time from the start of a touch to the report of the correct key. Its percentiles p50
 and p99 are those of the worst seed. In the rows `controller`, the simulated fingers of the demo
-move the axes of the game controller for {seconds:g} s; [controller.md](controller.md) explains the
-values. These commands measure the column "imperfect strip, re-zeroed":
+move the axes of the game controller for {seconds:g} s;
+[controller.md](controller.md#untrusted-and-missing-readings) explains the values. These commands
+measure the column "imperfect strip, re-zeroed":
 
 ```sh
 python -m spots_sim.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm
@@ -74,7 +77,7 @@ def measured() -> list[tuple[str, list[str]]]:
 
 
 def document(rows: list[tuple[str, list[str]]]) -> str:
-    """Return the text of docs/applications.md, with the rows that `measured` returned."""
+    """Return the text of docs/applications.md, with the table's rows from `measured`."""
     text = _TEXT.format(
         seeds=len(SEEDS),
         touches=TOUCHES,

@@ -16,7 +16,8 @@ from spots_sim.files import LinkageFile, PathFile, SensorFile, load
 from spots_sim.mechanism import Mechanism
 from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey, follow, survey
 
-# Name, sensor file, and options of `Simulation` for the change that the sensor file describes.
+# Name in the tables; sensor file; options of `simulated_linkage.Simulation` for the change of the
+# strips that the sensor file describes.
 STRIPS = {
     "ideal strips": ("default", {}),
     "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
@@ -30,10 +31,11 @@ _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 
 _HEAD = """# The five-bar linkage and its twin
 
-`make paper` writes this document, and measures all numbers except the published one. Two strips in
-the base joints of a planar five-bar linkage are its encoders. The position of the end point
-follows from the angles of these joints ([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7). The
-*twin* is a model of the linkage on the computer, which follows the readings of both strips.
+A planar five-bar linkage has two joints on its base. A strip in each of these joints measures the
+joint's angle: it is an encoder. The position of the end point follows from both angles
+([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7). The *twin* is a model of the linkage on the
+computer, which follows the readings of both strips. `make paper` writes this document, and measures
+all numbers except the one from the paper (row "paper, Fig. 7C").
 
 ![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
 
@@ -45,14 +47,18 @@ theta1_rad, theta2_rad = linkage.inverse(40, 150)
 x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 ```
 
-All methods take scalars or arrays, in every quadrant. Without a solution, a method raises an error
-with the reason if its arguments are scalars; for arrays, it returns masked elements, and
-`forward_limits` and `inverse_limits` return the reason for each element
-(`spots.linkage.fivebar.Limit`). For two angles there are two possible end points: `assembly="far"`,
-the default, is the end point beyond the elbows (the joints between inner and outer bars); `"near"`
-is the other one. `jacobian` and `covariance` compute errors of the end point from errors of the
-angles. These errors grow without bound as the outer bars approach a straight line. So in the
-workspace of this document, the angle between the outer bars is at least 30°.
+Joint 1 is at (0, 0), joint 2 at (`base_mm`, 0). A joint angle is 0 if the inner bar points along
++y, and grows as this bar turns towards the other joint. All methods take scalars or arrays. If
+there is no solution for scalars, a method raises an error with the reason. For arrays, elements
+without a solution are masked; `forward_limits` and `inverse_limits` return the reason for each
+element (`spots.linkage.fivebar.Limit`).
+
+For two angles there are two possible end points. With `assembly="far"`, the default, the end point
+is beyond the elbows (the joints between inner and outer bars), seen from the base. With
+`assembly="near"` it is on the other side of the elbows. `jacobian` and `covariance` compute errors
+of the end point from errors of the angles. These errors grow without bound as the outer bars
+approach a straight line. So the workspace for the numbers in this document contains only positions
+where the outer bars deviate from a straight line by at least 30°.
 
 ## Track a joint or a linkage
 
@@ -61,26 +67,28 @@ python examples/track_joint.py CALIBRATION.toml      # a joint's angle and speed
 spots twin --linkage arm.toml                        # one or two boards on USB, found by their ids
 spots twin --linkage arm.toml --port /dev/ttyACM0 --port /dev/ttyACM1
 spots twin --linkage arm.toml --port /dev/ttyACM0    # one board with both strips
-spots twin --port virtual                            # no hardware: a simulated linkage writes SUST
-spots twin --json --picture sust.png                 # the same in simulated time, with true errors
+spots twin --port virtual                            # no hardware: a simulation draws 'SUST'
+spots twin --json --picture sust.png                 # the same, faster, with the true errors
 ```
 
 ![The twin in a terminal: bars, path, and position of the end point](fivebar/twin.svg)
 
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
-and singularities; into a file or pipe it prints lines. With `--json` it prints an object for each
-position, with the keys of `twin` in [page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`,
-`limit`, `singular` and `within` (both joints in their calibrated range). The web UI shows the same:
+and singularities (positions where the outer bars are in line). If the output is a file or pipe, it
+prints lines. With `--json` it prints an object for each position, with the keys of `twin` in
+[page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`, `singular` and `within`
+(whether both joints are in their calibrated range). The web UI shows this picture, too:
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
 position has moved by more than its noise, half the backlash is added to the angle or subtracted
-from it, depending on the direction. At rest the joint may be anywhere in its backlash; the standard
-error includes this uncertainty. The velocity is computed with the board's clock. `spots.Twin` takes
-the readings of both joints, live or recorded. It returns the end point at the time of each reading;
-the angle of the other joint is interpolated between two of its readings. Nothing is extrapolated,
-and the order of arrival does not matter. The boards' clocks are mapped to the computer's clock. A
-board that restarts gets its calibration again.
+from it, depending on the direction. A joint at rest may be anywhere in its backlash; the standard
+error includes this uncertainty. The velocity is computed with the board's clock.
+
+`spots.Twin` takes the readings of both joints, live or recorded. It returns the end point at the
+time of each reading; the angle of the other joint is interpolated between two readings of that
+joint. Nothing is extrapolated, and the order of arrival does not matter. The times of both boards
+are converted to the computer's clock. A board that restarts gets its calibration again.
 
 ```python
 from spots.linkage.twin_source import opened
@@ -90,9 +98,9 @@ with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/d
         print(point.x_mm, point.y_mm, point.sigma_mm)
 ```
 
-With `--record a.spots --record b.spots` both boards are recorded, and
-`--port recording:a.spots --port recording:b.spots` returns exactly the same positions again. A
-board with both strips needs one `--record` and one `--port`.
+`--record a.spots --record b.spots` records the data of both boards. Later,
+`--port recording:a.spots --port recording:b.spots` computes from these recordings exactly the
+positions of the live run. For a board with both strips, give one `--record` and one `--port`.
 
 ## The linkage file
 
@@ -120,21 +128,22 @@ calibrate each joint with `--port PORT#0` or `--port PORT#1`.
 _CALIBRATION = """
 ## Unknown lengths
 
-Bars are never exactly as long as in the drawing, and joints are never mounted exactly.
+These commands measure the true lengths and the mounting of the joints:
 
 ```sh
 spots twin --linkage drawn.toml --measure points.csv     # hold the end point, type its position
 spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
-Robust least squares (`pip install 'spots-tactile[kinematics]'`) fits the lengths of bars and base,
-the offsets and gains of the joints, and the position and rotation of the measuring grid. The fit
-needs the encoders' angles and the coordinates of the end point at some positions, measured on any
-grid. The fit reports standard errors, points that do not fit, and parameters
-that these positions cannot separate. For example, a picture of unknown scale determines only ratios
-of lengths. `--place-sigma-mm` is the standard error of a measured coordinate. Another program may
-write `points.csv`: its columns are `x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and
-`sigma2_deg`; the angles are those of the joints' calibrations.
+The fit needs the encoders' angles and the coordinates of the end point at some positions, in any
+coordinate system, for example on graph paper. Robust least squares finds the lengths of bars and
+base, the offsets and gains of the joints, and the position and rotation of this coordinate system
+(`pip install 'spots-tactile[kinematics]'`). It reports standard errors, points
+that do not fit, and parameters that these positions do not separate from each other. For example,
+coordinates from a picture of unknown scale determine only ratios of lengths. `--place-sigma-mm` is
+the standard error of a measured coordinate. Another program may write `points.csv`: its columns are
+`x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and `sigma2_deg`. The angles are those of
+the joints' calibrations, without offset and gain.
 
 ```python
 from spots.linkage import kinematics
@@ -161,12 +170,11 @@ def document(
     Parameters
     ----------
     surveys : dict of str to list of Survey
-        Surveys of the workspace for each of `STRIPS`, one for each seed. The first are of the ideal
-        strips.
+        Surveys of the workspace by name in `STRIPS`, one for each seed; ideal strips come first.
     one_board : dict of str to list of Survey
-        Surveys for each of `ONE_BOARD`, one for each seed.
+        Surveys with both strips on one board, by name in `ONE_BOARD`; one for each seed.
     runs : dict of str to dict of int to list of PathRun
-        Runs on a path for each of `STRIPS`, by exposure in us, one for each seed.
+        Runs on a path, by name in `STRIPS` and by exposure in us; one for each seed.
     linkage : LinkageFile
         Nominal linkage and its errors.
     mechanism : Mechanism
@@ -233,8 +241,10 @@ and a base of {base:g} mm. The true lengths differ from these by up to {off}, an
 angles of the joints differ by up to {turned}. Each joint moves an indenter with backlash along its
 own strip, over {travel}. The real firmware reads each strip in simulated time. Each strip is
 calibrated, and then its joint is calibrated. The end point stops at {places} points of a grid over
-the workspace; its position follows from one reading of {each:g} ms of each joint. The table shows
-its distance from the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
+the workspace. The twin computes its position from one reading of {each:g} ms of each joint. The
+table shows the distance from the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}. A
+range goes from the smallest to the largest value of these seeds. In the rows, "nominal", "true" and
+"fitted" are the lengths that the twin uses:
 
 """
     text += "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
@@ -242,15 +252,15 @@ its distance from the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)
         text
         + """
 With the true lengths, only the errors of the encoders remain. A kinematic calibration, which fits
-lengths and mounting to 40 places ([below](#unknown-lengths)), is as accurate. The paper's number
-includes all errors of a real mechanism, such as bearings and bending bars. The simulation has only
-backlash and wrong lengths.
+lengths and mounting to 40 places ([below](#unknown-lengths)), is nearly as accurate. The paper's
+number includes all errors of a real mechanism, such as bearings and bending bars. The simulated
+mechanism has only backlash and wrong lengths.
 
 Ideal strips are those of the sensor file `default`; imperfect strips are those of `real`, which
 [applications.md](applications.md) describes. All LEDs have warmed up. A re-zero
 (`spots rezero --joint`, [drift.md](drift.md#joints)) corrects the calibration of an imperfect strip
 at three angles of the joint. Without a re-zero, many readings do not fit the calibration. An
-encoder normally ignores such readings; for this table it used them. A kinematic calibration also
+encoder normally ignores these readings; for this table it used them. A kinematic calibration also
 corrects the strips' errors, until the strips change further.
 
 ![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
@@ -283,11 +293,11 @@ def _both(surveys: dict[str, list[Survey]]) -> str:
     return f"""
 ### Both strips on one board
 
-The table shows the same errors in mm if one board has both strips, for
+The table shows the distance from the true position in mm if one board has both strips, for
 {seeds}. The end point stops for {LASTS_S:g} s
 at each point. For the fit, each angle is the mean over a stop. The encoders follow all movements,
-so they correct the backlash. `spots twin --measure` does not correct it, because it reads the
-joints only while the end point rests.
+so they correct the backlash. `spots twin --measure` does not correct the backlash, because it reads
+the joints only while the end point rests.
 
 """ + "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
 
@@ -297,8 +307,8 @@ def _path(runs: dict[str, dict[int, list[PathRun]]]) -> str:
 ## On a path
 
 A hand with a tremor moves the end point along "SUST" (`host/spots_sim/data/paths/sust.toml`). The
-twin uses the true lengths. The strips are those [above](#over-the-workspace). The table shows the
-errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
+twin uses the true lengths. The strips are described [above](#over-the-workspace). The table shows
+the errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
 
 | strips | exposure | positions a second | mean | 95 % below | at most | rms | expected rms |
 | --- | --- | --- | --- | --- | --- | --- | --- |
@@ -317,11 +327,11 @@ errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
     return (
         text
         + f"""
-The twin reports an expected error with each position. The Jacobian gives this error from the noise
-of the strips, the errors of the joint calibrations and the backlash. It does not include movements
-between two readings, or the error of the dark frame (the counts without the LED's light). The board
-takes no dark frame while the strip is pressed. In a joint, the indenter always presses, so the only
-dark frame is that of the start.
+The column "expected rms" is the error that the twin reports with each position. It is computed with
+the Jacobian from the noise of the strips, the errors of the joint calibrations and the backlash. It
+does not include movements between two readings, or the error of the dark frame (the counts without
+the LED's light). After the start, the board takes dark frames only while the strip is untouched. In
+a joint, the indenter always presses, so the dark frame of the start stays.
 
 ![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
 """

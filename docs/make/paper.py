@@ -23,10 +23,10 @@ Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sect
 seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
 duration of a reading, which the paper does not state. The **imperfect strip** (sensor file `real`)
 is simulated, too: it has aged and warmed up since its calibration, and is under a lamp. Then it was
-re-zeroed: one press at each of three marks, with the strip on a scale, corrected its calibration
-([drift.md](drift.md)). The board compensates the creep and the hysteresis of this strip's silicone
-([calibration.md](calibration.md#silicone)). In the tests of the force, the force rises from 0.6 to
-9.5 N and falls again.
+re-zeroed: its calibration was corrected with one press at each of three marks, while the strip was
+on a kitchen scale ([drift.md](drift.md)). The board compensates the creep and the hysteresis of
+this strip's silicone ([calibration.md](calibration.md#silicone)). In the tests of the force, the
+force rises from 0.6 to 9.5 N and falls again.
 
 """
 _PICTURES = {
@@ -53,8 +53,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
     Returns
     -------
     list of tuple
-        Quantity, section, published value, list of simulated values, and what the simulation cannot
-        show.
+        Quantity, section of the paper, published value, list of simulated values (one for each
+        run), and what the simulation cannot show.
     """
     found = [run.summary for run in runs]
 
@@ -76,7 +76,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.A",
             "> 0.996",
             each("{:.7f}", lambda s: s["position"]["r2"]),
-            "The simulated dye has a smooth edge; a physical pigment bends the response more.",
+            "The simulated dye's spectrum has a smooth absorption edge; with a physical pigment "
+            "the response is less linear.",
         ),
         (
             "Position resolution",
@@ -138,8 +139,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             each("{:.1f} mN", lambda s: s["force"]["bound_mN"]),
             "The bound counts all rounding as noise. While nothing moves, part of the rounding is "
             "a constant error, so the resolution can be below the bound. Firm presses have "
-            "softened the silicone of the imperfect strip, so its light changes less with the "
-            "force.",
+            "softened the silicone of the imperfect strip: weak forces give more light, so the "
+            "light rises less with the force.",
         ),
         (
             "Force accuracy",
@@ -190,7 +191,15 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
 
 
 def document(runs: list[Run], departures_um: list[float], length_mm: float) -> str:
-    """Return the text of docs/paper.md."""
+    """Return the text of docs/paper.md.
+
+    Parameters
+    ----------
+    runs, departures_um : list
+        Results, see `rows`.
+    length_mm : float
+        Length of the default strip, in mm.
+    """
     lines = [_HEAD.format(length_mm=length_mm, seed=_SEED)]
     columns = [
         f"{'ours' if i < len(departures_um) else 'imperfect strip'}, "
@@ -213,12 +222,13 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
 def _resolutions(found: list[dict], exposures: int) -> str:
     """Return a paragraph that compares the resolutions of position and force with the paper's.
 
-    `found` are summaries of the default strip for each of `exposures` exposures, then of `real`.
+    `found` are the summaries of all runs: first of the default strip for each exposure, then of the
+    sensor file `real` for each exposure. `exposures` is the number of exposures.
     """
     text = (
-        "\nThe paper states no integration time, no rate and no filter. If both published\n"
-        "resolutions are for the same duration of a reading, the row with a position resolution "
-        "nearest to\n7 µm is the one to compare with the published force resolution:\n\n"
+        "\nThe paper states no integration time, no rate and no filter. Perhaps it measured "
+        "both resolutions\nwith the same duration of a reading. In this case, compare the "
+        "published force resolution with the\nrow whose position resolution is nearest to 7 µm:\n\n"
         "| duration of a reading | strip | position resolution | force resolution |\n"
         "| --- | --- | --- | --- |\n"
         "| not stated | paper | 7 µm | 5 mN |\n"

@@ -76,15 +76,16 @@ TYPED = "hello strip, ty"
 
 
 def main() -> None:
-    """Draw all pictures of the documents that show no measured data."""
+    """Draw the pictures of the demos and the wirings, and print their paths."""
     for path in (demo(), keyboard(), controller(), wearable(), twin(), *wirings()):
         print(path)
 
 
 def wirings(folder: Path = _HERE) -> list[Path]:
-    """Draw the wirings of every real board, one for each wiring of the LED; return the paths.
+    """Draw the wiring of every real board, for each wiring of the LED; return the files' paths.
 
-    The names are wiring-BOARD.svg for the LED on ``ldr``, and wiring-BOARD-LED.svg for the others.
+    The names are wiring-BOARD.svg for an LED on the chip's pin LDR, and wiring-BOARD-LED.svg for
+    the other values of `LEDS`.
     """
     template = _template("wiring")
     paths = []
@@ -134,7 +135,10 @@ def _pin(label: str, drawn: tuple[str, int], pitch: float) -> str:
 
 
 def _out(side: str, row: int, rows: int) -> str:
-    """Return the start of a path, from a pin to the margin of the board."""
+    """Return the start of an SVG path, from a pin to the margin of the board.
+
+    `side` is ``left`` or ``right``; `row` counts the board's `rows` rows of pins from 1.
+    """
     y = _height(row, 1 / rows)
     return f"M53 {y:g} H16" if side == "left" else f"M237 {y:g} H252"
 

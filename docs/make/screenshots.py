@@ -29,7 +29,8 @@ _HERE = Path(__file__).parents[1]
 sys.path.append(str(_HERE.parent / "tests" / "web"))
 from bring_browser import launch_options  # noqa: E402
 
-# Wait until the plots of ten seconds are full and a finger presses with this force.
+# Before a screenshot: wait until the plots of ten seconds are full, and then until a finger presses
+# with this force.
 _AFTER_S = 12.0
 _HARD_N = 5.5
 _SIGNAL_S = 6.0  # time in which the plots of the controller settings fill
@@ -74,7 +75,7 @@ async def strip(browser: Browser) -> None:
 
 
 async def linkage(browser: Browser) -> None:
-    """Take the screenshot of a linkage that has written all its letters."""
+    """Take the screenshot of a simulated linkage that has written its letters."""
     state = PageState()
     readers = driven_readers(endless(), load("digits"), state)
     async with Server(state) as server:

@@ -1,8 +1,7 @@
-"""Firmware of a SPOTS board: reads counts of the sensor AS7341, sends positions and forces.
+"""Firmware of a SPOTS board: reads the light sensor AS7341, sends positions and forces of presses.
 
-Data flows one way: sensing -> arithmetic -> frames, keys and gamepad. ``app`` contains the loop
-that runs these stages. ``runtime`` contains the code that differs between MicroPython and
-CircuitPython.
+Data flows one way: sensing -> arithmetic -> frames, keys and gamepad. ``app`` contains the main
+loop. ``runtime`` contains the code that differs between MicroPython and CircuitPython.
 """
 
 __version__ = "0.2.0"

@@ -1,16 +1,17 @@
 """Accurate times of samples on a board with several strips, whose polls are often late.
 
 A poll asks the sensor for a new sample. Polls may be late, because the loop may be busy with
-another strip. So the time of a poll only limits the end of the sample: a poll that finds the sample
-gives an upper limit, and a poll that is too early gives a lower limit. `AlignedPacing` combines the
-limits of all polls: the end of the next sample is within `_end` +- `_half`. `_half` grows with each
-sample by the uncertainty of the period. If `_half` becomes too large, a poll bisects: it is on time
-at `_end`, and halves `_half`. All other polls are after the latest possible end, so they find the
-sample even if they are late.
+another strip. So a poll only limits the time at which the sample ended. A poll that finds the
+sample gives an upper limit; a poll that is too early gives a lower limit. `AlignedPacing` combines
+the limits of all polls: the next sample ends within `_end` +- `_half`.
 
-The bisection needs one or two polls in about 15 samples, so `several.SeveralApp` can give each
-strip priority for them. After a start, the period is uncertain by 6 %. With exposures of at most
-10 ms, the times are accurate after a second. Integers only; allocates nothing.
+`_half` grows with each sample by the uncertainty of the period. If it becomes too large, the next
+poll bisects: it is scheduled exactly at `_end`, and its result halves `_half`. All other polls are
+scheduled after the latest possible end, so they find the sample even if they are late.
+
+In 15 samples, one or two polls bisect. `several.SeveralApp` gives these polls priority over the
+work for other strips. At the first start, the period is uncertain by 6 %. One second later, the
+times are accurate to 20 us for exposures of 5 to 10 ms. Integers only; allocates nothing.
 """
 
 from micropython import const
@@ -19,9 +20,9 @@ from .pacing import BRIEF_US, LATCH_US, LONG_US, Pacing
 
 _Q = const(8)  # fraction bits of times relative to `_end`
 FINE = const(2_048)  # 8 us, Q8: with a larger `_half`, the next poll bisects
-# After an early poll, polls within the same sample bisect until `_half` is this small (Q8).
+# After an early poll, polls within the same sample bisect until `_half` is at most 300 us (Q8).
 _COARSE = const(300 << 8)
-_MARGIN_US = const(12)
+_MARGIN_US = const(12)  # a poll that does not bisect is this much after the latest possible end
 # The period is computed from the ends of two samples, about this far apart: it follows a drift.
 _SPAN_US = const(2_000_000)
 _SPAN_MAX_US = const(4_000_000)  # more would exceed 31 bits in Q8
@@ -34,14 +35,15 @@ _RUN = const(4)
 class AlignedPacing(Pacing):
     """Tracks the sample clock of a sensor whose polls are often late; see `pacing.Pacing`.
 
-    The end of each sample in the FIFO is known, whatever the delay of the loop. Without a FIFO,
-    stalls lose samples as in `Pacing`.
+    It computes the time of each sample in the FIFO, even if the loop reads the FIFO late. Without a
+    FIFO, samples are lost while the loop stalls, as with `Pacing`.
     """
 
     def start(self, now, period_us):
         Pacing.start(self, now, period_us)
         self._exact = self._chip_us << _Q  # estimate of the period, Q8 us
-        # Error of `_exact`, Q8 us: 1/16, or 1/256 if the oscillator is known.
+        # Largest error of `_exact`, Q8 us: 1/16 of the period, or 1/256 if the error of the
+        # oscillator was measured before.
         self._unsure = period_us if self._off else period_us << 4
         # The oscillator drifts: `_unsure` remains at least 30 ppm of the period.
         self._drift = (period_us >> 7) + 1
@@ -85,7 +87,7 @@ class AlignedPacing(Pacing):
         return end
 
     def _advance(self):
-        """Change the state from a sample to the next one, and schedule the poll for it."""
+        """Predict the end of the next sample (`_end`, `_half`), and schedule the poll for it."""
         self._was_early = False
         self.slack_us = self._half >> _Q - 1
         part = self._part + self._exact
@@ -96,14 +98,18 @@ class AlignedPacing(Pacing):
         self._aim(FINE)
 
     def _aim(self, bisected):
-        # The chip latches its data after the beginning of the poll.
+        # The chip latches its data LATCH_US after the beginning of the poll.
         shift_us = -LATCH_US
         if self._half <= bisected:
             shift_us += (self._half >> _Q) + _MARGIN_US
         self.due = self._add(self._end, shift_us)
 
     def _lock(self, now, width_us=0):
-        """Restart: the sample ended within `width_us` before the poll at `now`; 0 if unknown."""
+        """Restart the tracking at a sample that ended at most `width_us` before the poll at `now`.
+
+        If `width_us` is 0, it is set to one period, or to the time since the preceding poll if that
+        poll was too early and this time is shorter.
+        """
         if not width_us:
             width_us = self._chip_us
             if self._was_early:
@@ -133,13 +139,17 @@ class AlignedPacing(Pacing):
             self._limit(-high, -low)
 
     def _widen(self, excess):
-        # The limits contradict each other by `excess` (Q8 us), or the run is too long.
+        # Increase the uncertainty of the period. Called if the limits contradict each other by
+        # `excess` (Q8 us), or if too many bisections in a row had the same result.
         excess //= max(1, self._samples)
         self._unsure = min(2 * self._unsure + excess, self._exact >> 4)
         self._samples = self._taken = 0
 
     def _limit(self, low, high):
-        """Move `_end` to the middle of two limits, and correct the period."""
+        """Move `_end` to the middle of two limits of the sample's end, and correct the period.
+
+        The limits `low` and `high` are relative to `_end`, in Q8 us (1/256 us).
+        """
         part = self._part + (high + low >> 1)
         self._end = self._add(self._end, part >> _Q)
         self._part = part & 255
@@ -165,8 +175,9 @@ class AlignedPacing(Pacing):
         self._set_period(self._exact - unsure >> _Q)
 
     def _begin_span(self, taken):
-        # Compute the period from this sample on. Restart the measurement, too, if the end of this
-        # sample is known much better than that of its first sample, or if it is too long.
+        # Compute the period from this sample on. Restart the measurement for `learn`, too, if the
+        # end of this sample is known much better than the end of the measurement's first sample, or
+        # if the measurement is longer than LONG_US.
         if taken and (
             self._half < self._first_half >> 2 or self._diff(self._end, self._first) > LONG_US
         ):

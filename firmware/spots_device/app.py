@@ -14,25 +14,26 @@ from .strip import Strip
 from .uses import Uses, check_layout
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
-_LAST_US = const(100_000)  # at the end: longest wait until the host has read the key releases
+_LAST_US = const(100_000)  # on exit: longest wait until the host has read the key releases
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
-_SKIPPED = const(3)  # FIFO reads; the mean starts with the last one, because earlier ones are late
+_SKIPPED = const(3)  # the mean starts with this FIFO read; the reads before it may be late
 _COUNTED = const(16)  # least number of passes in the mean
 
 
 class Meter:
-    """Measures the mean time that the main loop needs for one sample.
+    """Measures the mean time that the main loop needs to process one sample.
 
     `add` allocates nothing.
 
     Attributes
     ----------
     busy_us : int
-        Mean duration in us of a loop pass that processes a sample, without the fixed time of FIFO
-        reads (see `as7341.AS7341.burst_us`). A loop that is slower than the sensor needs this time
-        for each sample. 0 before the first mean is complete.
+        Mean duration in us of a loop pass that processes a sample; 0 before the first mean is
+        complete. The fixed time of FIFO reads (see `as7341.AS7341.burst_us`) is left out, because
+        it hardly matters for a loop that is slower than the sensor: one FIFO read then gets many
+        samples.
     """
 
     def __init__(self):
@@ -45,15 +46,15 @@ class Meter:
         self._passes = -_SKIPPED
 
     def add(self, lasted_us, burst_us):
-        """Add a pass; return True when the mean is complete.
+        """Add the duration of a loop pass; return True when the mean is complete.
 
         Parameters
         ----------
         lasted_us : int
             Duration of the pass without its sleep, in us.
         burst_us : int
-            Part of this duration that a FIFO read takes for any number of samples, see
-            `as7341.AS7341.burst_us`; 0 for a pass without a FIFO read.
+            Part of this duration that does not depend on the number of samples read from the FIFO,
+            see `as7341.AS7341.burst_us`; 0 for a pass without a FIFO read.
         """
         if burst_us:
             if self._passes >= _COUNTED:
@@ -101,9 +102,9 @@ class BoardApp:
     Attributes
     ----------
     index : int
-        Number of the sensor.
+        Number of this sensor on the board, from 0.
     sensors : int
-        Number of sensors of the board.
+        Count of sensors on the board.
     """
 
     index = 0
@@ -204,8 +205,8 @@ class BoardApp:
         self._left = True
 
     def _run(self):
-        # The handler is outside of the loop: no call frame of a pass then needs the heap, see
-        # strip.py.
+        # The exception handler is outside of the loop, so that no call frame of a pass needs the
+        # heap; see strip.py.
         try:
             while not self.reboot:
                 self._pass()
@@ -213,7 +214,11 @@ class BoardApp:
             self.lose(error)
 
     def step(self):
-        """Run one pass of the loop. Sleeps 10 ms at most; allocates nothing while sampling."""
+        """Run one pass of the loop; allocates nothing while sampling.
+
+        It sleeps 10 ms at most, so that commands are read often. While the sensor is lost, a pass
+        takes 0.1 s or more.
+        """
         try:
             self._pass()
         except (OSError, SensorError) as error:
@@ -243,7 +248,7 @@ class BoardApp:
             self._take()
 
     def measure(self):
-        """Start to measure the loop time of each sample; this makes the loop slightly slower."""
+        """Start to measure `Meter.busy_us`; the loop is slightly slower during the measurement."""
         self.meter.restart()
         self._pass = self._measured_pass
 
@@ -262,8 +267,8 @@ class BoardApp:
     def _measured(self, began, complete, waits):
         """Add a loop pass to the mean if it gave a sample; return True when the mean is complete.
 
-        The arguments are values from before the pass: the ticks, and the attributes `complete` and
-        `waits` of the sensor.
+        The caller stores the arguments before the pass: `began` is the time in ticks, `complete`
+        and `waits` are the sensor's attributes of these names.
         """
         clock, sensor = self._clock, self._sensor
         if self.reconnect.lost or sensor.complete == complete:
@@ -281,7 +286,7 @@ class BoardApp:
         self.reconnect.restart()
 
     def abandon(self, why):
-        """Cancel the running dark frame or search; its command gets an error reply with `why`."""
+        """Cancel a requested dark frame or search for settings; `why` is its error reply."""
         self.strip.forget_requests()
         self.replies.abandon(why)
 
@@ -332,7 +337,8 @@ class BoardApp:
         return self.apply_calibration()
 
     def _sum(self):
-        # Checksums take a Pico 0.2 ms for each line, so a reply to ``hello`` does not compute them.
+        # A checksum takes 0.2 ms for each line on a Pico, so the reply to ``hello`` does not
+        # compute it.
         self._sums = checksum(self.calibration.lines), checksum(self.uses.layout_lines)
 
     def apply_calibration(self):
@@ -350,7 +356,14 @@ class BoardApp:
         return "; ".join(filter(None, notes)) or None
 
     def use_stored(self):
-        """Use the stored calibration if it is valid for the settings; otherwise return why not."""
+        """Use the stored calibration if it is valid for the settings.
+
+        Returns
+        -------
+        str or None
+            Why the stored calibration is not used; None if it is used, or if there is none. A
+            missing dark frame (of an LED that is always on) is reported in both cases.
+        """
         if self.reconnect.lost:
             found = why_not = None
             if self.calibration.lines:
@@ -401,7 +414,10 @@ class BoardApp:
         return reply
 
     def rate_mHz(self):
-        """Return the expected rate of readings in mHz, limited by the sensor or by the loop."""
+        """Return the expected rate of readings in mHz: what the slower of sensor and loop allows.
+
+        A reading is the sum of ``average`` samples.
+        """
         s = self.settings.values
         return 1_000_000_000 // (max(s["exposure_us"], self.meter.busy_us) * s["average"])
 

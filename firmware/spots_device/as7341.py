@@ -2,8 +2,9 @@
 
 The chip stores samples in a FIFO: 128 entries of two bytes, which is 21 samples of six counts. So
 the loop may stall for 20 exposures without loss. No published driver reads six channels from this
-FIFO. So each start of the sensor tests the FIFO: it must contain the sample that is in the data
-registers. If it does not, `poll` reads the data registers, one sample in each transfer.
+FIFO, so it is not certain that this works. Each start of the sensor tests it: the FIFO must
+contain the sample that is in the data registers. If this test fails, `poll` reads the data
+registers, one sample in each transfer.
 
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
 `switch_led` and `read_into` allocate nothing.
@@ -63,17 +64,17 @@ _SAMPLE = const(12)  # bytes
 _COUNTS = const(2)  # index in the buffer, after STATUS and ASTATUS
 _FIFO_DATA = const(14)  # index in the buffer, after the data registers
 _TRIAL = const(-8)  # at most so many samples after a start may be absent from the FIFO
-_BROKEN = const(2)
+_BROKEN = const(2)  # value of `_odd` after a failed transfer from the FIFO
 
 _POWER_UP_US = const(5_000)
 _SMUX_US = const(5_000)
 _AUTO_ZERO_US = const(50_000)
-_STEP_US = const(2)  # a little more than half of the exposure's step of 2.78 us
+_STEP_US = const(2)  # largest error: a little more than half of the exposure's step of 2.78 us
 # Time from `start` to the first integration. It is longer than the set-up by any driver at 400 kHz,
 # so that recordings do not depend on the driver.
 _START_US = const(20_000)
 _AGAIN_US = const(500)  # wait after a failed transfer
-# First registers of the pairs that are read back.
+# First registers of the pairs of registers that `check` reads back.
 _CHECKED = (_ENABLE, _CFG0, _ASTEP)
 
 
@@ -143,8 +144,8 @@ class AS7341:
             Current of the LED driver in mA: 0 for off, or 4 to 258.
         mains_hz : int
             Mains frequency of flickering lamps: 50 or 60, or 0 for no lamps. With 0 the exposure
-            has the error of the chip's oscillator, some per cent; else `pacing` corrects this
-            error.
+            has the error of the chip's oscillator, a few per cent. With 50 or 60, `pacing` corrects
+            this error.
 
         Raises
         ------
@@ -179,7 +180,7 @@ class AS7341:
         self.led_mA = led_mA
         self._written = bytearray((_PON, atime, 0, gain, astep & 0xFF, astep >> 8))
         for _ in _CHECKED:
-            self.check()  # also that the SMUX command is complete
+            self.check()  # this also checks that the SMUX command is complete
         self._written[0] = _PON | _SP_EN
         if self.led != "ldr":
             self._light(False)  # the breakout's own LED, which may have been on
@@ -191,17 +192,18 @@ class AS7341:
         self._write(_ENABLE, _PON | _SP_EN)
         self.fifo = _TRIAL
         self.waits = self._known = self._at = 0
-        self._odd = 0  # 1 if the level was not a multiple of 6, `_BROKEN` if a transfer failed
+        self._odd = 0  # 1 if the FIFO level was not a multiple of 6, `_BROKEN` if a transfer failed
         now = self._clock.ticks_us()
         self._settled = self._clock.ticks_add(now, -self.exposure_us)  # the LED is on already
         self.complete = now
         pacing.start(now, chip_us)
 
     def drifted(self):
-        """Return whether the measured exposure differs too much from `exposure_us`.
+        """Return whether the measured exposure differs too much from the attribute `exposure_us`.
 
-        The next `start` with `mains_hz` corrects the exposure. Allocates nothing if the result is
-        False.
+        The limit is 0.7 of the exposure's smallest step, because rounding to steps alone causes
+        errors up to 0.5 of it. The next `start` with `mains_hz` corrects the exposure. Allocates
+        nothing if the result is False.
         """
         pacing = self.pacing
         expected_us = pacing.sampled * self.exposure_us
@@ -214,19 +216,21 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def burst_us(self):
-        """Return the fixed time of the last FIFO read, in us, at least 1.
+        """Return the fixed time of the last FIFO read in us, or 1 if the FIFO is not used.
 
         A FIFO read takes this time, plus a time that is proportional to the number of samples.
         """
-        # The level of the FIFO is one byte. Its transfer takes about as long as the overhead of the
-        # next transfer, which reads the samples.
+        # The level of the FIFO is one byte. Its transfer, from `_asked` to `_known`, takes about as
+        # long as the overhead of the next transfer, which reads the samples.
         return 2 * self._clock.ticks_diff(self._known, self._asked) + 1 if self.fifo > 0 else 1
 
     def switch_led(self, on):
-        """Switch the LED on or off; `steady` is False for samples that began before this call.
+        """Switch the LED on or off.
 
-        With the setting ``led=always``, the user must unplug or plug in the LED; this call only
-        records its state.
+        The attribute `steady` is False for samples that began before this call.
+
+        With the setting ``led=always``, the user must unplug the LED or plug it in again. This
+        call then only records the state of the LED.
         """
         if self.led == "ldr":
             on = on and self.led_mA > 0
@@ -238,16 +242,17 @@ class AS7341:
         self._settled = self._clock.ticks_us()
 
     def remaining_us(self):
-        """Return the time in us until the next sample is expected; negative after that moment."""
+        """Return the time in us until the next sample is expected; negative if it is overdue."""
         return self._clock.ticks_diff(self.pacing.due, self._clock.ticks_us())
 
     def poll(self):
         """Fetch a new sample, if there is one. Allocates nothing.
 
-        One transfer reads all samples in the FIFO; this call returns the first one, and the next
-        calls return the others. Without the FIFO, each transfer reads one sample. AVALID cannot
-        show a new sample, because it stays set between samples. Each sample sets AINT. This method
-        clears AINT after the read of ASTATUS has latched the counts.
+        One transfer reads all samples in the FIFO. This call returns the oldest sample, and the
+        next calls return the following ones. Without the FIFO, each transfer reads one sample. The
+        chip's status bit AVALID cannot show a new sample, because it stays set between samples. The
+        status bit AINT can, because each sample sets it. This method clears AINT after the read of
+        the register ASTATUS, which latches the counts.
 
         Returns
         -------
@@ -258,9 +263,9 @@ class AS7341:
         Raises
         ------
         SensorError
-            If no sample arrived for two exposures plus the duration of an auto-zero.
+            If no sample arrived for two exposures plus the duration of the chip's auto-zero.
         OSError
-            If transfers have failed for that time. Until then, each poll repeats the transfer.
+            If all transfers failed during this time. Until then, each poll repeats the transfer.
         """
         if not self.waits:
             self._asked = self._ticks_us()
@@ -310,7 +315,7 @@ class AS7341:
         self._bus.read_into(ADDRESS, _FIFO_LVL, self._byte)
         self._known = self._ticks_us()
         level = self._byte[0]
-        # The level may be odd for a moment, while the chip stores a sample.
+        # While the chip stores a sample, the level may for a moment not be a multiple of 6.
         odd = 1 if level % _ENTRIES else 0
         if level > _FULL or self._odd + odd > 1:
             self._write(_CONTROL, _FIFO_CLR)
@@ -326,7 +331,7 @@ class AS7341:
             self._bus.read_into(ADDRESS, _FDATA, self._views[held])
             self._at = _FIFO_DATA
         else:
-            # ASTATUS is not in the FIFO; an early poll has time to read it.
+            # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
             self._bus.read_into(ADDRESS, _ASTATUS, self._byte)
             self._burst[1] = self._byte[0]
         self.waits = held
@@ -352,18 +357,17 @@ class AS7341:
         return False
 
     def _settle(self):
-        # Not compared again after `steady` is True, because ticks that are too old compare wrongly.
+        # Not called after `steady` is True: ticks wrap, so that old ticks compare wrongly.
         # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
         longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
         began = self._clock.ticks_add(self.complete, -longest_us)
         self.steady = self._clock.ticks_diff(began, self._settled) >= 0
 
     def check(self):
-        """Check that two registers still contain the written values; each call checks the next two.
+        """Check that two registers of the chip still contain the written values.
 
-        Three calls check all six registers.
-
-        I2C has no checksum, and a chip can lose its register values.
+        Each call checks the next two registers; three calls check all six. The check is necessary
+        because I2C has no checksum, and because a chip can lose its register values.
 
         Raises
         ------

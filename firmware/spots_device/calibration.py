@@ -1,26 +1,29 @@
 """A calibration as the board stores it: text lines with integers, validated before use.
 
-Each line is one statement. Weights are in Q13. Contrasts and brightness, which are weighted sums of
-log2 of the counts (see decode.py), are in Q20. The lines 'f' and 'x' are knots: points of a table,
-between which the board interpolates linearly. The statements, with examples of their values::
+Each line is one statement. A number in Qn is multiplied by 2**n. Weights are in Q13. Contrasts and
+brightness, which are weighted sums of log2 of the counts (see decode.py), are in Q20. The lines 'f'
+and 'x' are knots: points of a table, between which the board interpolates linearly. The statements,
+with examples of their values::
 
     board 4552a1f0             id of the board with which the calibration was made
     plan F3 F4 F5 F6 F7 F8     diodes of ADC 0 to 5
     made 9 9999 20             gain code, exposure in us, LED current in mA
     touch 300 200              force in mN at which a touch begins and ends
-    relative                   forces have no unit, because no scale was used; optional
+    relative                   forces have no unit, because no weighing scale was used; optional
     coarse 1 -2 ...            six weights, sum 0: the coarse contrast, which selects the segment
-    fit 1 -2 ...               six weights, sum 0: the misfit of the spectrum to one press
+    fit 1 -2 ...               six weights, sum 0: the misfit, which shows how far the spectrum is
+                               from that of a single press
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
                                (sum 0), six for the force (sum 8192); one line for each segment
     f 123456 1000 900          knot: brightness, force in mN, tolerance of the misfit (Q12)
-    silicone 4200 300 1000 ... compensation of hysteresis and creep: gain (Q12); half widths in mN
-                               of three play operators, their three weights (Q12); three time
-                               constants in ms, their three shares of the force (Q12); optional
+    silicone 4200 300 1000 ... compensation of hysteresis and creep: factor of the force (Q12);
+                               half widths in mN of three play operators, their three weights
+                               (Q12); three time constants in ms, their three shares of the force
+                               (Q12); optional
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
     from -99999                coarse contrast at which a segment begins; its lines 'x' follow
-    x -123456 85000 77 -5      knot of the segment: contrast, position in um, expected misfit of one
-                               press (Q12), correction that is subtracted from the brightness
+    x -123456 85000 77 -5      knot of the segment: contrast, position in um, expected misfit of a
+                               single press (Q12), correction that is subtracted from the brightness
 
 Strains ascend from 0. All strains have the same number of knots, so that the board can
 interpolate linearly between two strains. Segments are in the order of ascending coarse contrast.
@@ -40,7 +43,7 @@ from .smux import CHANNELS, PIXELS
 SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
 
 ONE_Q13 = 1 << 13
-# Keeps every weighted sum of `kernel.estimate` inside 31 bits.
+# Limit of the sum of absolute weights, so that each weighted sum of `kernel.estimate` fits 31 bits.
 WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000
@@ -89,8 +92,9 @@ class Calibration:
     compensation : silicone.Compensation or None
         Corrects the force for hysteresis and creep; None if these were not calibrated.
     tables : array of int
-        All weights and tables, see `SEGMENTS`. The attributes for the columns of the force table
-        are views of this array; on the host, views.py adds views of the other parts.
+        All weights and tables, see `SEGMENTS`. The attributes `brightnesses`, `forces_mN` and
+        `tolerances`, the columns of the force table, are views of this array; on the host, views.py
+        adds views of the other parts.
     drift_max : int
         Keys work until the misfit has shifted by this much since the calibration. The misfit shows
         how far a spectrum is from that of a single press, in log2 units, Q12. A drift of the LED
@@ -143,7 +147,7 @@ class Calibration:
         coarse = sum(map(abs, seen["coarse"])) >> 1
         self.drift_max = (bounds[-1] - bounds[0]) // max(1, coarse)
         self.length_um = max(max(knot[1] for knot in table) for table in knots)
-        # The contrast falls by the decay times half the sum of the absolute weights.
+        # For each um, the contrast falls by the decay times half the sum of the absolute weights.
         middle = len(bounds) >> 1
         weights = seen["segment"][middle][:CHANNELS]
         first, last = knots[middle][0], knots[middle][-1]
@@ -156,7 +160,7 @@ class Calibration:
         return view(self, name)
 
     def mismatch(self, conditions):
-        """Return why this calibration cannot be used under the conditions of readings, or None.
+        """Return why this calibration cannot be used for readings under `conditions`, or None.
 
         Parameters
         ----------
@@ -243,9 +247,9 @@ def _put(packed, place, knots):
 
 
 def columns_of(tables, place, count):
-    """Return memory views of `count` columns of a table; column 0 contains the knots' arguments.
+    """Return memory views of `count` columns of the table at the index `place` of `tables`.
 
-    The table begins at the index `place` of `tables`.
+    Column 0 contains the knots' arguments, for example contrasts; the others contain their values.
     """
     size = tables[place]
     ends = range(place + 1 + size, place + 2 + count * size, size)
@@ -303,7 +307,7 @@ class CalibrationSlot:
                 self._parsed = None  # frees memory for the new one
                 parsed = Calibration(self.lines, strain_ppm)
                 if conditions.exposure_us != parsed.conditions.exposure_us:
-                    from .rescale import rescale  # rare
+                    from .rescale import rescale  # only for another exposure, to save memory
 
                     rescale(parsed, conditions.exposure_us)
                 self._parsed, self._key = parsed, key
@@ -420,7 +424,7 @@ def _between(strains, strain_ppm):
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:
         raise CalibrationError(
-            "the calibration covers 0 to %d: set strain_ppm in this range" % strains[last][0]
+            "the calibration is for strain_ppm from 0 to %d: set this" % strains[last][0]
         )
     i = 0
     while i < last and strains[i + 1][0] <= strain_ppm:

@@ -34,7 +34,7 @@ class LineReader:
         self._size = 0
 
     def feed(self, byte):
-        """Add a byte; return True if it ends a line. Allocates nothing."""
+        """Add a byte; return True if it ends a line that is not empty. Allocates nothing."""
         if byte == 10 or byte == 13:
             return self._size > 0
         if self._size < LINE_MAX:
@@ -60,7 +60,7 @@ class LineReader:
 
 
 class Replies:
-    """Sends the replies to commands, at once or when the work of a long command is done.
+    """Sends the replies to commands: immediately, or when the work of a long command is done.
 
     Parameters
     ----------
@@ -135,17 +135,18 @@ class Upload:
         self.forget()
 
     def forget(self):
-        """Drop the lines received so far."""
+        """Drop the received lines; the next upload must begin with ``begin``."""
         self._lines = None
         self._bytes = 0
 
     def take(self, words):
-        """Process a command of an upload, such as one line of text; return the reply (dict).
+        """Process one command of an upload; return the reply (dict).
 
         Parameters
         ----------
         words : list of str
-            Words after the name of the command.
+            Words after the name of the command: ``begin``, ``clear``, ``end`` and the checksum, or
+            one line of the text.
 
         Raises
         ------
@@ -307,7 +308,7 @@ class Commands:
     def _dark_done(self):
         app = self._app
         if app.settings.values["led"] == "always":
-            app.apply_calibration()  # it was not used without a dark frame
+            app.apply_calibration()  # without a dark frame, the calibration was not used
         self._replies.finish("dark", {"dark": app.strip.dark_frame()})
 
     def _rest(self, words):

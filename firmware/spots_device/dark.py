@@ -40,29 +40,32 @@ _DARK_EVERY_US = const(10_000_000)
 _DARK_EVERY_SAMPLES = const(100)
 _REQUEST_US = const(2_000_000)  # longest duration of a requested dark frame
 _EVERY_MAX_US = const(500_000_000)  # so that the age fits a small integer
-# Limit of the chi-squared of a window's six sums. Noise exceeds it in less than one of 1000
-# windows. The assumed variance of a sum s is s + 4 counts**2, for the noise of light, converter and
-# rounding; the expected sums have the same variance.
+# A window differs too much from the mean if the chi-squared of its six sums is above this limit.
+# Noise exceeds the limit in less than one of 1000 windows. The assumed variance of a sum s is
+# s + 4 counts**2, for the noise of light, converter and rounding.
 _JUMP = const(24)
-_JUMP_MAX = const(1 << 12)  # a difference whose square, times 2**4, fits a small integer
+_JUMP_MAX = const(1 << 12)  # the square of a smaller difference, times 2**4, fits a small integer
 _Q = const(12)
 _SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
-_POOL_SAMPLES = const(64)
+_POOL_SAMPLES = const(64)  # samples of 16 windows
 _POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over this number of samples
 # Limit of the samples of a reading times the samples of the dark frame, for `kernel.estimate`.
 _PRODUCT_MAX = const(256)
 
 
 class Dark:
-    """Averages dark windows (four samples with the LED off). `add` allocates nothing.
+    """Averages dark windows to a dark frame. `add` allocates nothing.
 
-    `kernel.process` advances the age of the dark frame, and finds changes of the ambient light.
+    A dark window is the mean of four samples with the LED off.
+
+    `kernel.process` decides when the next dark window begins: it counts the age of the dark frame
+    and detects changes of the ambient light.
 
     Parameters
     ----------
     state : array of int
-        State of the strip, see decode.py; contains the mean dark counts, and which windows are
-        wanted and when.
+        State of the strip, see decode.py. It contains the mean dark counts, the age of the dark
+        frame, and whether a new window is wanted.
 
     Attributes
     ----------
@@ -87,7 +90,8 @@ class Dark:
         Parameters
         ----------
         exposure_us : int
-            Integration time in us; 0 if windows are taken on request only.
+            Integration time in us; 0 if the LED cannot be switched, so that dark windows are taken
+            on request only.
         dark_every : int
             Number of samples between two dark samples; such dark samples are taken even during a
             touch. With 0, windows of four samples are taken while the strip is not touched.
@@ -101,7 +105,10 @@ class Dark:
             state[IDLE_MIN_US] = IDLE_US
 
     def request(self):
-        """If the LED can be switched, take a dark window as soon as possible; restart the mean."""
+        """Restart the mean of the dark windows with a window as soon as possible.
+
+        No window is requested if the LED cannot be switched.
+        """
         self.state[WANTED] = 1 if self.state[AGE_STEP_US] else 0
 
     def use(self, sums):
@@ -118,12 +125,15 @@ class Dark:
         return bool(sums)
 
     def request_pool(self):
-        """Restart the mean: take 16 dark windows in a row, or as many as fit in two seconds."""
+        """Restart the mean of the dark windows: request 16 in a row, or as many as fit in 2 s."""
         self._pool_wanted = True
         self.state[WANTED] = 1
 
     def begin(self, exposure_us):
-        """Begin a series of dark samples of `exposure_us` us each; the LED is already off."""
+        """Begin a series of dark samples of `exposure_us` us each; the LED must be off already.
+
+        The series is one sample, one dark window (four samples), or all windows of `request_pool`.
+        """
         if self.state[WANTED]:
             windows = 1
             if self._pool_wanted:
@@ -137,7 +147,7 @@ class Dark:
             self._left = _WINDOW_SAMPLES if self.state[IDLE_MIN_US] else 1
 
     def add(self, counts):
-        """Add a dark sample (six counts); return whether the series is complete."""
+        """Add a dark sample (six counts); return whether the series of `begin` is complete."""
         for i in range(CHANNELS):
             self._window[i] = counts[i] + (self._window[i] if self._taken else 0)
         self._taken += 1
@@ -151,11 +161,11 @@ class Dark:
         return True
 
     def sums(self):
-        """Return the dark frame: each channel's sum of `decode.DARK_SAMPLES` samples, rounded."""
+        """Return each channel's mean dark count, times `decode.DARK_SAMPLES`, rounded."""
         return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
 
     def peak(self, counts):
-        """Subtract the dark frame from a sample's six counts, and return the largest result."""
+        """Subtract the dark frame from a sample's six counts; return the largest difference."""
         peak = 0
         for i in range(CHANNELS):
             peak = max(peak, counts[i] - (self.mean[i] >> _Q))
@@ -184,7 +194,7 @@ class Dark:
 
 
 class Baseline:
-    """Tracks the baseline, and computes the sum of dark frame and baseline (`floor`).
+    """Tracks the baseline, which is the light of the untouched strip minus the dark frame.
 
     Parameters
     ----------
@@ -196,7 +206,7 @@ class Baseline:
     floor : memoryview of int
         Sum of dark frame and baseline, as six sums of counts; subtracted from each reading.
     samples : int
-        Number of samples in a reading for which `floor` is scaled.
+        Samples in each reading from which `floor` is subtracted; limits the scale of `floor`.
     """
 
     def __init__(self, dark):
@@ -209,13 +219,14 @@ class Baseline:
         self.samples = 0
 
     def sums(self):
-        """Return the baseline: each channel's sum of `decode.DARK_SAMPLES` samples."""
+        """Return the baseline: for each channel a sum over `decode.DARK_SAMPLES` samples."""
         return [level >> _POOL_SHIFT for level in self._level]
 
     def rescale(self, samples):
-        """Scale `floor` for readings of `samples` samples; return the number of samples in `floor`.
+        """Scale `floor` to sums over n samples, for readings of `samples` samples; return n.
 
-        The returned number is a power of 2, at most 64, and within the limits of `kernel.estimate`.
+        n is the largest power of 2 for which n <= 64 and ``n * samples <= 256``; see
+        `decode.Decode.scale`.
         """
         self.samples = samples
         dark_samples = _POOL_SAMPLES
@@ -245,7 +256,7 @@ class Baseline:
         self.update()
 
     def update(self):
-        """Compute `floor` again, after a change of the dark frame or of the baseline."""
+        """Compute `floor` again; must be called after a change of dark frame or baseline."""
         shift = self._state[SHIFT]
         half = 1 << shift >> 1
         for i in range(CHANNELS):

@@ -1,15 +1,16 @@
 """Computes position and force from counts: six logarithms, four dot products, tables.
 
-By Eq. 1 of the paper, L_i = log2(counts_i - dark_i) of channel i is linear in two unknowns: the
-filtering length x (length of dyed guide that the light passes) and the logarithm of the coupled
-light. A weighted sum of the L_i whose weights add up to 0 depends on x only: the position contrast.
-A sum whose weights add up to 1 and cancel the decay depends on the light only: the brightness. The
-best weights change along the strip, so a coarse contrast selects a segment with its own weights.
-The misfit is another weighted sum: it shows how far the spectrum is from that of a single press.
-All integers fit 31 bits; nothing is allocated.
+According to Eq. 1 of the paper, L_i = log2(counts_i - dark_i) of channel i is linear in two
+unknowns: the filtering length x (length of dyed guide that the light passes) and the logarithm of
+the coupled light. A weighted sum of the L_i whose weights add up to 0 depends on x only: the
+position contrast. A sum whose weights add up to 1 and cancel the decay depends on the light only:
+the brightness. The best weights change along the strip, so a coarse contrast selects a segment with
+its own weights. The misfit is another weighted sum: it shows how far the spectrum is from that of a
+single press. All integers fit 31 bits; nothing is allocated.
 
 This module defines the layout of the arrays that the functions of kernel.py read and write.
-kernel_viper.py uses the same numbers as literals, because each look-up of a name takes time there.
+kernel_viper.py uses the same numbers as literals, because a look-up of a name is slow in machine
+code.
 """
 
 from array import array
@@ -47,8 +48,8 @@ CHECK = 2
 # streamed.
 TAKEN, PENDING, EXPOSURE_US, MISSING, ESTIMATED, STREAMED = range(27, 33)
 # Whether the baseline is tracked: 0, 1, or 2 if the next reading becomes the baseline. Samples of a
-# complete reading. Time without a touch before the next dark frame. Right shift from Q12 to the
-# floor. Whether the baseline has been measured.
+# complete reading. Least time without a touch before a dark frame, in us. Right shift from Q12 to
+# the floor. Whether the baseline has been measured.
 FOLLOWS, AVERAGE, IDLE_MIN_US, SHIFT, FOLLOWED = range(33, 38)
 # Six elements each: sums of counts; sum of dark frame and baseline (`floor`), as sums over
 # `FLOOR_SAMPLES`; baseline, and mean of the dark frame, both counts in Q12.
@@ -61,8 +62,7 @@ STATE_SIZE = 72
 KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP, LESS_US = range(6)
 HEAD_SIZE = 6
 
-# Arguments of `kernel.process` in addition to flags, and parts of its result in addition to the
-# bytes of a frame.
+# Bits in the argument `flags` of `kernel.process`, and bits in its result, as documented there.
 READ, SEND, TWO = 1 << 8, 1 << 9, 1 << 10
 COMPLETE, ODD, DUE = 1 << 12, 1 << 13, 1 << 14
 
@@ -70,18 +70,19 @@ HEADER_SIZE = 7  # bytes of a frame before its body
 CRC_SIZE = 4  # bytes of a CRC-32
 
 DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
-AVERAGE_MAX = 64  # with 4 samples of a dark frame, full-scale counts reach 2**24
+AVERAGE_MAX = 64  # 64 samples times 4 dark samples times full scale (65535) is just below 2**24
 
 _NO_TABLES = array("i", bytes(4))
 
 
 class Decode:
-    """Inputs and results of `kernel.estimate` for one strip; the host has `views.Decoded`.
+    """Inputs and results of `kernel.estimate` for one strip; the host uses `views.Decoded`.
 
     Attributes
     ----------
     state : array of int
-        Fields of the TOUCH frame, and the other values that `kernel.estimate` stores for a strip.
+        Settings, sums and estimates of the strip, at the indices that this module defines; first
+        the fields of the TOUCH frame.
     tables : array of int
         The tables of the calibration.
     """
@@ -110,9 +111,10 @@ class Decode:
             self.state[DRIFT_MAX] = calibration.drift_max
 
     def scale(self, samples, dark_samples):
-        """Set the number of samples in a reading, and in the sums of the dark frame.
+        """Set the number of samples in a reading, and in the sums that are subtracted from it.
 
-        The product of both numbers is at most 256.
+        The product of both numbers must be at most 256: times the largest count, this is just below
+        the limit of `log2.log2_q20`.
         """
         state = self.state
         state[SAMPLES] = samples

@@ -1,6 +1,6 @@
 """Frames from board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
 
-Board and host both use the layouts in this module. The board's 32-bit time is written as two
+Board and host both use the formats in this module. The board's 32-bit time is written as two
 halves, because a small int has 31 bits. Packing and sending allocate nothing.
 """
 
@@ -52,7 +52,7 @@ class Time32:
     head : array of int
         Header of the next frame, see `decode.KIND`.
     last : int
-        Ticks of the clock at the time in `head` plus ``head[LESS_US]``.
+        Ticks of the clock ``head[LESS_US]`` us after the time in `head`.
     """
 
     def __init__(self, clock):
@@ -126,9 +126,9 @@ class Framer:
         return self.send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self.encoded))
 
     def key(self, sensor, page, usage, modifiers, pressed):
-        """Send a key event of a sensor as a KEY frame; return whether it was sent.
+        """Send a key event as a KEY frame; return whether it was sent.
 
-        The other arguments are those of `uses.Uses.key`.
+        `sensor` is the number of the sensor; the other arguments are those of `uses.Uses.key`.
         """
         pack_into(KEY_BODY, self.payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)
@@ -153,7 +153,8 @@ class Framer:
         return self._send_body(TEXT, HEADER_SIZE + len(data))
 
     def _send_body(self, kind, size):
-        # Only TOUCH and SPECTRUM frames have flags, so others leave the gap to a later frame.
+        # Only TOUCH and SPECTRUM frames have flags. So after another frame, the flag `DROPPED`
+        # remains set for the next TOUCH or SPECTRUM frame.
         head = self._head
         head[KIND] = kind
         gap = head[GAP]
@@ -168,8 +169,8 @@ class Framer:
         encoded = self.encoded
         if head[GAP]:
             # A part of the dropped frame may have been sent. Without a delimiter after this part,
-            # the present frame would be lost too. Delimiter and frame are one write, because the
-            # port would refuse a second write after a slow one.
+            # the present frame would be lost too. Delimiter and frame are sent in one write,
+            # because the port would refuse a second write after a slow one.
             encoded = self._delimited
             length += 1
         if self._write(encoded, length):

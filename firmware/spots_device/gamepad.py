@@ -41,12 +41,13 @@ class GamepadAxes:
             self._shift += 1
 
     def take(self, flags, position_um, force_mN):
-        """Process a reading; during a touch, a reading that does not fit one press changes nothing.
+        """Process a reading; during a touch, an untrusted reading changes nothing.
 
         Parameters
         ----------
         flags : int
-            Flag bits of the reading, see the module `decode`.
+            Flag bits of the reading, see the module `decode`. Any bit of `contact.DOUBTFUL` marks
+            the reading as untrusted, unless these bits are exactly `contact.TWO_FIT`.
         position_um, force_mN : int
             Position in um and force in mN.
         """

@@ -60,8 +60,8 @@ def with_report_id(descriptor, report_id):
 class Outbox:
     """First-in first-out queue of reports; no report is sent twice.
 
-    If a report does not fit, all reports are dropped, and one report without pressed keys is sent:
-    a lost key press is better than a stuck key.
+    If the queue is full, all its reports are dropped. If the host may see a pressed key, one report
+    without pressed keys is sent: a lost key press is better than a stuck key.
 
     Parameters
     ----------
@@ -216,7 +216,9 @@ class KeyboardReports:
 
 
 class ConsumerReports:
-    """Turns each event of a media key (HID consumer page) into a report of the last pressed key.
+    """Turns each press and release of a media key (HID consumer page) into a report.
+
+    A report contains one key: the last pressed one, or 0 after its release.
 
     Parameters
     ----------

@@ -71,21 +71,24 @@ from .decode import (
 from .log2 import log2_q20
 from .smux import CHANNELS
 
-# Elements of `state` that only this module uses, in addition to those in decode.py: drift of the
-# misfit, see `_judge`; misfit to one press and its tolerance in Q12, if the position is known; six
-# logarithms (Q20); up to three values that `look_up` returns.
+# Indices of `state` that only this module uses, in addition to those in decode.py. `DRIFT`: drift
+# of the misfit, see `_judge`. `LEARNS`: readings until a touch gives this drift, 0 after that.
+# `SEEN`: drift that the last touch gave. Then misfit to one press and its tolerance in Q12, if the
+# position is known; up to three values that `look_up` returns; six logarithms (Q20).
 DRIFT, LEARNS, SEEN = range(11, 14)
 MISFIT_Q12, TOLERANCE_Q12 = 15, 16
 FOUND, LOGS = 17, 42
 
-IDLE_US_MAX = 1_000_000  # the time without a touch stops here
-# The ambient light has changed if a touch does not fit one press for `ODD_US_MAX`, or if the sum of
-# the counts without a touch has changed by `ODD_COUNTS`. `ODD_EVERY_US`: least age of a dark frame
-# that is taken again for this reason.
+IDLE_US_MAX = 1_000_000  # largest stored time without a touch, in us
+# The ambient light has changed if one of two things lasts for `ODD_US_MAX`: a touch does not fit
+# one press, or the sum of the counts without a touch differs by more than `ODD_COUNTS` from its
+# value after the last dark frame. `ODD_EVERY_US`: least age of a dark frame that is taken again for
+# this reason.
 ODD_US_MAX = 300_000
 ODD_COUNTS = 24
 ODD_EVERY_US = 2_000_000
-# Time after a touch before the baseline is tracked again; log2 of the time constants in readings.
+# Time after a touch before the baseline is tracked again; log2 of the time constants, in readings,
+# with which it follows growing and fading light.
 SETTLED_US = 200_000
 UP = 10
 DOWN = 6
@@ -118,19 +121,20 @@ def process(state, tables, counts, flags, head, payload, encoded):
     counts : array of int
         Six counts of the sample.
     flags : int
-        Flag bits of the sample, as for `estimate`, and bits that select the work. `decode.READ`:
-        add the sample, and estimate the reading if it is complete. `SEND`: check the ambient
-        light, track the baseline, and encode the TOUCH frame, all for a complete reading. `TWO`:
-        two fingers may have caused the reading.
+        Flag bits of the sample, as for `estimate`, and three more bits of `decode`. `READ`: add
+        the sample, and estimate the reading if it is complete. `SEND`: if the reading is complete,
+        check the ambient light, track the baseline, and encode the TOUCH frame. `TWO`: two
+        fingers may have caused the reading.
     head, payload, encoded
-        As for `frame`. The time of `head`, plus its `LESS_US`, must be the end of the sample. It
-        becomes the middle of the reading if the reading is complete.
+        As for `frame`. With `READ`, the time of `head` plus its `LESS_US` must be the end of the
+        sample. If the reading is complete, the time of `head` is set to the middle of the reading.
 
     Returns
     -------
     int
-        Length of the encoded frame, 0 for none; plus the bits `decode.COMPLETE` if the reading is
-        complete, `ODD` if the ambient light has changed, `DUE` if a dark window must begin.
+        Length of the encoded frame in bytes, 0 for none. Added to it are three bits of `decode`:
+        `COMPLETE` if the reading is complete, `ODD` if the ambient light has changed, `DUE` if a
+        dark window must begin.
     """
     done = 0
     if flags & READ:
@@ -195,8 +199,8 @@ def _odd_light(state, flags, lasted_us):
 
 
 def _follow(state):
-    # Move the baseline towards the reading. Growing light may be a slow finger; fading light
-    # cannot.
+    # Move the baseline towards the reading. Growing light may be a slow finger, so the baseline
+    # follows it more slowly than fading light.
     up = down = 0
     if state[FOLLOWS] > 1:
         state[FOLLOWS] = 1
@@ -224,7 +228,8 @@ def estimate(state, tables, flags):
         Settings and sums (input) and estimates (output) at the indices that decode.py defines.
         The six sums at `SUMS` are over ``state[SAMPLES]`` samples; those at `FLOOR`, of dark frame
         and baseline, are over ``state[FLOOR_SAMPLES]`` samples and subtracted after scaling.
-        ``sums * state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24.
+        ``sums * state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24, the
+        limit of `log2.log2_q20`.
     tables : sequence of int
         Tables of the calibration, see `calibration.SEGMENTS`; 0 segments mean that there is no
         calibration.
@@ -293,8 +298,8 @@ def _judge(state, touching):
     flags = 0
     if abs(misfit) > tolerance:
         flags = MISFIT
-        # A reading that fits one press up to the drift is untrusted, but good enough for a key, see
-        # contact.TWO_FIT.
+        # A reading that fits one press after subtraction of the drift is untrusted, but good enough
+        # for a key, see contact.TWO_FIT.
         if abs(misfit - state[DRIFT]) <= tolerance:
             flags |= TOO_DARK
     force_mN = state[FORCE_MN]
@@ -311,7 +316,7 @@ def _judge(state, touching):
         state[LEARNS] = 3
     if not force_mN or force_mN < least_mN:
         return flags & MISFIT
-    # Drift shifts the misfit of every press alike. A touch gives this shift in its third reading
+    # Drift shifts the misfit of all presses equally. A touch gives this shift in its third reading
     # with at least four times the force at which touches begin; in fainter readings the noise
     # exceeds most shifts. The shift is used if the previous touch gave the same shift: two fingers
     # seldom touch together twice in a row.
@@ -358,8 +363,8 @@ def look_up(tables, place, at, state, columns):
     tables : sequence of int
         Array that contains the table.
     place : int
-        Index in `tables` at which the table begins: the number n of its knots, then the n knots
-        (arguments), then n values for each column.
+        Index in `tables` at which the table begins: the number n of its knots, then the n
+        ascending arguments of the knots, then n values for each column.
     at : int
         Argument at which to interpolate.
     state : sequence of int
@@ -466,8 +471,9 @@ _crc = array("H", bytes(4))
 def frame(head, payload, size, encoded):
     """Add header and CRC to a payload, and encode it with COBS; return the encoded length in bytes.
 
-    A length that is a multiple of 64 gets another delimiter: USB CDC stalls on exact multiples of
-    its packet, and the host skips an empty frame.
+    The delimiter of frames is a zero byte. An encoded frame must not fill its last USB packet of 64
+    bytes exactly, because USB CDC then stalls. Such a frame gets a second delimiter; the host skips
+    the empty frame between the two.
 
     Parameters
     ----------
@@ -478,7 +484,7 @@ def frame(head, payload, size, encoded):
     size : int
         Number of bytes of header and body.
     encoded : bytearray
-        Output: the encoded frame and its delimiter, a zero byte.
+        Output: the encoded frame and its delimiters.
     """
     payload[0] = head[KIND]
     for i in range(SEQUENCE, GAP):

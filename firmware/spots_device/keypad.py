@@ -1,7 +1,7 @@
 """Converts touches to key events: tap, double tap, hold, firm press, slide, swipe, layers.
 
-A gesture is decided as soon as it is unambiguous; a key with one action is pressed at once. The end
-of a touch releases the pressed action, even if the layer has changed since the press. Integers
+A gesture is decided as soon as it is unambiguous; a key with one action is pressed immediately. The
+end of a touch releases the pressed action, even if the layer has changed since the press. Integers
 only; allocates nothing. Times are in the ticks of contact.py (1.024 ms).
 """
 
@@ -39,7 +39,7 @@ class Keypad:
     ----------
     sink : object
         Receiver of the events. ``key(page, usage, modifiers, pressed)`` handles a key event.
-        ``stuck()`` is called when the touch has not moved for too long to be a finger.
+        ``stuck()`` is called when a touch has not moved for ``stuck_ms`` of the layout.
     """
 
     def __init__(self, sink):
@@ -73,8 +73,11 @@ class Keypad:
         self.contact.set_layout(layout, length_um, decay)
 
     def tick(self, t):
-        """Handle all deadlines up to the time `t` in ticks; must be called after every reading."""
-        # A time that is no longer used is dropped, because ticks wrap.
+        """Decide the gestures whose time limit is over at the time `t` in ticks.
+
+        Must be called after every reading.
+        """
+        # Old times are dropped, because ticks wrap.
         if self._tapped_at >= 0:
             self._age_tap(t)
         if self._state == _OPEN and self._wait_t and elapsed(self._began, t) >= self._wait_t:
@@ -177,7 +180,7 @@ class Keypad:
         self._state = _IDLE
 
     def next(self, x_um, t):
-        # The finger has just left; the next finger had already touched before.
+        # One finger has just lifted; the next finger was already touching before that.
         prefers_hold = self._layout.flavour == HOLD_PREFERRED and self._state == _OPEN
         if prefers_hold and self._row >= 0 and self._action(HOLD):
             self._press(self._action(HOLD))
@@ -194,7 +197,10 @@ class Keypad:
         self._give_back(held)
 
     def second(self, x_um, slack_um, t):
-        """Press the key under a second finger if the key is certain; return whether it was pressed.
+        """Press the key under a second finger, if it is certain; return whether it was pressed.
+
+        A key is certain if the whole range `x_um` +- `slack_um` is on it, if it has no action but
+        that of a tap, and if its layer has no swipes.
 
         Parameters
         ----------
@@ -249,7 +255,10 @@ class Keypad:
         pass
 
     def left(self, second, t):
-        """Release the key of a finger that has left: the second one, if `second` is true."""
+        """Release the key of a finger that has lifted: of the second finger if `second` is true.
+
+        After the first finger has lifted, the second finger becomes the first one.
+        """
         if second:
             self._release_second()
             return
@@ -270,10 +279,10 @@ class Keypad:
     def _find(self, x_um, again):
         """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
-        `again` is the row of the key that was tapped before, or -1. A quick second touch is less
-        accurate: it may be outside this key, by ``slack_um`` or a sixteenth of the key's width,
-        whichever is less. If it is then on a neighbouring key, it counts for the tapped key only
-        if the tapped key has a ``hold`` or ``double`` action.
+        `again` is the row of the key that was tapped just before, or -1. Quick second touches are
+        less accurate. So a touch slightly outside the tapped key still counts for this key: at most
+        ``slack_um`` or a sixteenth of the key's width outside, whichever is less. A touch on a
+        neighbouring key does so only if the tapped key has a ``hold`` or ``double`` action.
         """
         layout = self._layout
         keys = layout.keys

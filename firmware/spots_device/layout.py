@@ -1,18 +1,20 @@
 """A layout of keys as the board stores it: text lines with integers, validated before use.
 
-Each line is one statement. The statements of `LIMITS` are optional::
+Each line is one statement. The statements of `LIMITS`, such as ``detect``, are optional::
 
     detect 2                   number of consecutive readings that begin a press
     layer 0 0                  start of a layer: actions for a swipe to the sensor and away from it
     key 0 100 7340036 0 0 0 0 0
 
 The first two numbers of a key are its bounds in thousandths of the strip, from the sensor's end.
-Six actions follow: tap, double tap, hold, firm press, slide to the sensor, slide away from it. The
-action of a slide is repeated each time the finger has moved by ``slide_um``.
+Six actions follow: tap, double tap, hold, firm press, slide to the sensor, slide away from it. In
+the example, a tap presses the key A: 7 * 2**20 + 4. The action of a slide is repeated each time the
+finger has moved by ``slide_um``.
 
 An action is one integer. Bits 20 and higher are its kind. Kind 0 does nothing. Kinds 7 (keyboard)
 and 12 (consumer) are HID usage pages; then bits 12 to 19 are the modifiers and bits 0 to 11 the
-usage. For the kinds `MOMENTARY`, `TOGGLE` and `ONCE`, bits 0 to 11 are the number of a layer.
+usage. The kinds `MOMENTARY`, `TOGGLE` and `ONCE` switch a layer on: while the key is held, until
+the action is repeated, or for the next key. Then bits 0 to 11 are the number of the layer.
 
 The keys of a layer are in ascending order and do not overlap. A press between two keys has no
 action.
@@ -38,7 +40,7 @@ FULL = 1000  # bound at the far end of the strip
 LAYERS_MAX = 8
 KEYS_MAX = 128
 
-# Name of a statement: minimum, maximum, default.
+# Name of a statement: minimum, maximum, default. docs/keyboard.md explains the statements.
 LIMITS = {
     "detect": (1, 8, 2),
     "press_mN": (0, 65_535, 0),  # 0: the force at which a touch begins in the calibration
@@ -83,6 +85,9 @@ def action(kind, number, modifiers=0):
 class Layout:
     """A validated layout.
 
+    Each statement of `LIMITS` is an attribute. Durations are in ticks (see contact.py), and the
+    names of their attributes end in ``_t`` instead of ``_ms``.
+
     Parameters
     ----------
     lines : iterable of str
@@ -95,13 +100,11 @@ class Layout:
     pages : tuple of int
         HID usage pages of all actions.
 
-    Each statement of `LIMITS` is an attribute too. Durations are in ticks (see contact.py), and
-    their names end in ``_t`` instead of ``_ms``.
-
     Raises
     ------
     LayoutError
-        If a statement is unknown or out of range, or there is no key.
+        If a statement is unknown or out of range, if keys overlap, or if there are no keys or too
+        many keys or layers.
     """
 
     def __init__(self, lines):
@@ -152,7 +155,10 @@ class Layout:
                 setattr(self, name, value)
 
     def first(self, layer):
-        """Return the row of a layer's first key; if ``layer == layers``, the length of `keys`."""
+        """Return the row (index in `keys`) of a layer's first key.
+
+        If ``layer == layers``, return the length of `keys`.
+        """
         return self._firsts[layer]
 
     def is_on(self, layer, row):

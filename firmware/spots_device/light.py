@@ -4,14 +4,17 @@ from . import exposure
 from .decode import DARK_SAMPLES
 from .smux import CHANNELS
 
-# The strip's LED is switched by the sensor's driver, by a pin of the board, or not at all.
+# Values of the setting ``led``. The strip's LED is switched by the sensor's LED driver (ldr), by a
+# pin of the board (gpio), or not at all (always).
 LEDS = ("ldr", "gpio", "always")
 NO_DARK = "this LED is always on, and no dark frame is stored for these settings: run spots dark"
 _DARK_MAX = (exposure.GAIN_MAX, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAMPLES,)
 
 
 def settle(changes, values, board):
-    """Validate ``led`` and ``dark`` in a change of settings; add the changes that these require.
+    """Validate new values of ``led`` and ``dark``, and adapt settings that depend on others.
+
+    A new LED changes ``led_mA``. A new LED or channel plan removes the stored dark frame.
 
     Parameters
     ----------

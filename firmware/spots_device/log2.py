@@ -15,7 +15,7 @@ LIMIT = 1 << 24
 
 _STEPS_LOG2 = 9
 _STEPS = 1 << _STEPS_LOG2
-GUARD = 4  # the table holds Q24
+GUARD = 4  # additional fraction bits of the table, whose values are in Q24
 
 
 def _table():

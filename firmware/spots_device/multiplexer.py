@@ -1,12 +1,15 @@
-"""A sensor behind an I2C multiplexer TCA9548A. Only boards with ``MUX_CHANNEL`` get this module."""
+"""A sensor behind an I2C multiplexer TCA9548A.
+
+Only boards with ``MUX_CHANNEL`` in their configuration get this module.
+"""
 
 from micropython import const
 
-MULTIPLEXER = const(0x70)  # I2C address; each bit of the chip's register switches a channel on
+MULTIPLEXER = const(0x70)  # I2C address; bit n of the chip's only register switches channel n on
 
 
 def connect(sensor, channel):
-    """Make a sensor, which is not started yet, use a channel of the multiplexer.
+    """Connect a sensor, which is not started yet, through a channel of the multiplexer.
 
     Parameters
     ----------
@@ -15,7 +18,7 @@ def connect(sensor, channel):
     channel : int
         Its channel, 0 to 7.
     """
-    if sensor._bus is None:  # CircuitPython, where each start may open the bus
+    if sensor._bus is None:  # CircuitPython: the sensor opens its bus later, at its start
         from .runtime.multiplexer_circuitpython import I2CChannel
 
         sensor.open_i2c = I2CChannel(channel).open

@@ -1,32 +1,33 @@
 """Schedules the polls of the sensor, so that each poll finds one new sample.
 
-The chip has its own oscillator, which deviates from the board's clock by some per cent. A poll asks
-the sensor for a new sample. A poll that is too early and the next poll, which finds the sample,
-bracket the end of the sample. Two brackets, n samples apart, give a lower bound of the sample
-period. Each poll is scheduled slightly earlier than this bound predicts: no poll is late, and about
-one in twenty is early. Integers only; allocates nothing.
+The chip has its own oscillator, which deviates from the board's clock by a few per cent. A poll
+asks the sensor for a new sample. A poll that is too early and the next poll, which finds the
+sample, bracket the end of the sample. Two brackets, n samples apart, give a lower bound of the
+sample period. Each poll is scheduled slightly earlier than this bound predicts. So the scheduled
+times do not fall behind the samples, and about one poll in twenty is early. Integers only;
+allocates nothing.
 
-A loop that is slower than the sensor never polls early, so it has no brackets. The sample that it
-finds ended within the last period; the sample is used with this uncertainty of its time. Missed
-samples are counted with the last measured period of the chip, scaled to the exposure.
+A loop that is slower than the sensor never polls early, so it has no brackets. When it finds a
+sample, the sample may have ended up to one period before; this is the uncertainty of its time.
+Without a FIFO, a slow loop misses samples. They are counted with the last measured period of the
+chip, scaled to the exposure. Samples in the chip's FIFO are not lost while the loop stalls.
 
-Samples in the chip's FIFO are not lost while the loop stalls.
-
-The times of the samples are not those of the polls, which may be late. They come from an estimate
-of the chip's phase and period that counts every sample. A poll that finds one sample gives an
-upper limit of the sample's end; an early poll gives a lower limit. Between two early polls, the
-polls approach the end in small steps, so these limits soon differ by only one step. The error is
-half a step.
+The loop may run a poll later than scheduled, so the times of polls are not the times of samples.
+The times of samples are computed from the number of samples, and from estimates of the chip's
+phase and period. A poll that finds one sample gives an upper limit of the sample's end; an early
+poll gives a lower limit. Between two early polls, the polls approach the end in small steps, so
+these limits soon differ by only one step. The error is half a step.
 """
 
 from micropython import const
 
 _RETRY_US = const(200)
 _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are possible
-# The first sample without a narrow bracket is dropped, the next such sample is used. If the period
-# is at most this long, the first is used too: the error of its time is small, and the loop is slow.
+# Of successive samples without a narrow bracket, the first one is dropped, and the next ones are
+# used. If the period is at most this long, the first one is used too: the error of its time is
+# small.
 _SHORT_US = const(6_000)
-_LEARN_US = const(200_000)  # after this time the bound is accurate to 0.1 %
+_LEARN_US = const(200_000)  # after this time the lower bound of the period is accurate to 0.1 %
 _Q = const(20)  # fine enough: the rounding error is less than a step of any exposure
 _TRUST = const(16)  # the oscillator may be fast by 1/16
 _FRESH = const(64)  # samples after which a bound may replace a higher one
@@ -34,14 +35,15 @@ _FRESH = const(64)  # samples after which a bound may replace a higher one
 # to follow temperature.
 _SHARE = const(11)
 LONG_US = const(60_000_000)
-# Samples after which the bound gets a new reference, to follow temperature; with samples of 1 s,
-# ticks must not wrap.
+# Samples after which the bound gets a new reference, to follow temperature. With samples of 1 s,
+# the time since the reference must also be below 2**28 us, because older ticks compare wrongly.
 _RENEW = const(224)
-# The chip latches what a poll reads this long after its beginning: START and 3 bytes at 400 kHz.
+# Time from the beginning of a poll until the chip latches the data that the poll reads: START and
+# 3 bytes at 400 kHz.
 LATCH_US = const(75)
 BRIEF_US = const(1_000)  # in a longer poll, the loop has stalled before the chip was read
 _SURE = const(16)  # samples after which the fit is more accurate than the times of the polls
-_FIT = const(300)  # samples of the fit, which follows temperature
+_FIT = const(300)  # largest weight of the fit, in samples, so that it follows temperature
 
 
 class Pacing:
@@ -57,11 +59,11 @@ class Pacing:
     due : int
         Time of the next poll in ticks.
     exposure_us, period_us : int
-        Nominal period, and lower bound of the measured period, in us.
+        Nominal sample period (the exposure), and lower bound of the measured period, in us.
     missed : int
         Number of samples that were not read, or whose time is unknown.
     slack_us : int
-        Uncertainty: the last sample ended at its estimated time, or up to this time earlier.
+        Uncertainty in us: the last sample ended at most this long before its estimated end.
     sampled, lasted_us, longest_us : int
         Measurement of the period: number of samples, and lower and upper limit of their total
         duration in us of the board's clock. `sampled` is 0 before the first measurement.
@@ -75,9 +77,9 @@ class Pacing:
         self.start(0, 0)
 
     def start(self, now, period_us):
-        """Restart; the first sample begins at `now` (ticks) and `period_us` is the nominal period.
+        """Restart the tracking. Allocates.
 
-        Allocates.
+        The first sample begins at `now` (ticks); `period_us` is the nominal sample period.
         """
         self.exposure_us = period_us
         # Best estimate of the period; `period_us` is a lower bound.
@@ -103,10 +105,13 @@ class Pacing:
         return ((period_us << _Q) + (rate >> 1)) // rate
 
     def learn(self):
-        """Update the oscillator's deviation, which is the same for all exposures. Allocates.
+        """Update the stored deviation of the chip's oscillator from nominal. Allocates.
+
+        The relative deviation is equal for all exposures.
 
         Call it before `start`. A measurement since the last `start` replaces the stored deviation
-        if the two disagree. If neither exists, 0.2 s of samples give a first rough value.
+        if the two disagree. If there is neither a measurement nor a stored deviation, the lower
+        bound of the period is used, after 0.2 s of samples: it is then accurate to 0.1 %.
         """
         if self.sampled:
             expected_us = self.sampled * self.exposure_us
@@ -217,7 +222,7 @@ class Pacing:
         self.slack_us = self._diff(now, self._early)
         self._doubted = False
         if not self._locked:
-            # The sample ended slightly before this poll: round.
+            # The sample ended slightly before this poll: half a period is added, to round.
             self._count(self._add(now, self._chip_us >> 1), 1)
             self._lock(now)
         if self._samples > 0:
@@ -252,7 +257,7 @@ class Pacing:
             self._fitted = 0
             self._exact += (shift_us << 8) // since
         elif self._fitted:
-            # The gains of a fit of a line to the `fitted` samples.
+            # The gains of a recursive fit of a line to the ends of the last `fitted` samples.
             self._fitted = fitted = min(self._fitted + since, _FIT)
             divisor = (fitted + since) * (fitted + 2 * since)
             self._exact += (shift_us * 6 * since << 8) // divisor
@@ -275,7 +280,7 @@ class Pacing:
             self.longest_us = high_us
 
     def _set_period(self, period_us):
-        # Period; from it: time from a sample to the next poll, and the longest delay of a poll.
+        # Set the period, the time from a sample to the next poll, and the longest delay of a poll.
         self.period_us = period_us
         self._step_us = period_us - self._creep
         self._late_us = period_us - (period_us >> 2)
@@ -311,9 +316,9 @@ class Pacing:
         return before if used else None
 
     def _count(self, now, read):
-        """Count samples up to `now` (ticks), at least 1; add the unread samples to `missed`.
+        """Count the samples since the last counted one, up to `now` (ticks); update `missed`.
 
-        `read` is the number of these samples that were read: 0 or 1.
+        The count is at least 1. `read` of these samples (0 or 1) were read; the others are missed.
         """
         if self._locked:
             self._last = self._add(self.due, self._creep - self.period_us)
@@ -322,7 +327,7 @@ class Pacing:
         self._counted = True
         period_us = self._chip_us
         ended = max(1, self._diff(now, self._last) // period_us)
-        # The remainder is kept for the next count, because loop and chip are not synchronous.
+        # The remainder counts in the next call, because loop and chip are not synchronous.
         self._last = self._add(self._last, ended * period_us)
         if self._diff(self._last, now) > period_us:
             self._last = now

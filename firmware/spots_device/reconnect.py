@@ -1,4 +1,4 @@
-"""Reconnects a sensor that does not answer: repeats the start, and reports the fault once."""
+"""Reconnects a sensor that does not answer: repeats its start, and reports the fault one time."""
 
 import gc
 
@@ -30,9 +30,10 @@ class Reconnect:
     lost : bool
         True while the sensor does not answer.
     fault : str or None
-        Sentence about the last fault; None if a sample has come after the fault.
+        Sentence about the last fault. None before the first fault, and after the sensor has given
+        a sample again.
     faults : int
-        Number of faults so far.
+        Number of faults since the start of the firmware.
     """
 
     def __init__(self, strip, clock, replies, on_found, on_lost):
@@ -46,9 +47,9 @@ class Reconnect:
         self.faults = 0
 
     def search(self):
-        """Try to start the sensor once; takes 0.1 s if it does not answer."""
-        # A pause costs no sample now. Garbage of earlier attempts would slow down the loop until
-        # the next command.
+        """Try to start the sensor one time; takes 0.1 s if it does not answer."""
+        # While the sensor is lost, a pause for garbage collection costs no sample. Without the
+        # collection, garbage of earlier attempts would slow down the loop until the next command.
         gc.collect()
         try:
             self._strip.start()
@@ -80,7 +81,7 @@ class Reconnect:
         known, self.fault = self.fault, str(error)
         if isinstance(error, OSError):
             self.fault = "the I2C bus failed (%s): check the wiring" % error
-        if not known:  # report a fault only once
+        if not known:  # further failed attempts are the same fault, and are not reported
             self.faults += 1
             self._replies.log("error", self.fault)
 

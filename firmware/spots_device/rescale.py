@@ -2,8 +2,8 @@
 
 Another exposure shifts the logarithms of all six counts of a reading by the same value. So
 positions do not change, and the brightness at each force is shifted by this value. A shorter
-exposure gives fewer counts and more relative noise. A touch then begins at a higher force, with as
-many counts as at the calibration's exposure.
+exposure gives fewer counts and more relative noise. So the forces at which a touch begins and ends
+are raised until they give as many counts as at the calibration's exposure.
 """
 
 from .log2 import log2_q20

@@ -14,13 +14,14 @@ from .exposure import (
     actual_mA,
 )
 
-# Target band of the brightest channel, in 1/1024 of full scale: 60 % to 90 %. The lowest LED
-# current grows by half in its first step, so the band must not be narrower than a factor of 1.5.
+# Target band of the brightest channel, in 1/1024 of full scale: 60 % to 90 %. The first step of the
+# LED current, from 4 to 6 mA, is a factor of 1.5, so the band must not be narrower than this.
 _FULL = 1024
 _LOW = 615
 _AIM = 768
 _HIGH = 921
-# Below this level, one step of the gain (a factor of at most 2.05) does not exceed the band.
+# Below this level, a step of the gain to the next code (a factor of at most 2.05) does not exceed
+# the band.
 _STEP_FROM = 440
 
 
@@ -28,8 +29,8 @@ class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
     The search changes the gain first (factors of 2), then the LED current. If both are at their
-    maximum, it sets a longer exposure of at least 182 ms, because above 182 ms full scale does not
-    grow with the exposure.
+    maximum, it sets a longer exposure of at least 182 ms. A shorter one would not help: below
+    182 ms, full scale grows with the exposure as the counts do.
 
     Parameters
     ----------
@@ -40,8 +41,9 @@ class Search:
     exposure_us : int
         Exposure at the start, in us.
     led_max_mA : int
-        Largest LED current in mA; 0 if the current cannot be set. The search then changes only
-        gain, in coarse steps, and exposure; it ends at 43-90 % of full scale.
+        Largest LED current in mA; 0 if the current cannot be set. With 0 the search changes only
+        gain and exposure. The steps of the gain are coarse, so the search then ends at 43-90 % of
+        full scale.
     """
 
     def __init__(self, gain, led_mA, exposure_us, led_max_mA):
@@ -87,7 +89,7 @@ class Search:
             wanted_mA = actual_mA(self.led_mA * _AIM // level)
             self.led_mA = min(self._led_max_mA, max(self.led_mA + 2, wanted_mA))
         elif self.gain < GAIN_MAX:
-            self.gain += 1  # one step too bright; a lower LED current compensates it
+            self.gain += 1  # this is too bright, so the LED current is reduced
             self.led_mA = actual_mA(self.led_mA * _AIM // (2 * level))
         elif self.exposure_us < MAX_US:
             self.exposure_us = min(MAX_US, max(self.exposure_us, 182_000) * _AIM // level)

@@ -1,15 +1,16 @@
-"""Estimates the second of two fingers from two readings; checks whether the first one can rest.
+"""Estimates the second of two fingers from two readings; checks whether the first one rests.
 
 A finger rests if neither its position nor its force changes.
 
-The light of both fingers, l = l1 + l2, appears to come from one position between the fingers. Let d
-be the distance between the fingers. This position has the distance f d from the first finger, with
-0 < f < 1, and the brightness (here a natural logarithm) is slightly less than ln(l):
+Let l1 and l2 be the light of the two fingers, and d the distance between them. A reading measures
+the light of both, l = l1 + l2. Its position lies between the fingers, at the distance f d from the
+first finger, with 0 < f < 1. Its brightness (here a natural logarithm) is slightly less than ln(l):
 
     f / (1 - f) = l2 / l1 * exp(-k d)        ln(l) - brightness = 0.39 f (1 - f) (k d)**2
 
-k is the decay at wavelengths that the dye absorbs. Both equations hold within 0.01 on strips of 30
-to 85 mm. A reading gives two values, position and brightness, for the two unknowns l2 and d. No
+k is the decay at wavelengths that the dye absorbs. On strips of 30 to 85 mm, the errors of
+f and of ln(l) are below 0.01. l1 is known from a reading of the first finger alone. A reading of
+both gives two values, position and brightness, for the two unknowns l2 and d. No
 value remains to check that the first finger rests, so several readings must agree. All integers fit
 31 bits; allocates nothing.
 
@@ -41,20 +42,20 @@ from .contact_state import (
 from .locate import FAR_LOG2, power
 from .log2 import log2_q20
 
-_ROOM_UM = const(300)
-_STEP_UM = const(2000)
+_ROOM_UM = const(300)  # least distance of a reading's position from each finger
+_STEP_UM = const(2000)  # change of the distance, with which `weigh` measures the uncertainty
 
 
 def _part(decay, off_um, brightness, away_um):
-    """Return the light of the first of two fingers in a reading, in counts times 16.
+    """Return the light of the first of two fingers in a reading, in sixteenths of a count.
 
-    `decay` is as in `locate`; `brightness` is that of the reading, in Q20 of log2.
+    `decay` is as in `locate.locate`; `brightness` is that of the reading, in Q20 of log2.
 
     `off_um` is the distance from the first finger to the position of the reading, `away_um` the
     distance from the first finger to the second finger.
     """
     # At most 11 words in the call frame, see strip.py. `weigh` calls this function 20 times, and on
-    # a board each call of `min` or `max` takes a tenth of it.
+    # a board a call of `min` or `max` takes a tenth of the time of this function.
     share = (off_um << 10) // away_um
     decay *= away_um
     lost = decay >> 14

@@ -48,15 +48,16 @@ class BoardSettings:
     ----------
     board : object
         Module board_config, or an object with ``LED_MAX_MA``, the maximum current of the board's
-        LED in mA (int). Optional attributes: ``STRIP_LED``, one of `light.LEDS`, and
-        ``STRIP_LED_PIN``, which the setting ``led=gpio`` needs.
+        LED in mA (int). Optional attributes: ``STRIP_LED``, the default of the setting ``led``
+        (one of `light.LEDS`), and ``STRIP_LED_PIN``, the pin that ``led=gpio`` needs.
 
     Attributes
     ----------
     values : dict
         Values by name: an int for each name in `LIMITS`; ``plan``, a tuple of the names of six
-        diodes; ``led``, one of `light.LEDS`; ``dark``, the stored dark frame if the LED is always
-        on: gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples; else empty.
+        diodes; ``led``, one of `light.LEDS`; ``dark``, a list: the stored dark frame of an LED that
+        is always on (gain, exposure in us, and six sums over `decode.DARK_SAMPLES` samples), or
+        empty.
     """
 
     def __init__(self, board):
@@ -115,14 +116,14 @@ class BoardSettings:
         if "led_mA" in checked:
             checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
         if self.values["led"] != "ldr" or "led" in checked or "dark" in checked:
-            from .light import settle  # rare
+            from .light import settle  # most strips do not need it
 
             settle(checked, self.values, self._board)
         self.values.update(checked)
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
 
     def reply(self):
-        """Return the settings as a dict for a reply; ``plan`` is a list."""
+        """Return the settings except ``dark`` as a dict for a reply; ``plan`` is a list."""
         reply = dict(self.values)
         reply["plan"] = list(reply["plan"])
         del reply["dark"]  # the reply to ``get`` contains these sums

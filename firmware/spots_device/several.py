@@ -1,7 +1,8 @@
 """Runs a board with several strips: one loop samples all strips.
 
-Only a board whose board.toml has ``SENSORS`` gets this module. Sensor 0 has the files of a board
-with one strip. Each strip has its own settings, calibration, dark frame, layout and commands.
+Only a board whose configuration has ``SENSORS`` gets this module. Each strip has its own settings,
+calibration, dark frame, layout and commands. The files of strip 0 have the same names as on a board
+with one strip.
 
 The start of a sensor takes 25 ms. During this time, the samples of the other strips wait in the
 FIFOs of their chips. They are processed after the start, not during the start: within a command
@@ -20,15 +21,17 @@ from .uses import INTERFACES
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
-# Priority of a strip whose sample times are unknown, as if it were late by this time.
+# The loop polls the strip with the earliest deadline next. To give a strip priority, the following
+# times are subtracted from its deadline.
+# For a strip whose sample times are unknown.
 _UNKNOWN_US = const(2_500)
-# Priority of a strip whose next poll bisects (see aligned.py) and so must be on time: 128 times the
-# error of its sample times, but for each other strip at most this value, the time to process a
-# sample.
+# For a strip whose next poll bisects (see aligned.py), so that it must be on time: 128 times the
+# error of its sample times, at most this value times the number of other strips. The value is the
+# time to process a sample.
 _AHEAD_US = const(2_500)
-# Further priority of a strip with unknown sample times after a poll that was too early, and still
-# more if the last poll of the loop was of this strip. Otherwise two such strips would be polled in
-# turn, and the polls of each would be too far apart.
+# For a strip with unknown sample times after a poll that was too early; the second value only if
+# the last poll of the loop was of this strip. Without it, two such strips would be polled in turn,
+# and the polls of each strip would be too far apart.
 _PUNCTUAL_US = const(500)
 _STAYS_US = const(4_000)
 _PREFIX = "sensor="
@@ -37,7 +40,7 @@ _FOR_ALL = ("save", "reboot")  # commands that concern all strips
 
 
 class StripFramer(Framer):
-    """Sends the frames of one strip, and counts those that were dropped.
+    """Sends the frames of one strip, and counts the dropped frames of this strip.
 
     Parameters
     ----------
@@ -82,8 +85,8 @@ class StripApp(BoardApp):
         return len(self.main.parts)
 
     def _attach(self, open_sensor, board, usb):
-        gc.collect()  # so that what each strip keeps does not lie between garbage
-        self._again = None  # ticks of the next start of a lost sensor; None: at once
+        gc.collect()  # so that the objects of each strip do not lie between garbage
+        self._again = None  # ticks of the next start of a lost sensor; None: start it immediately
         config = type("Config", (), self._board.SENSORS[self.index])
         self.framer = StripFramer(self.framer)
         sensor = open_sensor(config, self._clock)
@@ -101,10 +104,10 @@ class StripApp(BoardApp):
         self.replies.log = self._log
 
     def search(self, now):
-        """Try to start a lost sensor if the next try is due at the time `now` (ticks).
+        """Try to start a lost sensor, at most every 0.1 s; `now` is the time in ticks.
 
-        `reconnect.Reconnect.search` cannot be used here: it waits for 0.1 s and collects garbage,
-        but the other strips must be sampled meanwhile.
+        `reconnect.Reconnect.search` cannot be used here. It waits for 0.1 s and collects garbage,
+        and the loop must sample the other strips during this time.
         """
         if self._again is not None and self._clock.ticks_diff(now, self._again) < 0:
             return
@@ -200,7 +203,7 @@ class SeveralApp(StripApp):
         self._open_usb(usb)
 
     def _open_usb(self, usb):
-        # One USB interface of a kind, if any strip needs it, is the output of all strips.
+        # All strips share the USB interfaces. An interface is opened if any strip needs it.
         uses = self.uses
         wanted = set()
         for part in self.parts:
@@ -222,8 +225,8 @@ class SeveralApp(StripApp):
     def handle(self, line):
         """Execute a command for strip N if `line` ends with ``sensor=N``, else for strip 0.
 
-        All lines of an upload belong to the sensor of its first line. The result is that of
-        `command.Commands.handle`.
+        All lines of an upload are for the strip of its first line; ``save`` and ``reboot`` are for
+        all strips. The result is that of `command.Commands.handle`.
         """
         words = line.split()
         index, name = 0, words[0] if words else ""

@@ -1,11 +1,11 @@
 """Compensates hysteresis and creep of the silicone, which change the light at a given force.
 
 Hysteresis is a weighted sum of play operators (Prandtl-Ishlinskii). Only its difference from a
-first load is subtracted, because the force table was measured with first loads. Creep follows the
-force with several time constants; a share of the creep is subtracted. The play operators restart
-when the finger lifts or moves to another position. Creep restarts only when another position is
-pressed; after a lift it decays with its time constants. All integers fit 31 bits; `take` allocates
-nothing.
+first load (a force that has only grown since the finger touched) is subtracted, because the force
+table was measured with first loads. Creep follows the force with several time constants; a share of
+the creep is subtracted. The play operators restart when the finger lifts or moves to another
+position. Creep restarts only when another position is pressed; after a lift it decays with its time
+constants. All integers fit 31 bits; `take` allocates nothing.
 """
 
 from array import array
@@ -25,20 +25,22 @@ _WEIGHTS_MAX = const((1 << 14) - 1)  # limit of the sum of weights, so that 65 N
 _APART_UM = const(8000)
 _SURE_MN = const(400)
 _TIME_MASK = const((1 << 22) - 1)  # ticks as in contact.py
-# Creep is computed at intervals in which its rounded steps are still small, and at most this long.
+# Creep is updated when at least `_LEAST_T` ticks have passed, in steps of at most `_STEP_T` ticks,
+# so that products fit 31 bits. A longer time than `_LONGEST_T` counts as `_LONGEST_T`.
 _LEAST_T = const(16)
 _STEP_T = const(256)
 _LONGEST_T = const(1 << 14)
 
 
 class Compensation:
-    """State of the silicone under one finger.
+    """Corrects the force of one finger for hysteresis and creep of the silicone.
 
     Parameters
     ----------
     values : sequence of int, length 13
-        Gain (Q12); half widths of three play operators in mN, their three weights (Q12); time
-        constants of three parts of the creep in ms, their three shares of the force (Q12).
+        Factor of the force (Q12); half widths of three play operators in mN, their three weights
+        (Q12); time constants of three parts of the creep in ms, their three shares of the force
+        (Q12).
 
     Raises
     ------
@@ -67,7 +69,7 @@ class Compensation:
         reading : array of int
             The reading, as in `decode.Decode.state`; its force is corrected in place.
         t : int
-            Time in ticks.
+            Time in ticks of 1.024 ms, see `contact.TICK_US`.
         """
         values = self._values
         state = self._state

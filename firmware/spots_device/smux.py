@@ -1,9 +1,11 @@
 """The SMUX map: connects photodiodes to the six ADCs.
 
-Source: ams AN000666, table of pixels. Each pixel p is a nibble of byte p >> 1: the high nibble if p
-is odd, else the low nibble. The value of the nibble is 0 (off) or the number of the ADC + 1.
+Source: ams AN000666, table of pixels. A photodiode consists of one or two pixels. Pixel number p
+has one nibble of byte p >> 1: the high nibble if p is odd, else the low nibble. The value of the
+nibble is 0 (not connected) or the number of the ADC + 1.
 """
 
+# Name of a diode: its pixels.
 PIXELS = {
     "F1": (2, 32),
     "F2": (10, 25),
@@ -35,7 +37,7 @@ def smux_map(plan):
     Raises
     ------
     ValueError
-        If the plan is not six different known diodes.
+        If the plan is not six different names in `PIXELS`.
     """
     if len(plan) != CHANNELS or len(set(plan)) != CHANNELS:
         raise ValueError("a channel plan needs six different diodes")

@@ -46,7 +46,7 @@ from .smux import CHANNELS
 _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
 _BLINKING = const(2)  # LED off, dark samples are taken
-_RISING = const(3)  # LED on again, waits for a completely lit sample
+_RISING = const(3)  # LED on again, waits for a sample with the LED on all the time
 
 
 class Strip:
@@ -76,12 +76,11 @@ class Strip:
     conditions : calibration.Conditions or None
         Board and settings of the readings; None before the first start.
     lit_flags : int
-        Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 while an LED that is
-        always on has no dark frame.
+        Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 if no dark frame is
+        subtracted, because the LED is always on and no dark frame is stored.
     baseline : dark.Baseline
         Tracks the light without a touch. Its `floor` (dark frame plus baseline, one sum of counts
-        per channel) is subtracted from each reading. `Decode.scale` sets how many samples each sum
-        has.
+        per channel) is subtracted from each reading.
     """
 
     def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
@@ -121,7 +120,10 @@ class Strip:
         self._reading[STREAMED] = self._kind if on else 0
 
     def start(self):
-        """Start the sensor with the present settings; the first samples are a dark frame.
+        """Start the sensor with the present settings; begin with a dark frame if possible.
+
+        It is not possible if the LED is always on. Then a dark frame stored for these settings is
+        used, if there is one.
 
         Raises
         ------
@@ -173,7 +175,7 @@ class Strip:
         self._choose()
 
     def streams(self):
-        """Return which of ``contact``, ``spectrum`` and ``touch`` are streamed now."""
+        """Return the kinds of frames that are streamed now, as list of str; see `stream`."""
         names = []
         if self._uses.streams_contacts:
             names.append("contact")
@@ -189,7 +191,7 @@ class Strip:
         Returns
         -------
         str or None
-            Note for the user.
+            Sentence that says why there will be no CONTACT frames. None if there is no such reason.
         """
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
@@ -201,7 +203,10 @@ class Strip:
         self._on_dark = done
 
     def request_search(self, done):
-        """Search for gain, LED current and exposure; then call ``done(outcome)``."""
+        """Search for gain, LED current and exposure; then call ``done(outcome)``.
+
+        The outcome is `exposure.DONE`, `TOO_DARK` or `TOO_BRIGHT`.
+        """
         from .search import Search  # rare, and large
 
         s = self.settings.values
@@ -298,7 +303,7 @@ class Strip:
             self._end_blink(sensor)
 
     def _stamp(self, sensor):
-        # In `_take_any`, these lines would make its frame larger than 11 words.
+        # A method of its own, because `_take_any` would need more than 11 words with these lines.
         self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
         self._time.last = sensor.complete
 
@@ -402,7 +407,7 @@ class Strip:
         sensor.switch_led(True)
         sensor.check()
         self._state = _RISING
-        if self._on_dark and not self._reading[WANTED]:  # a newer request needs a new frame
+        if self._on_dark and not self._reading[WANTED]:  # else a newer request needs a new frame
             if not self._reading[AGE_STEP_US]:
                 frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
                 self.settings.values["dark"] = frame

@@ -1,7 +1,7 @@
-"""Turns readings into key events, contacts and gamepad reports; each of them can be switched off.
+"""Turns readings into key events, contacts and gamepad reports, as far as these are switched on.
 
-A board without USB HID sends keys as frames only. Modules of disabled functions are not imported,
-which saves memory.
+A contact is a finger on the strip. A board without USB HID sends keys as frames only. Modules of
+functions that are switched off are not imported, which saves memory.
 """
 
 from .contact_state import STATE, TWO
@@ -46,7 +46,8 @@ class Uses:
     two : bool
         Whether two fingers may have caused the last reading.
     rests : bool
-        Whether the touch has not moved for so long that it cannot be a finger.
+        Whether the touch has not moved for the layout's ``stuck_ms``: it is then treated as an
+        object, not as a finger.
     outputs : tuple
         Opened USB interfaces.
     fault : str or None
@@ -68,7 +69,7 @@ class Uses:
         self._tracker = self._fingers = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name
-        self.outputs = ()  # the same as a tuple: iterating over it allocates nothing
+        self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
         self._keys_on = self._gamepad_on = self.active = False
         self.layout_lines = layout_lines
         self._open(self._wanted())
@@ -215,7 +216,7 @@ class Uses:
             self._consumer.key(usage, pressed)
 
     def stuck(self):
-        """Record that the present touch is not a finger."""
+        """Record that the present touch is no finger, because it has not moved for long."""
         self.rests = True
 
     def pump(self):
@@ -226,7 +227,7 @@ class Uses:
         return idle
 
     def release(self):
-        """Release all keys, contacts and the gamepad; ignore the finger until it lifts."""
+        """Release all keys and the gamepad, end all contacts; ignore the finger until it lifts."""
         if self._fingers is not None:
             self._fingers.release()
         if self._keypad is not None:
@@ -235,7 +236,7 @@ class Uses:
             output.release()
 
     def finish(self, clock, until):
-        """Release all keys and gamepad buttons; wait until the host has read these releases.
+        """Release all keys and gamepad buttons; wait until USB has accepted these reports.
 
         Parameters
         ----------
@@ -256,7 +257,7 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Select the touch tracker for the readings: the keypad's, the contacts', or None."""
+        """Select the touch tracker: that of the keypad, that of the CONTACT frames, or None."""
         keypad = self._keypad if self._keys_on else None
         tracker = None
         if keypad:

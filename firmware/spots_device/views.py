@@ -1,4 +1,4 @@
-"""Calibrations and readings with names, for the host; boards do not have this module."""
+"""Access by name to the parts of a calibration and of a reading; only on the host."""
 
 from array import array
 
@@ -25,10 +25,11 @@ class Segment:
     Attributes
     ----------
     position, force : memoryview of int
-        Six weights each, Q13.
+        Six weights for the position contrast, and six for the brightness, Q13.
     contrasts, positions_um, fits, offsets : memoryview of int
         Columns of the table of knots (points between which the board interpolates): contrast,
-        position, misfit of one press, and correction that is subtracted from the brightness.
+        position, expected misfit of a single press, and correction that is subtracted from the
+        brightness.
     """
 
     def __init__(self, tables, place):
@@ -47,7 +48,7 @@ def view(calibration, name):
         Calibration whose `tables` are viewed.
     name : str
         ``coarse`` or ``fit``, six weights each; ``bounds``, the contrasts at which segments begin;
-        or ``segments``.
+        or ``segments``, a tuple of `Segment`.
     """
     if name not in ("coarse", "fit", "bounds", "segments"):
         raise AttributeError(name)
@@ -63,7 +64,7 @@ def view(calibration, name):
 
 
 class Decoded(Decode):
-    """Decodes readings; the fields of the latest reading are attributes.
+    """Computes position and force from counts; the results of the latest reading are attributes.
 
     Attributes
     ----------
@@ -91,7 +92,8 @@ class Decoded(Decode):
         samples : int
             Samples in the reading, 1 to `AVERAGE_MAX`.
         dark : sequence of int
-            Six sums over as many dark samples as `scale` has set; zeros without a dark frame.
+            Six sums of dark counts, over the number of samples that `scale` has set; zeros without
+            a dark frame.
         flags : int
             Flag bits that apply to `sums`: `SATURATED`, `DARK_SUBTRACTED`, `LED_OFF`.
         """
@@ -115,7 +117,7 @@ class Decoded(Decode):
 
 
 class TouchFramer(Framer):
-    """A framer that sends TOUCH frames without a strip."""
+    """A framer that sends readings as TOUCH frames, without a `strip.Strip`."""
 
     def touch(self, sensor, state):
         """Send the reading in `state` as a TOUCH frame; return whether it was sent."""

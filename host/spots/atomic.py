@@ -1,8 +1,10 @@
-"""Atomic writes of files and folders: a reader sees the old content or the new, never a part.
+"""Atomic writes of files: a reader sees the old content or the new content, never a part.
 
-A file or folder is written under a random name in the same folder, and renamed when it is complete.
-The random name is created exclusively, so no link is followed. If the process is killed, the
-temporary file remains; a write in the same folder at least an hour later removes it.
+A file is written under a random name in the same folder, and renamed when it is complete. The
+random name is created exclusively, so no link is followed. `folder` makes a staging directory: a
+caller completes a new folder in it, then moves the new folder to its final path. If the process is
+killed, temporary files and directories remain. A write in the same folder at least an hour later
+removes them.
 """
 
 import errno
@@ -28,7 +30,7 @@ _STALE_S = 3600.0
 
 @contextmanager
 def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options) -> Iterator[IO]:
-    """Create or replace a file atomically: `path` changes when the block ends without exception.
+    """Create or replace a file atomically, when a ``with`` block ends without an exception.
 
     A symbolic link with this name is replaced and not followed. The permissions of a replaced file
     are kept.
@@ -105,6 +107,8 @@ def sync(file: IO) -> None:
 def folder(parent: Path) -> Iterator[Path]:
     """Make a staging directory in the folder `parent`, and remove the directory on exit.
 
+    A caller completes a new folder in this directory, then moves the new folder to its final path.
+
     Raises
     ------
     OSError
@@ -155,7 +159,7 @@ def _place_new(part: Path, path: Path) -> None:
 def _replaced_mode(path: Path, new: bool) -> int | None:
     """Return the permissions of the file at `path`, or None if there is no file.
 
-    If `new` is true, an existing file is an error.
+    If `new` is true, an existing file is an error. So is a folder, a pipe or a device at `path`.
     """
     if new and os.path.lexists(path):
         raise exists(path)
@@ -171,14 +175,15 @@ def _replaced_mode(path: Path, new: bool) -> int | None:
 
 
 def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], None]) -> None:
-    """Remove temporary files or folders that killed processes left, if they are an hour old.
+    """Remove temporary files or folders that killed processes left more than an hour ago.
 
     Parameters
     ----------
     parent : Path
         Folder to search.
     is_kind : callable
-        ``is_kind(entry, follow_symlinks=False)`` tests whether to remove an `os.DirEntry`.
+        ``is_kind(entry, follow_symlinks=False)`` tests whether an `os.DirEntry` is a file, or is
+        a folder.
     remove : callable
         ``remove(path)`` removes a file or a folder.
     """

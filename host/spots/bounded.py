@@ -7,13 +7,14 @@ from typing import BinaryIO
 
 from .errors import SpotsError
 
-# Each limit is several times the longest useful file of its kind.
+# Size limits. Each limit is several times the largest useful file of its kind.
 TOML_MAX_BYTES = 256 << 10  # parsed by pure Python at about 1 MB/s
 POINTS_MAX_BYTES = 1 << 20  # about 15,000 points of a linkage
-SESSION_MAX_BYTES = 16 << 20  # about 30,000 presses
+SESSION_MAX_BYTES = 16 << 20  # thousands of presses by hand
 ZENOH_MAX_BYTES = 1 << 20
 
-# To open without blocking. Windows has neither flag, and no named pipes among its files.
+# Flags to open a file without blocking. Windows has neither flag, and no named pipes among its
+# files.
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 
 

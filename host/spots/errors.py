@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 # Name for `pip`: another project has the name `spots`.
 DISTRIBUTION = "spots-tactile"
 
-# Characters of a message, which may quote a file.
+# Longest message in characters: a message may quote a long text, for example from a file.
 _LONGEST = 2000
 
 
@@ -29,7 +29,7 @@ def did_you_mean(
     otherwise : str, optional
         Advice if no name is similar.
     meant : mapping, optional
-        For some of these names, the text to suggest instead of the name.
+        For some names in `known`, the text to suggest instead of the name.
 
     Returns
     -------
@@ -95,4 +95,4 @@ class CommandError(SpotsError):
 
 
 class RefusedError(SpotsError):
-    """Raised if another board is now on the port of a lost board."""
+    """Raised if another board or another device is now on the port of a lost board."""

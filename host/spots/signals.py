@@ -2,8 +2,8 @@
 
 An output (a keyboard or gamepad of this computer) is open inside its own ``with`` block. It applies
 each change inside a second block, ``with SECTION``. A signal during the second block is deferred to
-the end of this block, so each change is completed. After a signal, outputs press nothing until the
-loop that feeds them has called `resumed`.
+the end of this block, so each change is completed. After the process was suspended (as by Ctrl-Z),
+outputs ignore presses until the program calls `resumed`.
 
 SIGKILL, SIGSTOP and a crash in C cannot be handled.
 """
@@ -18,7 +18,7 @@ from collections.abc import Iterator
 
 from .errors import SpotsError
 
-# Console events of Windows: the process ends when their handler returns, or after 5 s.
+# Console events of Windows. Windows ends the process when their handler returns, or after 5 s.
 _CONSOLE_EVENTS = (2, 5, 6)  # close, logoff, shutdown
 _CONSOLE_S = 4.5
 
@@ -27,7 +27,7 @@ def _numbers(*names: str) -> list[int]:
     return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
-# Each system has some of these signals.
+# Signals that end, stop and continue a process. Each system has some of them.
 _ENDING = _numbers("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGBREAK")
 _STOPPING = _numbers("SIGTSTP", "SIGTTIN", "SIGTTOU")
 # SIGSTOP cannot be handled: outputs release their keys when the process continues.
@@ -35,14 +35,14 @@ _CONTINUING = _numbers("SIGCONT")
 
 
 class _Section:
-    """Defers signals while the main thread is in the block ``with SECTION``. Reentrant.
+    """Defers signals while the main thread is in a block ``with SECTION``; blocks can be nested.
 
     Attributes
     ----------
     outputs : weakref.WeakSet of outputs.Output
         The open outputs.
     ended_by : int or None
-        Number of the signal that ends the process.
+        Number of the signal that ends the process; None before such a signal.
     """
 
     def __init__(self):
@@ -70,7 +70,7 @@ class _Section:
     def resumed(self) -> bool:
         """Return whether the process was suspended (as by Ctrl-Z) since the last call.
 
-        If so, its keyboards and gamepads may send presses again.
+        If it was, the open outputs accept presses again.
         """
         if not self._stopped:
             return False
@@ -115,7 +115,7 @@ class _Section:
             signal.signal(number, self.handle)
 
     def _ignore(self, numbers: list[int]) -> list[int]:
-        """Ignore the signals in `numbers` that this section handles; return their numbers."""
+        """Ignore those of the signals `numbers` that this section handles, and return them."""
         handled = [one for one in numbers if signal.getsignal(one) == self.handle]
         for one in handled:
             signal.signal(one, signal.SIG_IGN)
@@ -135,7 +135,7 @@ def released_by_signals() -> Iterator[None]:
     (Ctrl-Z) stops the process inside the block. Ignored signals stay ignored (nohup). Call this in
     the main thread only, because Python delivers signals there.
     """
-    # A handler set by C code (None) could not be restored.
+    # Ignored signals stay ignored. A handler that C code has set (None) could not be restored.
     numbers = _ENDING + _STOPPING + _CONTINUING
     numbers = [one for one in numbers if signal.getsignal(one) not in (signal.SIG_IGN, None)]
     before = {number: signal.signal(number, SECTION.handle) for number in numbers}
@@ -186,7 +186,7 @@ def _console_events(released: threading.Event) -> Iterator[None]:
 def on_console_event(event: int, released: threading.Event) -> bool:
     """Interrupt the main thread as Ctrl-C does; wait until that thread has released all outputs.
 
-    Windows calls this in another thread.
+    Windows calls this in another thread. The wait lasts at most 4.5 s.
 
     Parameters
     ----------

@@ -20,11 +20,11 @@ else:
 
 _Kind = TypeVar("_Kind")
 _TOO_DEEP = "tables or lists are nested too deep"
-# The time of the TOML reader grows with the square of the parts of a dotted key.
+# Largest number of parts of a dotted key. The reader's time grows with the square of this number.
 _KEY_PARTS_MAX = 32
 # Separators of keys, in a file without its strings and comments.
 _BETWEEN_KEYS = re.compile(r"[=,\[\]{}\n]")
-# Each alternative is decided by its first character, so the time is linear in the text.
+# The first characters of a match decide its alternative, so the time is linear in the text.
 _STRING_OR_COMMENT = re.compile(
     r'"""(?:[^\\]|\\.)*?(?:"{3,5}|\Z)'
     r"|'''.*?(?:'{3,5}|\Z)"
@@ -34,7 +34,7 @@ _STRING_OR_COMMENT = re.compile(
     re.DOTALL,
 )
 
-# msgspec's messages about a key or a value, and the steps of the path in them.
+# Patterns of msgspec's messages about a key, a value or a type, and of the path in these messages.
 _KEY = re.compile(r"Object (contains unknown|missing required) field `(.*)`")
 _VALUE = re.compile(r"Invalid (?:enum )?value '(.*)'")
 _TYPE = re.compile(
@@ -43,7 +43,7 @@ _TYPE = re.compile(
 )
 _AT = re.compile(r"(.*) - at `\$((?:\.\w+|\[(?:[0-9]{1,9}|\.\.\.)\])+)`", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[([^]]*)\]")
-# The types and limits in these messages, as in TOML.
+# msgspec's names of types and limits, and the words for them in our messages.
 _WORDS = {
     "int": "a whole number",
     "float": "a number",
@@ -61,7 +61,7 @@ class WrongKeyError(msgspec.ValidationError):
     Attributes
     ----------
     keys : list of str
-        The key and the tables that contain it, from the inside out.
+        The key, then the tables that contain it, innermost first.
     """
 
     def __init__(self, text: str, keys: list[str]):
@@ -155,7 +155,8 @@ def dumps(content: dict, prefix: str = "") -> str:
             for one in value:
                 tables += ["", f"[[{prefix}{key}]]", dumps(one, f"{prefix}{key}.")]
         elif value is not None:
-            # JSON's numbers, strings and lists are also TOML, but not its pairs of surrogates.
+            # JSON's numbers, strings and lists are also TOML, except for escaped surrogate pairs,
+            # which `ensure_ascii=False` avoids.
             lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
     return "\n".join(lines + tables)
 
@@ -249,7 +250,7 @@ def _allowed(wrong: re.Match) -> str:
 
 
 def _place(path: str) -> str:
-    """Return the place in a file in words: ``.leak[0][1]`` is ``entry 2 of entry 1 of leak``."""
+    """Return a path of msgspec in words: ``.leak[0][1]`` is ``entry 2 of entry 1 of leak``."""
     place, names = "", []
     for name, index in _STEP.findall(path):
         if name:

@@ -1,1 +1,1 @@
-"""Simulated sensor and virtual board, which share no code with the driver and the decoder."""
+"""Simulated strip, chip and board. The chip shares no code with the firmware's driver."""

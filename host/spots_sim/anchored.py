@@ -1,7 +1,7 @@
 """Measures the position error of a finger that slides while another finger rests.
 
-Run it with ``python -m spots_sim.anchored 50``; the argument is the speed in mm/s. The finger that
-rests is the first finger; the finger that slides is the second.
+Run it with ``python -m spots_sim.anchored 50``; the arguments are speeds of the sliding finger in
+mm/s. The resting finger touches the strip first and is called the first finger.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .scenario import Scenario
 
 _START_S = 3.0  # before this time, a virtual board takes its first dark frames
 _EVERY_S = 0.05  # time between two points of a path
-_APART_MM = 15.0
+_APART_MM = 15.0  # smallest distance between the fingers, and length of the slide
 _FORCE_MN = 3000.0
 _SIGMA_MM = 3.0  # the applications use no position with a larger uncertainty
 
@@ -44,7 +44,8 @@ def sliding(
         first finger changes by at most a tenth of this share.
     places_mm : tuple of float, optional
         Position of the first finger, and first and last position of the second finger, in mm. By
-        default, random positions on a strip of 85 mm, at least `_APART_MM` apart.
+        default, random positions on a strip of 85 mm, at least 15 mm apart. The second finger
+        stays on one side of the first finger.
 
     Returns
     -------
@@ -90,8 +91,8 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
     Returns
     -------
     list of tuple
-        For each reading in which the board finds two fingers: position error of the second finger,
-        and the standard deviation that the board reports for this position, in mm.
+        For each reading in which `ContactFinder` finds two fingers: position error of the second
+        finger, and the standard deviation that `ContactFinder` computes for it, in mm.
     """
     truth = Scenario(file)
     points = file.touch[1].points
@@ -113,10 +114,21 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
 
 
 def summary(found: list[tuple[float, float]]) -> dict:
-    """Return statistics of the position errors that `followed` returns, in mm.
+    """Return statistics of position errors.
 
-    Positions with a standard deviation above `_SIGMA_MM` count as not located; the errors are
-    computed without them.
+    Parameters
+    ----------
+    found : list of tuple
+        Errors and standard deviations in mm, see `followed`.
+
+    Returns
+    -------
+    dict
+        ``readings``: number of readings. ``located_percent``: share of positions whose standard
+        deviation is at most 3 mm; the values below use only these positions. ``rms_mm`` and
+        ``p95_mm``: root mean square and 95th percentile of the absolute error, in mm.
+        ``rms_of_error_by_sigma``: root mean square of error divided by standard deviation; it is 1
+        if the computed deviations are right.
     """
     located = [one for one in found if one[1] <= _SIGMA_MM]
     squares = sorted(error**2 for error, _ in located)
@@ -133,8 +145,10 @@ def summary(found: list[tuple[float, float]]) -> dict:
 def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("mm_per_s", type=float, nargs="+")
-    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument(
+        "mm_per_s", type=float, nargs="+", help="speed of the second finger in mm/s"
+    )
+    parser.add_argument("--seeds", type=int, default=20, help="number of runs at each speed (20)")
     parser.add_argument(
         "--wobble",
         type=float,

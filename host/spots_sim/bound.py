@@ -17,7 +17,7 @@ from .scenario import Press
 from .silicone import Memory
 from .world import coupling
 
-_ROUNDING_VARIANCE = 1 / 12
+_ROUNDING_VARIANCE = 1 / 12  # of a count, by rounding to whole counts
 _STEP_MM = 1e-3
 _STEP_MN = 1.0
 
@@ -25,8 +25,8 @@ _STEP_MN = 1.0
 class Bound:
     """The Cramer-Rao bound of a simulated sensor, for readings with six counts.
 
-    There are bounds for the position of a press, and for the light that the press couples into the
-    dyed guide.
+    `sigma` returns the bounds for the position of a press, and for the light that the press couples
+    into the dyed light guide. `force_sigma_mN` returns the bound for its force.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Bound:
     exposure_us : float
         Integration time in us.
     led_mA : float
-        LED current in mA.
+        LED current that is set in the chip, in mA.
     average : int
         Number of samples in a reading.
     change : Change
@@ -89,12 +89,13 @@ class Bound:
         return rates[self._columns] * self._scale * self._coupling(force_mN)
 
     def _coupling(self, force_mN: float) -> float:
-        # The first press of a strip: without creep and hysteresis, but softened by its preload.
+        # The first press of a strip has no creep and no hysteresis. The largest earlier force,
+        # `Silicone.preload_mN`, has softened the strip.
         effective = Memory(self._sensor.silicone).effective_mN([Press(0.0, force_mN, 0.0)], 0.0)
         return coupling(self._sensor.contact, effective[0])
 
     def force_sigma_mN(self, position_um: float, force_mN: float) -> float:
-        """Return the Cramer-Rao bound of the force of one reading, in mN.
+        """Return the Cramer-Rao bound of a force that is estimated from one reading, in mN.
 
         The bound includes the noise of the LED, which is the same in all channels.
 

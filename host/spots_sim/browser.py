@@ -9,7 +9,10 @@ from importlib.util import find_spec
 
 
 def opens() -> bool:
-    """Return whether this computer can serve the web UI and show it in a browser."""
+    """Return whether this computer can show the web UI.
+
+    It needs a screen, the package aiohttp, and a terminal as standard output.
+    """
     screen = sys.platform in ("win32", "darwin") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )
@@ -17,6 +20,6 @@ def opens() -> bool:
 
 
 def show(url: str) -> None:
-    """Open an address in a browser if there is a screen."""
+    """Open an address in a browser if one can be opened, see the function `opens`."""
     if opens():
         webbrowser.open(url)

@@ -1,4 +1,4 @@
-"""A simulated I2C bus with one chip: timing, acknowledgement, and the cost of transfers."""
+"""A simulated I2C bus: acknowledgement, timing and number of its transfers."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class I2CBus:
     frequency_hz : int
         Frequency of the bus in Hz.
     ledger : BusCost
-        Cost of all transfers so far.
+        Cost of all transfers since the start.
     call_us : float
         Processor time of each transfer in us, in addition to the time of its bits on the wire.
     """
@@ -110,7 +110,7 @@ class I2CBus:
     call_us: float = 0.0
 
     def write(self, address: int, data: bytes) -> None:
-        """Send START, address, data, STOP.
+        """Write bytes to a chip: START, address, data, STOP.
 
         Parameters
         ----------
@@ -130,7 +130,7 @@ class I2CBus:
         self.chip.write(data)
 
     def write_read(self, address: int, data: bytes, size: int) -> bytes:
-        """Send START, address, data, repeated START, address; read `size` bytes; STOP.
+        """Write bytes to a chip, then read `size` bytes after a repeated START.
 
         Parameters
         ----------
@@ -161,7 +161,7 @@ class I2CBus:
         return answer
 
     def read(self, address: int, size: int) -> bytes:
-        """Send START, address; read `size` bytes from the chip's register pointer; STOP.
+        """Read `size` bytes from a chip, from its present register pointer on.
 
         Parameters
         ----------
@@ -188,7 +188,8 @@ class I2CBus:
     def lines(self, scl: int, sda: int) -> int:
         """Set the levels of SCL and SDA outside a transfer; return the level of SDA.
 
-        The chip ignores these levels.
+        The firmware does this to free a bus whose SDA is held low. This chip never holds SDA low,
+        so it ignores the levels.
 
         Parameters
         ----------
@@ -214,7 +215,7 @@ class I2CBus:
         self.chip.switch_light(bool(level))
 
     def refuse(self) -> None:
-        """Spend the bus time of an address that no chip acknowledges; raise OSError(ENODEV)."""
+        """Simulate a transfer to an address that no chip acknowledges: raise OSError(ENODEV)."""
         self._spend(2, 1)
         raise OSError(errno.ENODEV, "no acknowledge")
 
@@ -237,7 +238,7 @@ class I2CBus:
 class MultiplexedBus(I2CBus):
     """An `I2CBus` with a multiplexer TCA9548A, which connects the chip of one channel at a time.
 
-    Its only register has one bit for each channel. All bits are 0 after power-on.
+    The multiplexer's only register has one bit for each channel. All bits are 0 after power-on.
 
     Parameters
     ----------
@@ -263,5 +264,5 @@ class MultiplexedBus(I2CBus):
 
     def _address(self, address: int) -> None:
         if self._connected & self._connected - 1 or not self._connected:
-            self.refuse()  # several chips with the same address are connected, or none
+            self.refuse()  # no chip is connected, or several chips with the same address
         super()._address(address)

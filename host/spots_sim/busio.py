@@ -143,7 +143,7 @@ class I2C:
 
 @contextlib.contextmanager
 def simulated_time(driver: ModuleType, clock: SimulationClock) -> Iterator[None]:
-    """Replace ``sleep`` and ``monotonic`` in a driver module by a simulated clock.
+    """Replace ``sleep`` and ``monotonic`` in a driver module with those of a simulated clock.
 
     Use this for drivers with ``from time import monotonic, sleep``; the module ``time`` is not
     changed. The original functions are restored at the end of the ``with`` block.

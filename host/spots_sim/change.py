@@ -73,9 +73,10 @@ ChangeInTime = msgspec.defstruct(
 class Temperature(msgspec.Struct, **_Struct):
     """Temperature coefficients of a sensor, and the self-heating of its LED.
 
-    Each coefficient is the change per kelvin of the attribute of `Change` with the same name. The
-    LED's own heating uses the same coefficients: the temperature of the LED rises by `led_K_per_mA`
-    for each mA, with the time constant `led_warm_up_s` in seconds.
+    Each coefficient ``NAME_per_K`` is the change per kelvin of the attribute ``NAME`` of `Change`.
+    Only `length_ppm_per_K` has no such attribute: it is the thermal expansion of the strip. A lit
+    LED heats itself: its temperature rises by `led_K_per_mA` for each mA, with the time constant
+    `led_warm_up_s` in seconds. This rise changes only the attributes of LED, phosphor and light.
     """
 
     # Blue InGaN dies: 0.03 to 0.05 nm/K, typical of LED datasheets.
@@ -88,18 +89,19 @@ class Temperature(msgspec.Struct, **_Struct):
     light_percent_per_K: float = -0.3
     # Assumed: interference filters on silicon, 0.3 nm in 10 K.
     bands_nm_per_K: float = 0.03
-    # Assumed: no effect is known except that of the length, below.
+    # Assumed: no effect is known except that of `length_ppm_per_K`.
     dye_percent_per_K: float = 0.0
     clear_percent_per_K: float = 0.0
     tilt_percent_per_K: float = 0.0
     # Cast polyurethane: 100 to 200 ppm/K, typical. The volume grows too, and dilutes the dye.
     length_ppm_per_K: float = 150.0
-    # 0 is an ideal LED, which stays cool. An LED with 3 V and 200 K/W has 0.6.
+    # 0 is an ideal LED, which stays cool. An LED with 3 V and a thermal
+    # resistance of 200 K/W has 0.6.
     led_K_per_mA: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     led_warm_up_s: Annotated[float, msgspec.Meta(gt=0, le=1e6)] = 60.0
 
     def resolved(self, change: Change, led_K: float = 0.0) -> Change:
-        """Return `change` plus the effects of temperature and of the LED's heating.
+        """Return `change` plus the effects of its temperature, and of the LED's self-heating.
 
         Parameters
         ----------
@@ -112,6 +114,7 @@ class Temperature(msgspec.Struct, **_Struct):
         Returns
         -------
         Change
+            The sum; its `temperature_K` is that of `change`.
         """
         return change + Change(
             **{

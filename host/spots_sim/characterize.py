@@ -33,7 +33,7 @@ def measure(
     Parameters
     ----------
     sensor_name : str
-        Sensor file: a path, or the name of a file that comes with the package.
+        Sensor file: a path, or a name such as ``default``.
     seed : int
         Random seed of the noise.
     exposure_us : int
@@ -45,7 +45,8 @@ def measure(
     out : str or None
         Folder for figures; None to draw none.
     change_name : str or None
-        Change file (a path or a name): changes of the sensor since the calibration.
+        File of the sensor's changes since the calibration: a path, or a name such as ``warm``.
+        None for no change.
     hand : Hand
         Options of the re-zero, which corrects the calibration after the change with a few presses.
 

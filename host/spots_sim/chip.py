@@ -7,6 +7,7 @@ document defines is a field of `Quirks`; a driver must work with every value.
 The chip contains no optics. A light source computes what the photodiodes collect in an interval:
 ``light.collect(start_us, end_us, led_mA) -> dict`` returns counts at gain 1x by diode name. For the
 flicker detector, ``light.outside(start_us, end_us)`` returns the mean ambient light.
+``light.switch(on)`` sets the board's pin for an LED that is not wired to the chip.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-STEP_US = 2.78
-AUTO_ZERO_US = 15_000.0
-POWER_ON_US = 200.0
+STEP_US = 2.78  # unit of the integration time
+AUTO_ZERO_US = 15_000.0  # duration of an auto-zero, which corrects the offset of the ADCs
+POWER_ON_US = 200.0  # time after power-on before the chip acknowledges its address
 
 # AN000666, table of pixels: each photodiode consists of one or two pixels.
 PIXELS_OF = {
@@ -34,7 +35,8 @@ GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0,
 _SIX = struct.Struct("<6H")
 _ENTRY = struct.Struct("<H")
 
-# DS000504: APERS, consecutive samples outside the thresholds; FIFO_TH, entries.
+# DS000504: consecutive samples outside the thresholds before an interrupt, by the code APERS; FIFO
+# entries before an interrupt, by the code FIFO_TH.
 _PERSISTENCE = (0, 1, 2, 3, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60)
 _FIFO_LEVELS = (1, 4, 8, 16)
 _FIFO_ENTRIES = 128
@@ -59,15 +61,15 @@ class Quirks:
         Whether the chip performs an auto-zero at every start; if false, only at the first start
         after power-on.
     avalid_clears_on_read : bool
-        Whether a read of ASTATUS clears AVALID.
+        Whether a read of the register ASTATUS clears the data-ready bit AVALID.
     aint_needs_sp_ien : bool
-        Whether AINT needs its enable bit SP_IEN.
+        Whether the interrupt bit AINT is set only if its enable bit SP_IEN is 1.
     smux_us : float
-        Duration of a SMUX command in us.
+        Duration in us of a command to the SMUX, which connects photodiodes to ADCs.
     clock_error_percent : float
         Error of the sample period, in per cent; positive if the oscillator is slow.
     fifo_reversed : bool
-        Whether the FIFO contains CH5 before CH0.
+        Whether the FIFO gets the values of a sample in reverse order, CH5 before CH0.
     fifo_overwrites : bool
         Whether a full FIFO drops its oldest entry; if false, it drops the new entry.
     """
@@ -104,12 +106,12 @@ class ChipNoise:
 
 
 class AS7341:
-    """A simulated AS7341; its power is switched on at time 0.
+    """A simulated AS7341, a light sensor with six ADCs; its power is switched on at time 0.
 
     Parameters
     ----------
     light : object
-        Light source with the methods ``collect`` and ``outside``, see the module docstring.
+        Light source with ``collect``, ``outside`` and ``switch``, see the module docstring.
     noise : ChipNoise
         Noise of the converter.
     rng : numpy.random.Generator
@@ -159,7 +161,7 @@ class AS7341:
     # I2C transfers. A controller calls advance(now) first, so that time never decreases.
 
     def answers(self) -> bool:
-        """Whether the chip acknowledges its I2C address now."""
+        """Return whether the chip acknowledges its I2C address now."""
         return self._now - self._on_since >= POWER_ON_US
 
     def write(self, data: bytes) -> None:
@@ -172,7 +174,7 @@ class AS7341:
             self._pointer = (self._pointer + 1) & 0xFF
 
     def read(self, size: int) -> bytes:
-        """Handle a read transfer: return `size` bytes from the register pointer."""
+        """Handle a read transfer: return `size` bytes from the register pointer on."""
         data = bytearray()
         while len(data) < size:
             pointer = self._pointer
@@ -189,7 +191,7 @@ class AS7341:
         return bytes(data)
 
     def advance(self, now_us: float) -> None:
-        """Run the chip up to the time `now_us`."""
+        """Simulate the chip up to the time `now_us`."""
         if now_us > self._now:
             self._now = now_us
         else:
@@ -201,7 +203,7 @@ class AS7341:
             self._complete(end_us)
 
     def switch_light(self, on: bool) -> None:
-        """Switch the LED as a pin of the board would, by calling ``light.switch(on)``."""
+        """Switch an LED that is wired to a pin of the board, by calling ``light.switch(on)``."""
         self._collect(self._now)
         self._light.switch(on)
 

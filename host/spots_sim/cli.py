@@ -53,7 +53,8 @@ def demo(parser: Parser):
         "--page", action="store_true", help="open the web UI in a browser, until Ctrl-C"
     )
     parser.add_argument(
-        "--use", help="application to run: strip, keyboard, controller, wearable or fivebar"
+        "--use",
+        help="application to run: strip (if not given), keyboard, controller, wearable or fivebar",
     )
     parser.add_argument(
         "--layout",
@@ -65,11 +66,14 @@ def demo(parser: Parser):
     parser.add_argument(
         "--rezero",
         action="store_true",
-        help="re-zero the strip after the sensor's change (--change); needs --fast",
+        help="correct the calibration after the change (--change) with simulated presses; needs "
+        "--fast",
     )
     parser.add_argument("--warm", action="store_true", help="start with a warm LED; needs --fast")
     parser.add_argument(
-        "--cpu", metavar="NAME", help="simulate the processor pico or pico-xip50; needs --fast"
+        "--cpu",
+        metavar="NAME",
+        help="give the firmware the speed of this processor: pico or pico-xip50; needs --fast",
     )
     parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
@@ -96,17 +100,23 @@ def characterize(parser: Parser):
         default=100_000,
         help="integration time in us, 1000 to 1000000",
     )
-    parser.add_argument("--average", type=_whole, default=1, help="samples in a reading, 1 to 64")
+    parser.add_argument(
+        "--average", type=_whole, default=1, help="samples averaged in a reading, 1 to 64"
+    )
     _add_change(parser)
     parser.add_argument(
         "--rezero",
         type=_whole,
         default=0,
         metavar="MARKS",
-        help="number of marks to press for a re-zero: 0, 1 or 3",
+        help="correct the calibration after the change (--change) with simulated presses on this "
+        "number of marks: 0, 1 or 3",
     )
     parser.add_argument(
-        "--presses", type=arguments.presses, default=1, help="number of presses on each mark"
+        "--presses",
+        type=arguments.presses,
+        default=1,
+        help="number of presses on each mark of --rezero",
     )
     parser.add_argument(
         "--mark-error-um",
@@ -135,24 +145,32 @@ def design(parser: Parser):
     )
     parser.add_argument("--rate-hz", type=_number, required=True, help="readings per second")
     parser.flag("--json", "print one JSON object")
-    parser.option("--out", "DIR", "write sensor file, figure, moulds, drawings and recipe there")
-    parser.option("--strips", "N", "number of strips in the recipe", type=_whole, default=1)
+    parser.option(
+        "--out", "DIR", "write sensor file, figure, moulds, drawings and recipe into this folder"
+    )
+    parser.option(
+        "--strips", "N", "number of strips in the recipe; 1 if not given", type=_whole, default=1
+    )
     parser.option(
         "--breakout",
         "NAME",
-        "AS7341 breakout that the caps must fit: adafruit-4698 or sparkx-17719",
+        "AS7341 breakout that the caps must fit: adafruit-4698 (if not given) or sparkx-17719",
         default="adafruit-4698",
     )
     parser.flag("--measure-dye", "read a clear and a dyed test piece, and print the dose of dye")
     parser.option(
         "--test-dose",
         "G",
-        "dose of the dyed test piece: g of tint in 100 g of rubber",
+        "dose of the dyed test piece: g of tint in 100 g of rubber; 2 if not given",
         type=_dose,
         default=2.0,
     )
     parser.option(
-        "--test-length-mm", "N", "length of both test pieces in mm", type=_test_mm, default=60.0
+        "--test-length-mm",
+        "N",
+        "length of both test pieces in mm; 60 if not given",
+        type=_test_mm,
+        default=60.0,
     )
     arguments.add_port(parser)
     return _design
@@ -232,7 +250,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raise SpotsError for options of the demo that exclude each other."""
+    """Raise SpotsError for options of the demo that do not fit together."""
     from .demo import FIVEBAR, KEYBOARD
 
     if options.layout and options.use != KEYBOARD:

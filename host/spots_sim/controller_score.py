@@ -37,7 +37,7 @@ class ControllerScore:
     Attributes
     ----------
     states : int
-        Number of gamepad states sent so far.
+        Number of gamepad states sent.
     """
 
     def __init__(
@@ -88,7 +88,10 @@ class ControllerScore:
         self.states += 1
 
     def _wanted(self, time_s: float) -> int | None:
-        """Return the true X at `time_s` (host time); None if the number of fingers is not 1."""
+        """Return the true value of the axis X at `time_s` seconds of host time.
+
+        None if the number of fingers is not 1, or the controller has no axis X.
+        """
         presses = self._scenario.presses(time_s - self._started_s)
         if len(presses) != 1 or self._settings is None:
             return None
@@ -98,7 +101,16 @@ class ControllerScore:
         return axis_value(deflection(value, rest, low, high), self._settings)
 
     def summary(self) -> dict:
-        """Return the results of the run; errors in per cent of the range from centre to end."""
+        """Return the results of the run.
+
+        Returns
+        -------
+        dict
+            ``states``: number of gamepad states sent. ``largest_unexplained_jump_percent``: largest
+            change of X between two sent states, beyond the change that the finger's movement
+            causes. ``x_rms_percent``: root mean square error of X; None without a compared reading.
+            Both are in per cent of the range from the centre of X to its end.
+        """
         rms = math.sqrt(self._squares / self._compared) if self._compared else None
         return {
             "states": self.states,

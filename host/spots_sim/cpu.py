@@ -26,9 +26,9 @@ class Cpu(toml.Strict):
     Attributes
     ----------
     call_us : dict of str to float or dict
-        Time of each function in us, by the function's name in the firmware's package. The time does
-        not include listed functions that the function calls. Some functions have a dict of times
-        by kind of call, see ``boards/_virtual/_cpu.py``.
+        Time of each function in us, by the function's name in the firmware's package. If it calls
+        another function of this dict, the time of that function is not included. Some functions
+        have a dict of times by kind of call, see ``boards/_virtual/_cpu.py``.
     bus_us : float
         Processor time of an I2C transfer in us, in addition to the time of its bits on the wire.
     like : str or None

@@ -68,7 +68,9 @@ class PowerLostError(BaseException):
 
 
 class CPythonBoard:
-    """A virtual board with its own file system and its own copy of the firmware's modules.
+    """A virtual board whose firmware runs in this process.
+
+    Each board has its own file system and its own copy of the firmware's modules.
 
     Parameters
     ----------
@@ -130,7 +132,7 @@ class CPythonBoard:
         """Run one pass of the firmware's loop; after a reset, crash or power loss, boot again."""
         try:
             if self._app.reboot:
-                self._app.run()  # ends at once, and cleanly
+                self._app.run()  # ends immediately, and cleanly
                 self._boot()
             else:
                 self._app.step()
@@ -225,7 +227,7 @@ def _load(folder: Path) -> str:
 
 
 class _Requests:
-    """Handles the board's requests: clock, transfers, waits, LED pin.
+    """Handles the requests of the firmware to the simulator: clock, transfers, waits, LED pin.
 
     After a power failure begins, all requests except those for the clock raise PowerLostError.
     """
@@ -236,7 +238,7 @@ class _Requests:
         self._rate = faults.rate if faults else 1.0
 
     def ask(self, transfer, *arguments):
-        """Return ``transfer(*arguments)``; raise PowerLostError if a power failure has begun."""
+        """Apply faults; return ``transfer(*arguments)``, or raise PowerLostError if power fails."""
         off_us = self._faults.step(self.bus) if self._faults else None
         if off_us is not None:
             raise PowerLostError(off_us)

@@ -1,7 +1,7 @@
 """A virtual board on CPython in real time: a process with a pseudo-terminal or a loopback socket.
 
-Run it as ``python -m spots_sim.cpython_realtime SENSOR SCENARIO SEED STRIPS``. It prints the same
-JSON object as `realtime`, and ends when its standard input closes or its parent ends.
+Run it as ``python -m spots_sim.cpython_realtime SENSOR SCENARIO SEED STRIPS``. It prints one JSON
+object with its port, see `realtime`. It ends when its standard input closes or its parent ends.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _CHUNK = 4096
 
 
 class PtyPort(PseudoTerminal):
-    """A pseudo-terminal as a `cpython_board.BoardPort`."""
+    """A serial port (`cpython_board.BoardPort`) on a pseudo-terminal."""
 
     def receive(self) -> bytes:
         try:
@@ -45,7 +45,7 @@ class PtyPort(PseudoTerminal):
 
 
 class SocketPort:
-    """A TCP socket on loopback as a `cpython_board.BoardPort`.
+    """A serial port (`cpython_board.BoardPort`) on a TCP socket of the loopback interface.
 
     It accepts one client at a time and disconnects all others.
     """
@@ -126,7 +126,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, strips: int) -> None:
     Parameters
     ----------
     sensor_name, scenario_name : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of noise and faults.
     strips : int

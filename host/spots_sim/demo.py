@@ -1,4 +1,4 @@
-"""``spots demo``: runs the virtual board with one of the applications."""
+"""``spots demo``: runs a virtual board with an application, such as the keyboard."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def demo(
     Parameters
     ----------
     sensor : str
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     scenario : str or None
-        Scenario file: a path or a name. None selects the default scenario of the application.
+        Scenario file: a path, or a name such as ``demo``. None selects the application's default.
     seed : int
         Random seed of the noise.
     seconds : float or None
@@ -66,11 +66,10 @@ def demo(
     use : str
         Application: a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage.
     layout : str, optional
-        Key layout of the application `keyboard`: a path or a name.
+        Key layout of the application ``keyboard``: a path, or a name such as ``mini``.
     rezeroed : bool, optional
-        The sensor file may describe a change of the strip since its calibration (`change`). True
-        if the calibration was corrected after this change with a few presses (re-zero). Needs
-        `fast`.
+        Whether the calibration was corrected with a few presses (re-zero) after the change that
+        the table ``[change]`` of the sensor file describes. Needs `fast`.
     warm : bool, optional
         Whether the LED is warm at the start. Needs `fast`.
     cpu : str, optional
@@ -79,7 +78,10 @@ def demo(
     Returns
     -------
     dict
-        Results of the run, with values that JSON supports.
+        Results of the run, with values that JSON supports: see `score.Score.summary` for the
+        application ``strip``, `linkage_demo.demonstrate` for ``fivebar``, and
+        `demo_applications` for the other applications. With `fast` and without ``fivebar``,
+        ``stream_sha256`` is the hash of all bytes from the board.
 
     Raises
     ------
@@ -159,8 +161,8 @@ def _with_link(board: Board, figures: dict) -> dict:
 
 
 # Function and default scenario of each application. The function gets the board, the scenario, the
-# host time in s at the scenario's time 0, the duration in s, and whether to print nothing. It
-# returns the results of the run.
+# host time in s at the scenario's time 0, and the duration in s. Its last argument is true to
+# print nothing. It returns the results of the run.
 USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
     "strip": (_strip, "demo"),
     KEYBOARD: (_keyboard, "typing"),
@@ -184,7 +186,7 @@ def open_fast(
     Parameters
     ----------
     sensor : str
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     truth : Scenario
         Fingers, strain and light over time.
     seed : int
@@ -192,8 +194,8 @@ def open_fast(
     faults : Faults, optional
         Faults of the link, the I2C bus and the board.
     rezeroed : bool, optional
-        The sensor file may describe a change of the strip since its calibration (`change`). True
-        if the calibration was corrected after this change with a few presses (re-zero).
+        Whether the calibration was corrected with a few presses (re-zero) after the change that
+        the table ``[change]`` of the sensor file describes.
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
@@ -211,7 +213,7 @@ def open_fast(
     Raises
     ------
     SpotsError
-        If the sensor file is missing or invalid.
+        If the sensor file is missing or invalid, or the processor is unknown.
     """
     file = load(SensorFile, sensor)
     calibration = lines or (recalibrated(file) if rezeroed else calibrate(file))
@@ -234,10 +236,10 @@ def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
     Parameters
     ----------
     use : str
-        Application to show. ``fivebar`` shows a simulated linkage. Any other application shows a
-        strip, with the application's panel directly below it.
+        Application to show. For ``fivebar``, the web UI shows a simulated linkage. Otherwise it
+        shows a strip, and directly below the strip the panel of the application.
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise.
     """

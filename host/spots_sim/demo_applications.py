@@ -45,7 +45,7 @@ def play_controller(
     started_s : float
         Host time in seconds at which the scenario's time is 0.
     seconds : float or None
-        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if None.
+        Duration of the run in seconds, measured with `Board.now_s`; None for no limit.
     quiet : bool
         True to print and draw nothing.
 
@@ -83,7 +83,7 @@ def type_on_board(
     layout_name: str = DEMO_LAYOUT,
     late_ms: list[float] | None = None,
 ) -> dict:
-    """Show the text that the keys of a board type, and return the results of the run.
+    """Show the text that is typed on a board's keys, and return the results of the run.
 
     The host also computes key events from the same readings (`KeyEngine`), and compares them with
     the key events of the board.
@@ -93,15 +93,15 @@ def type_on_board(
     board : Board
         A calibrated virtual board.
     truth : Scenario
-        True fingers over time, which the keys are compared with.
+        The simulated fingers over time, with which the score compares the pressed keys.
     started_s : float
         Host time in seconds at which the scenario's time is 0.
     seconds : float or None
-        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if None.
+        Duration of the run in seconds, measured with `Board.now_s`; None for no limit.
     quiet : bool
         True to print and draw nothing.
     layout_name : str, optional
-        Key layout: a path or a name.
+        Key layout: a path, or a name such as ``mini``.
     late_ms : list of float, optional
         List to which the latency of each correct press is added, in ms.
 
@@ -172,14 +172,15 @@ def show_gestures(board: Board, seconds: float | None, quiet: bool) -> dict:
     board : Board
         A calibrated virtual board.
     seconds : float or None
-        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if None.
+        Duration of the run in seconds, measured with `Board.now_s`; None for no limit.
     quiet : bool
         True to print and draw nothing.
 
     Returns
     -------
     dict
-        ``gestures``: names in order. ``least_confidence``: the lowest confidence of a gesture.
+        ``gestures``: names in order. ``least_confidence``: the lowest confidence of a gesture, from
+        0 to 1; 0 without a gesture.
 
     Raises
     ------

@@ -48,6 +48,8 @@ LED_MAX_MA = 100  # of the virtual board, the same as in boards/virtual/board.to
 # Above this exposure, full scale does not grow: more samples are averaged instead.
 _LONGEST_US = 182_000
 _DYES_PER_MM = (1e-4, 1.0)
+# The search for the dye tries `_COARSE` strengths over this range. Then it repeatedly tries `_FINE`
+# strengths around the best one, until neighbouring strengths differ by less than `_FINE_SHARE`.
 _COARSE, _FINE = 25, 7
 _FINE_SHARE = 5e-3
 # With fewer counts at the far end, rounding dominates a channel, and the bound is not valid for
@@ -95,7 +97,16 @@ class Design:
         return self.sensor.dye.strength_per_mm
 
     def summary(self) -> dict:
-        """Return the design as a dict for JSON; ``spots design --json`` prints it."""
+        """Return the design as ``spots design --json`` prints it.
+
+        Returns
+        -------
+        dict
+            ``length_mm``, ``dye_per_mm``: length and dye of the strip. ``exposure_us``,
+            ``average``, ``gain``, ``led_mA``: settings, see `Design`. ``rate_hz``: readings per
+            second. ``resolution_um``, ``worst_um``: mean and worst resolution along the strip.
+            ``along``: list of dicts with ``position_mm``, and the ``resolution_um`` there.
+        """
         return {
             "length_mm": self.sensor.length_mm,
             "dye_per_mm": round(self.dye_per_mm, 5),
@@ -261,8 +272,9 @@ def sensor_toml(found: Design) -> str:
 def design_command(options: argparse.Namespace) -> None:
     """Run ``spots design`` with the options that `cli` parsed.
 
-    The folder ``options.out`` gets the sensor file and a figure and, if moulds can be made for the
-    length, moulds, drawings and recipe. If ``options.out`` is None, no files are written.
+    The folder ``options.out`` gets the sensor file and a figure. If moulds can be made for the
+    length, it also gets moulds, drawings and recipe. If ``options.out`` is None, no files are
+    written.
     """
     out, shape = options.out, None
     recipe = strip_recipe.checked(options.strips)

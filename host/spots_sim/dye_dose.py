@@ -1,10 +1,10 @@
 """``spots design --measure-dye``: computes the dose of dye from a clear and a dyed test piece.
 
-Both pieces have the same length and are put between LED and sensor, one after the other. The ratio
-of their counts is the decay by the dye times an unknown factor, because one piece may be coupled
-better to LED and sensor than the other. This factor is the same for all channels, so only
-differences between channels are used. The result is the dye strength whose decay (`optics`, Eq. 1
-of the paper) fits these differences best. The dose is proportional to this strength.
+Both pieces have the same length and are put between LED and sensor, one after the other. One piece
+may be coupled better to LED and sensor than the other. So the ratio of their counts is the decay by
+the dye times an unknown factor. This factor is the same for all channels, so only differences
+between channels are used. The result is the dye strength whose decay (`optics`, Eq. 1 of the paper)
+fits these differences best. The dose is proportional to this strength.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from .strip_recipe import TINT_SHARE, batches, checked, tint_g
 from .strip_shape import StripShape, has_moulds
 from .virtual import VIRTUAL
 
-_SAMPLES = 64
+_SAMPLES = 64  # averaged for each piece
 _AUTO_TIMEOUT_S = 60.0
 _STRENGTHS_PER_MM = 1e-4, 1.0
-_USUAL_PER_MM = 0.02
+_USUAL_PER_MM = 0.02  # strength of a red dye, to detect a colour change in the wrong direction
 # Least difference between channels, in units of ln; the contact of the pieces can cause less.
 _LEAST_DECAY = 0.05
 _MISFIT_MAX = 0.1  # rms in units of ln; above this, the dye has another colour
 _DOSES = 1e-3, 60.0  # g of tint in 100 g; more would replace all of the rubber's part B
-_FULL_PRESS_MN = 1e6
+_FULL_PRESS_MN = 1e6  # couples all light, as a test piece between LED and sensor does
 _CLEAR = Change(dye_percent=-100.0)
 
 
@@ -58,7 +58,7 @@ class Measured:
     per_mm : float
         Decay coefficient per mm, as `files.Dye.strength_per_mm`.
     misfit : float
-        Root mean square of the differences from the fit, in units of ln.
+        Root mean square of the differences from the fit, which uses natural logarithms of counts.
     """
 
     per_mm: float
@@ -66,7 +66,7 @@ class Measured:
 
 
 def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measured:
-    """Return the strength of the dye in a test piece.
+    """Compute the strength of a test piece's dye from counts through it and through a clear piece.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     Raises
     ------
     SpotsError
-        If a channel is dark, or the pieces differ too little.
+        If a channel is dark, the pieces differ too little, or the dye is not red.
     """
     clear, dyed = np.asarray(clear, dtype=float), np.asarray(dyed, dtype=float)
     for name, counts in (("clear", clear), ("dyed", dyed)):
@@ -133,18 +133,19 @@ def _even(logs: np.ndarray) -> np.ndarray:
 
 
 def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> float:
-    """Return the dose in g of tint in 100 g that gives a wanted strength.
+    """Return the dose of tint that gives the dye a wanted strength.
 
     Parameters
     ----------
     test_dose : float
-        Dose of the test piece, in g of tint in 100 g.
+        Dose of the test piece, in g of tint in 100 g of rubber.
     measured_per_mm, wanted_per_mm : float
         Strength of the dye in the test piece and in the strip.
 
     Returns
     -------
     float
+        Dose in g of tint in 100 g of rubber.
 
     Raises
     ------
@@ -175,7 +176,7 @@ def read_pieces(
     ask : callable
         ``ask(text)`` shows a request to the user, and returns when the user has confirmed it.
     dark : callable
-        Takes a dark frame; called only if the LED is always on.
+        Takes a dark frame; called only if the LED is always on: then the board takes none itself.
 
     Returns
     -------

@@ -74,12 +74,14 @@ def family(
 
 
 def departure_um(lengths: dict[float, Response]) -> float:
-    """Return the largest distance in um between positions with the same response on two strips.
+    """Return the largest position error in um if the longest strip's response is used for all.
+
+    The error is 0 if the response does not depend on the length of the strip.
 
     Parameters
     ----------
     lengths : dict of float to Response
-        Responses by length in mm. Each strip is compared with the longest one.
+        Responses by length in mm. Each strip is compared with the longest strip.
     """
     longest = lengths[max(lengths)]
     degree = min(_CURVE_DEGREE, len(longest.x_um) // 2)

@@ -1,9 +1,10 @@
-"""Applies a scenario's faults to a link, a bus and a board, and counts them.
+"""Simulates faults of a serial link, an I2C bus and a board, and counts them.
 
 Each fault has its own random generator, which depends only on the seed. So the sensor's noise is
 the same with and without faults, and one fault does not change another. All times are simulated
 times. The classes can be used alone: `FaultyLink` damages bytes, `FaultyBus` damages transfers,
-and `BoardFaults` applies faults of power and clock before each request of the board.
+and `BoardFaults` applies faults of power and clock before each request of the firmware to the
+simulator, such as a transfer.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ _BUS_TIMEOUT_US = 50_000.0
 
 @dataclass
 class FaultLedger:
-    """Counts and times of the faults so far.
+    """Counts and times of all faults since the start of the run.
 
     Attributes
     ----------
@@ -81,9 +82,9 @@ class Spells:
         self._ledger = ledger
 
     def begun(self, now_us: float) -> tuple[float, float] | None:
-        """Return start and end in us of the next interval that has begun, or None.
+        """Return start and end in us of the next interval that has begun.
 
-        Each interval is returned once.
+        Each interval is returned one time. None if no further interval has begun.
         """
         if now_us < self._next_us:
             return None
@@ -117,7 +118,9 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 
 
 class Damage:
-    """Damages the bytes sent in one direction, no matter how they are split into calls.
+    """Damages the bytes that a link sends in one direction.
+
+    The damage does not depend on how the bytes are split into calls.
 
     Parameters
     ----------
@@ -137,7 +140,7 @@ class Damage:
     Attributes
     ----------
     passed : int
-        Number of bytes sent so far.
+        Number of bytes sent since the start.
     touched : collections.deque of int
         Indices of the most recently damaged bytes, counted from 0 at the start of the stream.
     """
@@ -192,7 +195,7 @@ class Damage:
 
 
 class FaultyLink(LinkWrapper):
-    """A link whose bytes are damaged in both directions.
+    """A connection to a board (link) whose bytes are damaged in both directions.
 
     Parameters
     ----------
@@ -331,7 +334,7 @@ class FaultyBus:
 
 
 class BoardFaults:
-    """Faults of a board's power and clock; call `step` before each request of the board.
+    """Faults of a board's power and clock; call `step` before each transfer or wait of the board.
 
     Parameters
     ----------
@@ -376,7 +379,7 @@ class BoardFaults:
 
 
 class Faults:
-    """All faults of one run.
+    """All faults of one run of a virtual board.
 
     Parameters
     ----------
@@ -390,7 +393,7 @@ class Faults:
     Attributes
     ----------
     ledger : FaultLedger
-        Counts of all faults so far.
+        Counts of all faults since the start of the run.
     to_host, to_board : Damage
         Damage to the bytes in each direction.
     """
@@ -408,7 +411,7 @@ class Faults:
         return np.random.default_rng([_OWN, self._seed, *kind.encode()])
 
     def spells(self, kind: str) -> Spells:
-        """Return the intervals of a fault; `kind` is its key in the file, e.g. ``clock.stalls``."""
+        """Return the intervals of the fault with the key `kind`, such as ``clock.stalls``."""
         moments = self.file.moments()[kind]
         rng = self.rng(kind)
         return Spells(moments, self._seconds, self.file.from_s, rng, kind, self.ledger)

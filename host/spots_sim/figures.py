@@ -43,7 +43,7 @@ def folder(path: str | Path) -> Path:
 
 
 def draw(run, responses: dict, out: Path) -> list[Path]:
-    """Draw all figures of a run.
+    """Draw all figures of a characterisation as PNG files.
 
     Parameters
     ----------

@@ -53,7 +53,8 @@ class Led(toml.Strict):
     blue_share : float
         Share of the blue peak in the light, 0 to 1.
     irradiance_uW_cm2_per_mA : float
-        Irradiance at the sensor per mA of LED current, for full contact at the sensor's end.
+        Irradiance at the sensor per mA of LED current, for a press at the sensor's end of the
+        strip with full contact.
     bend_mA : float
         Constant of the LED's droop: at a current I, the light is proportional to
         I / (1 + I / bend_mA).
@@ -73,12 +74,13 @@ class Led(toml.Strict):
     noise_ppm_10ms: NotNegative
     warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
-    # Wiring of the LED, one of `spots_device.light.LEDS`. The chip sets the current only for `ldr`.
+    # Wiring of the LED, one of `spots_device.light.LEDS`. The chip sets the current only for `ldr`;
+    # for the others, the current is `fixed_mA`.
     wired: Literal["ldr", "gpio", "always"] = "ldr"
     fixed_mA: Positive = 20.0
 
     def current_mA(self, driver_mA: float) -> float:
-        """Return the current of a lit LED in mA; `driver_mA` is the chip's setting."""
+        """Return the current of a lit LED: `driver_mA` if the chip sets it, else `fixed_mA`."""
         return driver_mA if self.wired == "ldr" else self.fixed_mA
 
 
@@ -102,7 +104,7 @@ class Dye(toml.Strict):
 
 
 class ContactFile(toml.Strict):
-    """Contact area (the share of the light that is coupled) by force, see `world.coupling`.
+    """Coupled light by force, as a share of the light at full contact, see `world.coupling`.
 
     Attributes
     ----------
@@ -122,7 +124,11 @@ class ContactFile(toml.Strict):
 
 
 class Converter(toml.Strict):
-    """The chip's noise (`chip.ChipNoise`), and behaviour that no document defines (`Quirks`)."""
+    """The chip's noise, and its behaviour that no document defines.
+
+    `chip.ChipNoise` and `chip.Quirks` describe the attributes; there, `read_noise_counts` is named
+    ``read_counts``, and `ratio_noise_ppm` is named ``ratio_ppm``.
+    """
 
     read_noise_counts: NotNegative
     electrons_per_count_1x: Positive
@@ -275,7 +281,9 @@ class Finger(toml.Strict):
     def __post_init__(self):
         times = [point[0] for point in self.points]
         if any(b <= a for a, b in zip(times, times[1:])):
-            raise ValueError("the times of a touch must ascend")
+            raise ValueError(
+                "the times of a touch must ascend: sort its points, and remove equal times"
+            )
 
 
 class Ambient(toml.Strict):
@@ -297,7 +305,9 @@ class Ambient(toml.Strict):
     def __post_init__(self):
         times = [step[0] for step in self.steps]
         if any(b <= a for a, b in zip(times, times[1:])):
-            raise ValueError("the times of the steps must ascend")
+            raise ValueError(
+                "the times of the steps must ascend: sort them, and remove equal times"
+            )
 
 
 class Moments(toml.Strict):
@@ -351,9 +361,9 @@ class SerialFaults(toml.Strict):
 class BusFaults(toml.Strict):
     """Damage to transfers on the I2C bus.
 
-    `nack_percent` of all transfers are not acknowledged; in the intervals `nack_bursts`, no
-    transfer is acknowledged. `wrong_percent` of the transfers have a wrong bit. In each interval of
-    `sda_low`, SDA is low until the interval ends or the board sends nine clocks.
+    Of all transfers, `nack_percent` are not acknowledged, and `wrong_percent` have a wrong bit. In
+    the intervals `nack_bursts`, no transfer is acknowledged. In each interval of `sda_low`, SDA is
+    low until the interval ends or the board sends nine clocks.
     """
 
     nack_percent: Percent = 0.0
@@ -363,7 +373,7 @@ class BusFaults(toml.Strict):
 
 
 class PowerFaults(toml.Strict):
-    """Power faults: brown-outs stop board and sensor; the other faults affect the sensor only."""
+    """Brown-outs of board and sensor, resets of the sensor, and times when it is unplugged."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -378,7 +388,7 @@ class ClockFaults(toml.Strict):
 
 
 class FaultsFile(toml.Strict):
-    """Faults of a scenario, see `faults`. No fault begins in the first `from_s` s of a run."""
+    """Faults of a scenario, see `faults`. All but `oscillator_ppm` begin after `from_s` seconds."""
 
     from_s: Time = 0.0
     to_host: SerialFaults = SerialFaults()
@@ -388,7 +398,7 @@ class FaultsFile(toml.Strict):
     clock: ClockFaults = ClockFaults()
 
     def moments(self) -> dict[str, Moments]:
-        """Return all `Moments` as a dict by their keys in the file, such as ``clock.stalls``."""
+        """Return the times of all faults by their keys in the file, such as ``clock.stalls``."""
         parts = (getattr(self, name) for name in self.__struct_fields__[1:])
         return {
             f"{part}.{name}": value
@@ -401,12 +411,31 @@ class FaultsFile(toml.Strict):
 class ScenarioFile(toml.Strict):
     """Fingers, strain, light and faults over time; the scenario repeats after `seconds`.
 
-    Positions are measured along the stretched strip. These keys are lists of points: `strain` (time
-    s, percent), `bend` (time s, degrees), `leak` (time s, share of full contact, position mm), and
-    each key of `change` (time s, change since calibration). A leak is light that couples at a
-    position without a finger. Points are joined by straight lines; before the first and after the
-    last point the value is constant. `strain_percent` and `bend_deg` are constants that replace the
-    points of `strain` and `bend`.
+    `strain`, `bend`, `leak` and each key of `change` are lists of points, joined by straight lines.
+    Before the first and after the last point, the value is constant. Positions are measured along
+    the stretched strip.
+
+    Attributes
+    ----------
+    seconds : float
+        Duration of the scenario in s.
+    strain_percent, bend_deg : float
+        Constant strain and bending angle; each is used only if `strain` or `bend` is empty.
+    strain : list of tuple
+        Points (time in s, strain in per cent).
+    bend : list of tuple
+        Points (time in s, bending angle in degrees).
+    leak : list of tuple
+        Points (time in s, share of full contact, position in mm) of light that couples at a
+        position without a finger.
+    touch : list of Finger
+        Fingers that touch the strip.
+    ambient : Ambient or None
+        Ambient light, in addition to the `Surroundings` of the sensor.
+    change : ChangeInTime
+        For each attribute of `change.Change`: points (time in s, change since the calibration).
+    faults : FaultsFile or None
+        Faults of the board and its connections.
     """
 
     seconds: Cycle
@@ -434,7 +463,9 @@ class ScenarioFile(toml.Strict):
         for name, points in lines.items():
             times = [point[0] for point in points]
             if any(b <= a for a, b in zip(times, times[1:])):
-                raise ValueError(f"the times of {name} must ascend")
+                raise ValueError(
+                    f"the times of {name} must ascend: sort them, and remove equal times"
+                )
             if times and times[-1] > self.seconds:
                 raise ValueError(
                     f"{name} has points after the end of the scenario ({self.seconds:g} s): "

@@ -31,7 +31,7 @@ from .stage import Stage
 from .stage_presser import StagePresser
 from .typist import Typist
 
-WARM_MIN = 5  # five time constants of the LED
+WARM_MIN = 5  # minutes: five time constants of the warming LED
 _SHARES = np.linspace(0, 1, 31)  # angles, as shares of the joint's travel
 _READINGS = 6
 _TEST_EVERY = 3  # every third of these angles is tested
@@ -40,7 +40,7 @@ _MARK_SAMPLES = 200
 
 
 def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dict:
-    """Type random digits after the board is switched on; count the errors.
+    """Type random digits while the LED warms up, and count the errors.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dic
 def joint(
     sensor: SensorFile, minutes: float, seed: int, average: int, warm_min: int = WARM_MIN
 ) -> list[dict]:
-    """Measure errors of a joint's angle after the board is switched on; correct the drift once.
+    """Measure errors of a joint's angle while the LED warms up; correct the drift one time.
 
     Parameters
     ----------
@@ -92,9 +92,9 @@ def joint(
     Returns
     -------
     list of dict
-        One dict for each minute, measured in the middle of this minute: ``minute``; ``rezeroed``,
-        whether the drift is corrected by then; ``accuracy_deg``, the mean absolute error of single
-        readings.
+        One dict for each minute, measured in the middle of this minute. ``minute``: its number,
+        from 1. ``rezeroed``: whether the drift was corrected before. ``accuracy_deg``: mean
+        absolute error of single readings, in degrees.
     """
     with Rig(sensor, seed, 10_000, average) as rig:
         conditions, lines = rig.conditions, rig.lines
@@ -130,9 +130,9 @@ def joint(
 def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
     """Turn the joint of `stage` up, then down, and read the positions at each angle.
 
-    The angles are the `shares` of the joint's travel.
+    `shares` are the angles as shares of the joint's travel, ascending.
 
-    Returns angles in degrees, shape (n,), and positions in um, shape (n, readings).
+    Returns angles in degrees, shape (n,), and positions in um, shape (n, `_READINGS`).
     """
     angles, rows = [], []
     for direction, sweep in ((1, shares), (-1, shares[::-1])):
@@ -168,11 +168,16 @@ def _marks(stage: Stage, shares) -> Marks:
 def main() -> None:
     """Parse the command line, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("minutes", type=float, nargs="?", default=20.0)
-    parser.add_argument("--sensor", default="real")
-    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--average", type=int, default=6, help="samples of 10 ms in a reading of the joint (6)"
+        "minutes", type=float, nargs="?", default=20.0, help="simulated minutes (20)"
+    )
+    parser.add_argument("--sensor", default="real", help="sensor file: path or name (real)")
+    parser.add_argument("--seed", type=int, default=0, help="random seed (0)")
+    parser.add_argument(
+        "--average",
+        type=int,
+        default=6,
+        help="samples of 10 ms averaged in a reading of the joint (6)",
     )
     options = parser.parse_args()
     sensor = load(SensorFile, options.sensor)

@@ -11,7 +11,7 @@ from .files import SensorFile
 from .silicone import Silicone
 
 # Keys that later versions of the sensor file added, with their defaults. A key that has its default
-# does not affect the id, so sensors of earlier files have the same id as before.
+# does not affect the id, so a file without the key has the same id as before.
 _LATER = {
     ("temperature", None): msgspec.to_builtins(Temperature()),
     ("silicone", None): msgspec.to_builtins(Silicone()),

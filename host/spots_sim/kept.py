@@ -32,7 +32,7 @@ def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
     Parameters
     ----------
     kind : type
-        Type of the results. Results and arguments must be types that msgspec can encode.
+        Type of the results. msgspec must be able to encode the results and the arguments.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
         def cached(*arguments) -> T:
             if not os.environ.get(FOLDER):
                 return make(*arguments)
-            # One entry for each runtime, because tests compare the calibrations of both runtimes.
+            # Each runtime has its own entry, because tests compare MicroPython and CPython.
             key = msgspec.json.encode([make.__name__, is_cpython(), arguments])
             path = Path(os.environ[FOLDER]) / f"{sha256(key).hexdigest()}.json"
             if path.exists():

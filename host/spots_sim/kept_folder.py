@@ -15,7 +15,7 @@ FOLDER = "SPOTS_CALIBRATIONS"
 
 
 def kept_folder(name: str, make: Callable[[Path], object]) -> Path | None:
-    """Return a folder that is made once for all processes.
+    """Return a stored folder; the first process that needs the folder makes it.
 
     Parameters
     ----------

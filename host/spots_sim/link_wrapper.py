@@ -1,4 +1,4 @@
-"""Links that wrap another link; see `spots.link.serial_link.Link`."""
+"""Connections to a board (links) that wrap another link, see `spots.link.serial_link.Link`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from spots.link.serial_link import Link
 
 
 class LinkWrapper:
-    """Delegates to another link; the base class of wrappers.
+    """A link that delegates each call to another link; the base class of wrappers.
 
     Parameters
     ----------
@@ -46,15 +46,15 @@ class LinkWrapper:
 
 
 class Tap(LinkWrapper):
-    """Wraps a link; passes a copy of the data of each read to a function.
+    """A wrapper of a link that passes a copy of all received data to a function.
 
     Parameters
     ----------
     link : Link
         The link to wrap.
     look : callable
-        ``look(data, now_s)`` receives the bytes of a read, and the present time by the link's
-        clock in s.
+        ``look(data, now_s)`` is called after each read, with the received bytes and the time of
+        the link's clock in s.
     """
 
     def __init__(self, link: Link, look: Callable[[bytes, float], None]):

@@ -1,4 +1,8 @@
-"""Runs a simulated linkage in real time; measures the error of its digital twin on a path."""
+"""Runs a simulated five-bar linkage in real time; measures the error of its twin on a path.
+
+The digital twin (`spots.Twin`) computes the position of the end point. Its input is the readings of
+two strips, one in each base joint of the linkage.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,7 @@ def endless(
     Parameters
     ----------
     sensor, linkage, path : str
-        Sensor, linkage and path file: a path or a name.
+        Sensor, linkage and path file: each a path, or a name such as ``default`` or ``sust``.
     seed : int
         Random seed of the noise.
     exposure_us : int
@@ -53,8 +57,8 @@ def endless(
     """
     if is_mounted(linkage):
         raise SpotsError(
-            f"{linkage} describes a linkage with real boards: leave out --port virtual, or name a "
-            "simulated linkage such as 'default', whose file has lowest_deg"
+            f"{linkage} is the file of a linkage with real boards: leave out --port virtual, or "
+            "name the file of a simulated linkage, such as 'default'"
         )
     files = [load(kind, name) for kind, name in zip(_KINDS, (sensor, linkage, path))]
     print("calibrating two simulated strips (some seconds) ...", file=sys.stderr, flush=True)
@@ -75,6 +79,7 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
     Yields
     ------
     Source
+        The linkage's digital twin, and the two boards that it reads.
 
     Raises
     ------
@@ -88,7 +93,10 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
 
 
 def run(options) -> None:
-    """Run ``spots twin`` on a simulated linkage: live with ``--port``, otherwise with `compare`.
+    """Run ``spots twin`` on a simulated linkage.
+
+    With ``--port``, the linkage moves in real time. Without ``--port``, `compare` moves it in
+    simulated time.
 
     Parameters
     ----------
@@ -123,20 +131,22 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     Parameters
     ----------
     sensor : str
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     seed : int
         Random seed of the noise.
     seconds : float or None
         Duration in seconds of real time; None for no limit. Ignored if `fast` is true.
     fast : bool
-        True for simulated time; the linkage follows its path once.
+        True for simulated time; the linkage then follows its path one time.
     quiet : bool
         True to print nothing.
 
     Returns
     -------
     dict
-        Results of the run.
+        Results of the run: in simulated time those of `survey.PathRun.summary`. In real time,
+        ``terminals``: number of estimated positions; ``frames`` and ``lost``: numbers of received
+        and of lost frames, of both boards together.
 
     Raises
     ------
@@ -162,7 +172,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
 
 
 def compare(options) -> None:
-    """Follow a path in simulated time, and print the error of the linkage's digital twin.
+    """Move a linkage along a path in simulated time, and print the error of its digital twin.
 
     Parameters
     ----------

@@ -17,8 +17,9 @@ from .files import Finger, ScenarioFile, SensorFile
 from .lockstep import LockstepLink
 from .scenario import Scenario
 
-START_S, REST_S = 3.0, 10.0
-# Loads that calibrate the silicone, as for `record`. No place was pressed before its first load.
+START_S, REST_S = 3.0, 10.0  # time of the first load, and pause after each load
+# Loads that calibrate the silicone: position as a share of the length, largest force in mN, and
+# durations of loading and hold in s. The first load holds its force for creep.
 SESSION = (
     (0.5, 5000.0, 0.1, 60.0),
     (0.3, 9500.0, 1.0, 0.0), (0.3, 9500.0, 4.0, 0.0), (0.3, 9500.0, 12.0, 0.0),
@@ -27,7 +28,7 @@ SESSION = (
 
 
 def points(loads) -> list[list[tuple[float, float, float]]]:
-    """Return the path of the force in each load, as points joined by straight lines.
+    """Return the force over time of each load, as points joined by straight lines.
 
     Each point is a tuple: time in s, position as a share of the strip's length, force in mN. The
     loads are those of `record`.
@@ -51,12 +52,13 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
         Text lines of the sensor's calibration.
     loads : sequence of (float, float, float, float)
         Each load: its position as a share of the length, its largest force in mN, the duration of
-        the loading (the unloading lasts as long), and the duration of the hold before the
-        unloading, in s.
+        the loading in s, and the duration of the hold in s. The unloading lasts as long as the
+        loading.
     seed : int
         Random seed of the noise.
     led : str
-        LED settings as assignments for ``set``, if the LED is not on the chip's pin LDR.
+        LED settings: assignments for the board's command ``set``, such as ``led=always``. Empty if
+        the LED is on the pin LDR of the AS7341.
 
     Returns
     -------
@@ -86,7 +88,7 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
 
 
 def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
-    """Calibrate hysteresis and creep of a simulated strip.
+    """Measure hysteresis and creep of a simulated strip, so that the board can compensate them.
 
     Parameters
     ----------
@@ -100,8 +102,8 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        The calibration line ``silicone``, from which the board compensates both effects. Empty for
-        an ideal silicone.
+        The calibration line ``silicone``, from which the board compensates both effects. Empty if
+        the silicone is ideal or the fit finds no effect.
     """
     if sensor.silicone.ideal:
         return ()
@@ -110,16 +112,16 @@ def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
 
 
 def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> None:
-    """Set the mains frequency and the wiring of the LED on a board.
+    """Send the mains frequency and the LED settings to a board.
 
     Parameters
     ----------
     board : Board
         Board to change.
     sensor : SensorFile
-        Sensor file of the strip; its lamps give the mains frequency.
+        Sensor file of the strip; the mains frequency is that of its flickering lamps.
     led : str
-        Wiring of the LED as assignments for ``set``; empty for an LED on the chip's pin LDR.
+        LED settings, see `record`.
     number : int, optional
         Number of the strip on the board.
     """

@@ -1,7 +1,6 @@
-"""A virtual board in simulated time, which runs only while the host reads from it.
+"""A virtual board in simulated time, which runs only during calls of `LockstepLink`.
 
-The same sensor, scenario and seed give the same bytes in each run. `LockstepLink` has the same
-methods as `link.serial_link.SerialLink`.
+The same sensor, scenario and seed give the same bytes in each run.
 """
 
 from __future__ import annotations
@@ -24,7 +23,9 @@ from .world import chip
 
 
 class LockstepLink:
-    """The serial port of a virtual board in simulated time.
+    """The serial port of a virtual board in simulated time, as a `spots.link.serial_link.Link`.
+
+    It never raises PortLostError, so it has no methods to open its port again.
 
     Parameters
     ----------
@@ -37,23 +38,23 @@ class LockstepLink:
     folder : Path, optional
         File system of the board. By default a temporary folder with the firmware.
     started_s : float
-        Time for which supply and LED have been on when the board boots, in seconds.
+        Time in seconds from power-on of sensor and LED to the start of the firmware.
     board : str
         Name of the virtual board, ``virtual`` or ``virtual_circuitpython``.
     faults : faults.Faults, optional
-        Faults of bus and board. For faults of the bytes, use `faults.FaultyLink`.
+        Faults of bus and board. For damaged or lost bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
         Processor time of one loop pass in us, on MicroPython only; 0 by default. The time passes
-        before each read of the sensor's data registers; after a read of its FIFO, it passes once
+        before each read of the sensor's data registers. After a read of its FIFO, this time passes
         for each sample that was read. With a function ``busy_us(free_bytes) -> float``, the board
         reports its number of free heap bytes at each transfer, which doubles the run time.
     warm : bool, optional
-        Whether the LED has its final temperature when it is first switched on.
+        True if the LED has its final temperature from the start; False if it warms up first.
     cpu : str, optional
-        Name of a processor, see `cpu.load`: the firmware is as slow as on that board. Without it,
-        only transfers and sleeps take time.
+        Name of a processor, see `cpu.load`: the firmware is as slow as on this processor. By
+        default, only transfers and sleeps take time.
     second : tuple, optional
-        Scenario and seed of a second strip on this board; its sensor is like that of the first.
+        Scenario and seed of a second strip on this board. Both strips have the same sensor file.
 
     Attributes
     ----------
@@ -127,7 +128,7 @@ class LockstepLink:
         return self.clock.now_us() * 1e-6
 
     def read(self, timeout_s: float) -> bytes:
-        """Run the board until it has sent data, at most for `timeout_s`; return the data."""
+        """Run the board until it sends data, for at most `timeout_s` seconds; return the data."""
         self._check_open()
         horizon_us = self.clock.now_us() + 1e6 * timeout_s
         while True:

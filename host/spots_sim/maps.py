@@ -16,14 +16,14 @@ _SAMPLES = 721
 
 
 def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> tuple:
-    """Return the end point's path while one joint is fixed and the other turns: a line of Fig. 7B.
+    """Return the end point's path while one joint is fixed and the other turns (paper, Fig. 7B).
 
     Parameters
     ----------
     linkage : Linkage
         Five-bar linkage.
     joint : int
-        Number of the fixed joint, 0 or 1.
+        Index of the fixed joint, 0 or 1.
     theta_rad : float
         Angle of the fixed joint in rad.
     usable : callable, optional
@@ -32,12 +32,13 @@ def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> t
     Returns
     -------
     x_mm, y_mm : numpy.ma.MaskedArray, shape (n,)
-        Positions of the end point in mm; masked outside the workspace.
+        Positions of the end point in mm; masked where the linkage cannot reach, or `usable` is
+        false.
     """
     other = np.linspace(-np.pi, np.pi, _SAMPLES)
     theta = (theta_rad, other) if joint == 0 else (other, theta_rad)
     x_mm, y_mm = linkage.forward(*theta)
-    # Beyond a stretched arm the elbow turns inwards; Eqs. 3 and 4 do not hold there.
+    # Beyond a stretched arm the elbow turns inwards; Eqs. 3 and 4 of the paper do not hold there.
     back = linkage.inverse(x_mm, y_mm)[joint]
     keep = np.ma.filled(abs(back - theta_rad) < 1e-6, False)
     if usable is not None:
@@ -46,7 +47,7 @@ def iso_angles(linkage: Linkage, joint: int, theta_rad: float, usable=None) -> t
 
 
 def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> Path:
-    """Draw lines of equal joint angles over the workspace, as in Fig. 7B.
+    """Draw lines of equal joint angles over the workspace, as in Fig. 7B of the paper.
 
     Parameters
     ----------
@@ -55,7 +56,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
     path : Path
         PNG file to write.
     step_deg : int
-        Angle between two lines in degrees.
+        Difference of the joint angles of two neighbouring lines, in degrees.
     mechanism : spots_sim.mechanism.Mechanism, optional
         Mechanism whose joints limit the workspace by their travel. By default there is no limit.
 
@@ -109,9 +110,10 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
 
 
 def deviation(survey: Survey, path: Path) -> Path:
-    """Draw the end point's error over the workspace, as in Fig. 7C.
+    """Draw the end point's error over the workspace, as in Fig. 7C of the paper.
 
-    Three maps: with nominal lengths, with true lengths, and after a kinematic calibration.
+    The picture has three maps: with nominal lengths, with true lengths, and after a kinematic
+    calibration.
 
     Parameters
     ----------
@@ -151,7 +153,7 @@ def deviation(survey: Survey, path: Path) -> Path:
 
 
 def trajectory(run: PathRun, path: Path) -> Path:
-    """Draw a true path, its estimate by the digital twin, and the error over time, as in Fig. 7D.
+    """Draw a path, its estimate by the digital twin, and the error over time (paper, Fig. 7D).
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ BENDS_DEG = (0, 45, 90, 135, 180)
 _FORCES_MN = (600.0, 9500.0)
 _FORCE_STEPS = 16
 _FORCE_PLACES = np.linspace(0.05, 0.95, 5)
-_JITTER_UM, _JITTER_FORCE = 50.0, 0.05
+_JITTER_UM, _JITTER_FORCE = 50.0, 0.05  # largest offset; the force as a share of `FORCE_MN`
 _JOINT_ANGLES = 31
 _JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
@@ -51,10 +51,11 @@ class Run:
     Attributes
     ----------
     summary : dict
-        Results that ``spots characterize --json`` prints.
+        Results that ``spots characterize --json`` prints. Keys end in their units; ``crb`` is the
+        Cramer-Rao bound.
     series : dict of dict of arrays
-        Arrays for the figures, by the name of the measurement (such as ``position``) and of the
-        array.
+        Arrays for the figures. The first key is the name of a measurement, such as ``position``;
+        the second key is the name of an array, such as ``x_um``.
     """
 
     summary: dict = field(default_factory=dict)
@@ -70,7 +71,10 @@ def characterize(
     change: Change = NONE,
     hand: Hand = NO_HAND,
 ) -> Run:
-    """Measure the accuracy of a simulated sensor: position, force, bending, joint and strain.
+    """Measure the accuracy of a simulated sensor.
+
+    Position and force are measured on the flat strip. Position is also measured on the bent and on
+    the stretched strip, and the angle of a joint with the strip in the joint.
 
     Parameters
     ----------
@@ -83,9 +87,10 @@ def characterize(
     progress : callable
         ``progress(name)`` is called at the start of each step.
     change : Change
-        Change of the strip since its calibration, added to ``[change]`` of the sensor file.
+        Change of the strip after its calibration. Its values are added to those of the table
+        ``[change]`` in the sensor file.
     hand : Hand
-        Options of the re-zero, which corrects the calibration after the change with a few presses.
+        Options of the re-zero. After the change, it corrects the calibration with a few presses.
 
     Returns
     -------
@@ -206,7 +211,7 @@ def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: One
     least : float
         Cramer-Rao bound of the standard deviation, in um.
     untrusted : float
-        Share of untrusted readings, in per cent.
+        Share of the readings that the board marked as untrusted, in per cent.
     """
     true_um, _, readings, counts = zip(*_jittered(rig, rng, place_um, count))
     errors = np.array([r.position_um for r in readings]) - true_um
@@ -273,13 +278,14 @@ def _light_over_noise(counts: np.ndarray) -> float:
 
 
 def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list[float]]:
-    """Measure the estimate `pair` on single samples, at the positions `x_um` of the strip `rig`.
+    """Measure the noise of the position estimate `pair`, from readings of one sample each.
 
-    `pair` is the position estimate from two channels; `rng` is the random generator.
+    `rig` is a calibrated strip, which is pressed at the positions `x_um`; `rng` is the random
+    generator.
 
     Returns, for each position, the ratio of the estimate's scatter to the Cramer-Rao bound, and the
-    signal-to-noise ratio of the counts. The mean counts of several samples cannot be used, because
-    the board rounds them, which changes the noise.
+    signal-to-noise ratio of the counts. Readings of several samples cannot be used: the board
+    rounds their mean counts, and this changes the noise.
     """
     average = rig.average
     rig.set_average(1)
@@ -349,9 +355,9 @@ def _threshold_mN(rig: Rig) -> float:
 
 
 def _accuracy_um(rig: Rig, rng) -> np.ndarray:
-    """Measure the position accuracy along the strip; the generator `rng` draws the presses.
+    """Measure the position accuracy along a calibrated strip `rig`, with random presses.
 
-    `rig` is a calibrated strip. Returns an array of shape (3, n) for n positions: positions, mean
+    `rng` is the random generator. Returns an array of shape (3, n) for n positions: positions, mean
     errors and mean absolute errors, all in um.
     """
     x_um = PLACES * rig.stage.length_um
@@ -366,7 +372,7 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
 
 
 def _flat(run: Run) -> np.ndarray:
-    """Return the result of `_accuracy_um` for the flat, unstretched strip from `run.series`."""
+    """Return the errors of the flat, unstretched strip, in the form that `_accuracy_um` returns."""
     position = run.series["position"]
     return np.array([position["x_um"], position["bias"], position["accuracy"]])
 

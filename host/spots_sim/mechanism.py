@@ -1,7 +1,10 @@
-"""A simulated five-bar linkage with backlash and errors of its lengths; it moves two indenters.
+"""A simulated five-bar linkage with backlash and errors of its lengths.
 
-Its true positions are compared with those of a digital twin. This module shares no formula with
-`linkage.fivebar`.
+Each of its two base joints moves an indenter along a strip.
+
+The true positions of this linkage test the digital twin (`spots.Twin`), which computes positions
+from readings of the strips. This module shares no formula with `spots.linkage.fivebar`, so that the
+test also finds a wrong formula.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ _PAUSE_S = 0.2  # after each stroke, and before the next one
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion of the end point, sampled over time.
+    """A motion of a linkage's end point, sampled over time.
 
     Attributes
     ----------
@@ -35,7 +38,7 @@ class Motion:
     x_mm, y_mm : numpy.ndarray, shape (n,)
         Positions of the end point in mm.
     drawing : numpy.ndarray of bool, shape (n,)
-        True where the motion draws a stroke, False during the move to the next stroke.
+        True where the motion draws a stroke; False in pauses and on the way to the next stroke.
     """
 
     time_s: np.ndarray
@@ -73,9 +76,10 @@ class Mechanism:
     base_mm : float
         True distance of the base joints in mm.
     zero_rad : tuple of float
-        For each joint, its angle in rad (Eqs. 3 and 4 of the paper) at the zero of its calibration.
+        For each joint, the angle of Eqs. 3 and 4 of the paper at which its calibration has the
+        angle 0, in rad.
     travel_deg : float
-        Travel of each indenter, in degrees of its joint.
+        Largest angle of each joint in degrees; there, its indenter is at the end of its travel.
     """
 
     def __init__(self, file: LinkageFile, sensor: SensorFile):
@@ -96,12 +100,12 @@ class Mechanism:
         Parameters
         ----------
         x_mm, y_mm : array_like
-            Positions in mm in the frame of the base joints; both have the same shape.
+            Positions in mm, same shape. Joint 1 is at (0, 0) and joint 2 at (`base_mm`, 0).
 
         Returns
         -------
         numpy.ndarray, shape (2, ...)
-            Angles of joint 1 and 2 in degrees, counted from the zero of each joint's calibration.
+            Angles of joint 1 and 2 in degrees, as in the joint's calibration.
             NaN if the linkage cannot reach a position.
         """
         a1, b1, b2, a2 = self.bar_mm
@@ -117,7 +121,7 @@ class Mechanism:
         Parameters
         ----------
         x_mm, y_mm : array_like
-            Positions in mm in the frame of the base joints; both have the same shape.
+            Positions in mm, same shape. Joint 1 is at (0, 0) and joint 2 at (`base_mm`, 0).
 
         Returns
         -------
@@ -153,7 +157,8 @@ class Mechanism:
             i = int(np.argmax(off))
             raise SpotsError(
                 f"the linkage cannot follow the path: ({motion.x_mm[i]:.1f}, {motion.y_mm[i]:.1f}) "
-                "mm is out of reach of its bars, or beyond the travel of a joint: move the path"
+                "mm is out of reach of its bars, or beyond the travel of a joint: move the points "
+                "of the path"
             )
         return tuple(self.turn(motion.time_s, of_joint, again) for of_joint in angles_deg)
 
@@ -182,7 +187,7 @@ class Mechanism:
 class JointScenario:
     """Scenario of a strip in a joint: the joint bends the strip and slides an indenter on it.
 
-    Like `scenario.Scenario`, it has ``pose``, ``presses``, ``change`` and ``ambient_uW_cm2``.
+    It has the methods of `scenario.Scenario`.
 
     Parameters
     ----------
@@ -225,11 +230,11 @@ class JointScenario:
         return NONE
 
     def is_dark(self, start_s: float, end_s: float) -> bool:
-        """Return False: the indenter presses in any interval."""
+        """Return False: the indenter always presses, so light of the LED enters the strip."""
         return False
 
     def ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
-        """Return 0: no ambient light enters a joint in any interval."""
+        """Return 0: no ambient light enters a joint."""
         return 0.0
 
 
@@ -302,7 +307,7 @@ def dwelling(x_mm, y_mm, start_s: float, dwell_s: float, move_s: float) -> Motio
 
 
 def closed(file: PathFile) -> PathFile:
-    """Return a path with an additional last stroke back to its first point."""
+    """Return a path with an additional last stroke to its first point, so that it can repeat."""
     back = Stroke(points=[file.stroke[-1].points[-1], file.stroke[0].points[0]])
     return msgspec.structs.replace(file, stroke=[*file.stroke, back])
 
@@ -322,10 +327,12 @@ def _line(stroke: Stroke) -> np.ndarray:
 
 
 def _turned(x_mm, y_mm, inner: float, outer: float) -> np.ndarray:
-    """Intersect two circles, and return the angle of an inner bar, in rad from +y.
+    """Return the angle of an inner bar in rad, from the y axis towards the x axis.
 
     `x_mm` and `y_mm` are the position of the end point relative to the joint; `inner` and `outer`
-    are the lengths of the bars in mm.
+    are the lengths of the bars in mm. The elbow is where two circles intersect: one around the
+    joint with the radius `inner`, one around the end point with the radius `outer`. Of the two
+    intersections, it is the left one, looking from the joint to the end point.
     """
     reach2 = x_mm**2 + y_mm**2
     with np.errstate(all="ignore"):

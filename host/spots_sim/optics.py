@@ -1,8 +1,9 @@
 """Optics of a simulated strip: from the LED to the photodiodes, at each wavelength.
 
-A count is the integral over wavelength of four factors: LED spectrum, coupling, decay in the dyed
-guide (Eq. 1 of the paper) and channel response. A channel is a band of wavelengths. So the
-logarithm of its count is not exactly linear in the position, as in the real sensor.
+A count is an integral over wavelength. Its integrand is the product of four factors: LED spectrum,
+coupling, decay in the dyed guide (Eq. 1 of the paper) and channel response. A channel is a band of
+wavelengths, so the logarithm of its count is not exactly linear in the position. The same is true
+of the real sensor.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def led_spectrum(led: Led) -> np.ndarray:
 
 
 def decay_per_mm(dye: Dye) -> np.ndarray:
-    """Return the decay coefficient k of Eq. 1 in each bin of `WAVELENGTH_NM`."""
+    """Return the decay coefficient k (paper, Eq. 1) per mm in each bin of `WAVELENGTH_NM`."""
     edge = 1 / (1 + np.exp((WAVELENGTH_NM - dye.edge_nm) / dye.edge_width_nm))
     return dye.clear_per_mm + dye.strength_per_mm * edge
 
@@ -84,7 +85,7 @@ _KEPT = 256  # number of presses whose light is cached
 class Optics:
     """Computes the count rates of a strip's photodiodes.
 
-    All rates are in counts per ms at gain 1x, in the order of `names`.
+    All rates are in counts per ms at gain 1x, in the order of the photodiodes in `names`.
 
     Parameters
     ----------
@@ -93,7 +94,12 @@ class Optics:
     change : Change
         The change since the calibration.
     led_K : float
-        Temperature rise of the LED since it was switched on, in K.
+        Temperature rise of the LED by its own current, in K.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the photodiodes, such as ``F1``.
     """
 
     names = tuple(_CHANNELS)
@@ -131,7 +137,7 @@ class Optics:
         Parameters
         ----------
         position_mm : float
-            Distance of the contact's middle from the sensor's end, in mm.
+            Distance of the contact's middle from the sensor's end of the strip, in mm.
         width_mm : float
             Width of the contact along the strip, in mm.
         strain : float
@@ -160,7 +166,7 @@ class Optics:
         return decay, spread - tilt_percent / 100 * (half / 3 + half**3 / 30)
 
     def source_uW_cm2(self, led_mA: float) -> float:
-        """Return the LED's irradiance at the sensor in uW/cm2, for a full contact at the sensor."""
+        """Return the LED's irradiance on the chip in uW/cm2 for a full contact at position 0."""
         light_mA = led_mA / (1 + led_mA / self._led.bend_mA)
         return self._light * self._led.irradiance_uW_cm2_per_mA * light_mA
 

@@ -18,7 +18,7 @@ class OnePair:
     Parameters
     ----------
     along : Presses
-        Counts of presses with one force at positions along the whole strip.
+        Presses with one force at positions along the whole strip.
     noise : Noise
         Noise of the counts.
 

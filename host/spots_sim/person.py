@@ -20,16 +20,16 @@ _PRESS = re.compile(
 )
 _CHANGE = re.compile(r"without lifting, go to about (\d+) g")
 _QUESTION = re.compile(r"what (?:does|do) (?:the )?(?:ruler|scale)")
-_FINGER_MM, _INDENTER_MM = 8.0, 4.0
+_FINGER_MM, _INDENTER_MM = 8.0, 4.0  # widths along the strip
 _FIRM_MN, _HARD_MN = (2500.0, 6000.0), (6000.0, 10_000.0)  # of presses without a scale
-_GRAM_MN = 9.80665
+_GRAM_MN = 9.80665  # weight of 1 g in mN
 _STARTS_S = 0.4  # from the request to the press
-_EARLY_S = 0.5  # duration of a press that is lifted early
+_EARLY_S = 0.5  # a press that is lifted early lasts for this time or twice this time
 _RAMP_S, _RAMP_STEPS = 0.6, 6  # duration and steps of a change of the force
-_FORGOTTEN_S = 20.0
+_FORGOTTEN_S = 20.0  # from the request to a press that the person has forgotten
 
-# Path of a finger, as a list of its parts. Each part: start and end in s after the start of the
-# movement, and the press. The end may be infinite.
+# Movement of a finger, as a list of presses. Each element: start and end in s after the start of
+# the movement, and the press in between. The end may be infinite.
 Way = list[tuple[float, float, Press]]
 
 
@@ -40,13 +40,15 @@ class Habits:
     Attributes
     ----------
     place_mm : float
-        Largest error of a position, in mm.
+        Largest error of a position that the person reads off the ruler, in mm.
     force_share : float
-        Largest relative error of a force.
+        Largest relative error of a force that the person reads off the scale.
     slips : float
-        Share of presses with a slip: a press forgotten for a while, made twice, or lifted early.
+        Share of presses with a slip: the press begins 20 s after the request, or the finger lifts
+        too early and presses again.
     typos : float
-        Share of presses whose position the person types wrongly, by 10 mm or more.
+        Share of presses whose position the person types wrongly, by 30 to 70 % of the strip's
+        length.
     width_mm : float
         Width of the finger in mm, for presses without a scale. Presses on a scale are made with
         an indenter instead.
@@ -68,8 +70,8 @@ class Person:
     Parameters
     ----------
     move : callable
-        ``move(way)`` starts a movement of the finger; `way` is a list as in `follow`, and an empty
-        list lifts the finger.
+        ``move(way)`` starts a movement of the finger; `way` is a `Way`, and an empty list lifts
+        the finger.
     length_mm : float
         Length of the strip in mm.
     habits : Habits
@@ -149,7 +151,10 @@ class Person:
         self._move(way)
 
     def answer(self, question: str) -> str:
-        """Return the line that the person types as an answer, without its line end."""
+        """Return the line that the person types, without its line end.
+
+        The line is empty if the question asks neither for a position nor for a force.
+        """
         if not _QUESTION.search(question):
             return ""
         place_mm, force_mN = self._shown
@@ -171,7 +176,7 @@ class Person:
 
 
 def follow(held: Held, way: Way) -> None:
-    """Move the simulated finger along a path; the movement begins with the next reading.
+    """Move the simulated finger along a path, from the board's next exposure on.
 
     Parameters
     ----------

@@ -63,10 +63,7 @@ class Inlet:
         return bool(self._waiting)
 
     def write(self, data: bytes = b"") -> None:
-        """Write the buffered bytes, then `data`.
-
-        Buffer the bytes that the reader does not accept yet.
-        """
+        """Write the buffered bytes, then `data`; buffer what the reader does not accept yet."""
         self._waiting += data
         with contextlib.suppress(BlockingIOError):
             self._waiting = self._waiting[os.write(self._fd, self._waiting) :]
@@ -75,8 +72,8 @@ class Inlet:
 class Console(PseudoTerminal):
     """The simulated board's port that has the MicroPython prompt.
 
-    It consists of two PTYs: one for the host and one for MicroPython, which gives a prompt only on
-    a terminal.
+    It consists of two pseudo-terminals: one for the host and one for MicroPython, which shows a
+    prompt only on a terminal.
     """
 
     def __init__(self):
@@ -87,7 +84,7 @@ class Console(PseudoTerminal):
         self.raw_prompt = False
 
     def pass_on(self, damaged) -> None:
-        """Read the host's bytes, and send the result of ``damaged(data)`` to the board."""
+        """Pass the host's bytes to the board; ``damaged(data)`` returns the bytes that arrive."""
         data = damaged(os.read(self.board_end, 4096))
         modes = [byte for byte in data if byte in (_RAW_PROMPT, _FRIENDLY_PROMPT)]
         if modes:
@@ -111,9 +108,9 @@ class PortNoise:
     Parameters
     ----------
     faults : faults.Faults
-        Faults of the scenario.
+        Faults that the scenario file describes.
     clock : RealClock
-        Clock of the faults.
+        Clock of the virtual board; its time determines when a fault happens.
     port : PseudoTerminal
         The port for frames.
     """
@@ -148,7 +145,7 @@ def main(
     Parameters
     ----------
     sensor_name, scenario_name : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of noise and faults.
     board : str

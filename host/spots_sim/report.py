@@ -17,7 +17,7 @@ def show(summary: dict) -> None:
 
 
 def tables(summary: dict) -> Group:
-    """Return tables for rich from a `measurements.Run.summary`."""
+    """Return the tables of a `measurements.Run.summary`, for the package rich to print."""
     position, force, joint = summary["position"], summary["force"], summary["joint"]
     pair = position["one_pair"]
     figures = Table(box=box.SIMPLE_HEAD, title=_conditions(summary), title_justify="left")

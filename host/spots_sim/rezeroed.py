@@ -25,9 +25,10 @@ from .rig import Rig
 from .stage import Stage
 from .stage_presser import StagePresser
 
-# Assumed for a resting finger. As in reality, a tremor averages out the rounding of small counts.
+# Tremor of a resting finger as a share of its force, assumed. As in reality, it averages out the
+# rounding of small counts.
 _TREMOR = 0.02
-_NOBODY = Path("characterize")
+_NOBODY = Path("characterize")  # stands for the calibration file in error messages
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,8 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
     """Calibrate a simulated sensor, change the sensor, and correct the calibration (re-zero).
 
-    Returns the text lines of the corrected calibration.
+    The table ``[change]`` of the sensor file describes the change. Returns the text lines of the
+    corrected calibration.
 
     Raises
     ------

@@ -42,7 +42,8 @@ class Rig:
     Attributes
     ----------
     along : dict of int to Presses
-        Presses along the strip from which the calibration is made, by strain in ppm.
+        Presses that the calibration is made from. Key: strain of the strip in ppm; value: presses
+        at positions along the whole strip.
     noise : Noise
         Noise of the counts, estimated from the presses of the calibration.
     lines : tuple of str
@@ -113,7 +114,7 @@ class Rig:
         Parameters
         ----------
         place_um : sequence of float, length n
-            Positions of the marks, in um from the sensor's end.
+            Positions of the marks, in um from the sensor's end of the strip.
         shifts : array_like, shape (n, 6)
             Shift of each channel at each mark, in units of log2.
         """
@@ -121,7 +122,7 @@ class Rig:
         self._use()
 
     def set_average(self, average: int) -> None:
-        """Set the number of samples in a reading."""
+        """Set the number of samples that the board averages in a reading."""
         self.board.command(f"set average={average}")
         self.average = average
 
@@ -135,7 +136,10 @@ class Rig:
         self.board.command("stream touch spectrum")
 
     def _dark_frame(self) -> list[int]:
-        """Let the board average as many dark samples as possible; return the dark frame."""
+        """Take a dark frame; return each channel's sum of `DARK_SAMPLES` samples without light.
+
+        The board averages the dark frame over as many samples as it can, to reduce the noise.
+        """
         exposure_us = self.conditions.exposure_us
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)
@@ -150,7 +154,7 @@ class Rig:
         Parameters
         ----------
         position_um : float
-            Distance of the press from the sensor's end, in um.
+            Distance of the press from the sensor's end of the strip, in um.
         force_mN : float
             Force of the press in mN.
         count : int

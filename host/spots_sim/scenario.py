@@ -1,4 +1,4 @@
-"""Scenarios: the true fingers, strain and light on the strip over time."""
+"""Scenarios: the true fingers, strain and light on a simulated strip over time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Press:
     Attributes
     ----------
     position_mm : float
-        Distance from the sensor's end, in mm.
+        Distance from the sensor's end of the strip, in mm.
     force_mN : float
         Force in mN.
     width_mm : float
@@ -50,7 +50,7 @@ class Pose:
     leak_share : float
         Light that couples without a finger, as a share of full contact.
     leak_mm : float
-        Position of this leak in mm from the sensor's end.
+        Distance of this leak from the sensor's end of the strip, in mm.
     """
 
     strain: float = 0.0
@@ -88,18 +88,18 @@ class Scenario:
         ]
 
     def pose(self, time_s: float) -> Pose:
-        """Return strain, bend and leak (light that couples without a finger) at `time_s`."""
+        """Return strain, bend and leak of the strip at `time_s` seconds of the scenario."""
         return self._only_pose or self._pose(time_s % self.file.seconds)
 
     def change(self, time_s: float) -> Change:
-        """Return the change of the sensor since the calibration, at `time_s`."""
+        """Return the sensor's change since the calibration, at `time_s` seconds of the scenario."""
         if not self._moved:
             return NONE
         phase_s = time_s % self.file.seconds
         return Change(**{name: _on_lines(v, phase_s)[0] for name, v in self._moved.items()})
 
     def presses(self, time_s: float) -> list[Press]:
-        """Return the fingers with a force above 0 at `time_s`."""
+        """Return the fingers with a force above 0 at `time_s` seconds of the scenario."""
         phase_s = time_s % self.file.seconds
         found = []
         for touch, times in self._down[bisect_right(self._edges, phase_s)]:
@@ -119,8 +119,8 @@ class Scenario:
         Returns
         -------
         bool
-            False if it is unsure: near the start or the end of a touch, and in every scenario
-            with a leak or with a pose that changes.
+            Also False where the answer is not certain: near the start or the end of a touch, and
+            in every scenario with a leak or with a pose that changes.
         """
         first_s = start_s % self.file.seconds - _NEAR_S
         i = bisect_right(self._edges, first_s)
@@ -159,7 +159,7 @@ class Held:
     Attributes
     ----------
     press : Press or None
-        The present press.
+        Press on the strip now; None if nothing presses it.
     strain : float
         Elongation divided by the length at rest.
     bend_deg : float

@@ -18,6 +18,9 @@ _RECENT = 10_000
 class Score:
     """Accumulates the error, rate and latency of readings, in bounded memory.
 
+    Rate and latency are those of all readings. For the error, a reading is *compared* with the true
+    finger if it is a trusted touch and the scenario has exactly one finger at this time.
+
     Parameters
     ----------
     scenario : Scenario
@@ -39,7 +42,7 @@ class Score:
         self.touches = 0
 
     def take(self, touch: Touch, arrived_s: float) -> None:
-        """Compare a reading with the finger of the scenario, if there is exactly one.
+        """Process a reading; compare it with the scenario's finger if there is exactly one.
 
         Parameters
         ----------
@@ -68,18 +71,18 @@ class Score:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of the readings so far, in Hz."""
+        """Mean rate of the readings in Hz; 0 for fewer than two readings."""
         span_s = self._last_s - self._first_s
         return (self.readings - 1) / span_s if span_s > 0 else 0.0
 
     @property
     def position_rmse_um(self) -> float | None:
-        """Root mean square error of the position in um; None without a compared reading."""
+        """Root mean square error of the position in um; None if no reading was compared."""
         return self._rms(self._position_um2)
 
     @property
     def position_median_um(self) -> float | None:
-        """Median absolute error of the position in um; None without a compared reading.
+        """Median absolute error of the position in um; None if no reading was compared.
 
         The rms error depends on the one or two faintest readings: at the force at which a touch
         begins, the error of a single reading can exceed 1 mm. The median hardly depends on them.
@@ -88,21 +91,21 @@ class Score:
 
     @property
     def trusted_percent(self) -> float | None:
-        """Percentage of the readings of one finger that are trusted; None without such a reading.
+        """Percentage of readings that are trusted, while exactly one finger touches the strip.
 
-        Only trusted readings are compared with the scenario.
+        None without a reading of such a touch. Only trusted readings are compared.
         """
         return _rounded(100 * self._compared / self._pressed) if self._pressed else None
 
     @property
     def force_rmse_mN(self) -> float | None:
-        """Root mean square error of the force in mN; None without a compared reading."""
+        """Root mean square error of the force in mN; None if no reading was compared."""
         return self._rms(self._force_mN2)
 
     def latency_ms(self, percentile: float) -> float | None:
-        """Return a percentile (0 to 100) of the time in ms from mid-integration to arrival.
+        """Return a percentile (0 to 100) of the latency in ms; None before the first reading.
 
-        None if no reading was scored.
+        The latency is the time from the middle of a reading's integration to its arrival.
         """
         return _rounded(np.percentile(self._latencies_ms, percentile)) if self.readings else None
 
@@ -110,7 +113,7 @@ class Score:
         return _rounded(math.sqrt(squares / self._compared)) if self._compared else None
 
     def facts(self) -> dict:
-        """Return the values that the terminal shows, see `spots.terminal.view.Judge.facts`."""
+        """Return the texts that the terminal shows, see `spots.terminal.view.Judge.facts`."""
         if not self.readings:
             return {"link": {}, "rows": []}
         rows = []
@@ -133,7 +136,10 @@ class Score:
         Returns
         -------
         dict
-            Share of trusted readings, errors in um and mN, latencies in ms, statistics of the link.
+            ``runtime`` and ``board``: from the board's reply. ``frames``, ``lost`` and ``bad_crc``:
+            numbers of valid, lost and damaged frames. ``restarts``: restarts of the board.
+            ``touches``: number of touches. ``latency_ms``: percentiles ``p50`` and ``p99``. Each
+            other key has the name of a property of this class.
         """
         return {
             "runtime": info["runtime"],

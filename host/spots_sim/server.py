@@ -1,7 +1,7 @@
 """Answers the virtual board's requests from a simulated bus and USB host.
 
-The board sends a request for each I2C transfer, sleep and USB report, among others; `protocol` has
-their codes.
+The board sends a request for each I2C transfer, sleep, USB report and change of a pin. The module
+`protocol` has the codes of all requests.
 """
 
 from __future__ import annotations
@@ -37,17 +37,19 @@ def read_request(fd: int) -> bytes | None:
 
 
 def is_reset(request: bytes) -> bool:
-    """Return whether the board requests its own hard reset, which gets no answer."""
+    """Return whether a request is for a hard reset of the board; this request gets no answer."""
     return request[0] == protocol.RESET
 
 
 def passes(request: bytes) -> tuple[int, int]:
-    """Return how many loop passes take their processor time before and after a transfer.
+    """Return how many passes of the firmware's loop to simulate before and after a request.
 
-    `request` requests the transfer. For a read of the sensor's data registers, the numbers are 1
-    and 0. For a read of the sensor's FIFO, they are 0 and the number of samples that it returns,
-    because each pass processes one sample. For all other requests, they are 0 and 0. A read of the
-    FIFO's level is one of these, because another read follows in the same pass.
+    The simulator adds the processor time of these passes to its clock.
+
+    - Read of the sensor's data registers: 1 before, 0 after.
+    - Read of the sensor's FIFO: 0 before; after it, one pass for each sample that the read returns.
+    - Every other request: 0 and 0. This includes a read of the FIFO's level, because a read of the
+      FIFO follows in the same pass.
     """
     if request[0] != protocol.READ or request[2] == _LEVEL:
         return 0, 0

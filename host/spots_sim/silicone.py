@@ -31,17 +31,17 @@ from spots import toml
 _Percent = Annotated[float, msgspec.Meta(ge=0, le=50)]
 _Force = Annotated[float, msgspec.Meta(ge=0, le=1e6)]
 FULL_MN = 10_000.0  # the percentages of hysteresis and softening are shares of this force
-_HELD_S = 60.0
+_HELD_S = 60.0  # duration to which `creep_percent` refers
 _CELL_MM = 2.0  # length of a cell; the effective force is interpolated between two cells
 # Constants of the models, all assumed. Creep of rubber is nearly linear in the logarithm of time
 # (Gent, Engineering with Rubber), so each decade has the same share.
-_TAUS_S = np.array([0.5, 5.0, 50.0, 500.0])
-_PLAYS_MN = (100.0, 300.0, 900.0, 2700.0)
-_POWER, _SOONEST_S = 0.15, 0.05
+_TAUS_S = np.array([0.5, 5.0, 50.0, 500.0])  # time constants of the creep
+_PLAYS_MN = (100.0, 300.0, 900.0, 2700.0)  # half-widths of the play operators
+_POWER, _SOONEST_S = 0.15, 0.05  # the creep after t s is proportional to (1 + t / 0.05)^0.15 - 1
 _STEP_S = 0.02  # changes of the force within this time count as one
-_WIDTH_MN = 1500.0
-_KEPT = 256  # cached durations; few different ones occur in a simulation
-_SOFTENED_MN = 4000.0
+_WIDTH_MN = 1500.0  # change of the force that gives 63 % of the Bouc-Wen hysteresis
+_KEPT = 256  # number of cached durations; a simulation has few different ones
+_SOFTENED_MN = 4000.0  # scale of the force for the softening
 
 
 class Silicone(toml.Strict):

@@ -1,4 +1,4 @@
-"""A simulated linkage with two strips, read through virtual boards in simulated time."""
+"""A simulated five-bar linkage with a strip in each base joint, read through virtual boards."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _APART = 0.4  # delay between the two boards' exposures, as a share of an exposu
 
 
 class Turned(NamedTuple):
-    """Measurement of a joint at one angle, for `fit_joint`.
+    """Measurement of a joint at one angle, for `spots.calibrate.joint.fit_joint`.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Turned(NamedTuple):
 def calibrated(
     sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> CalibrationFile:
-    """Calibrate a simulated strip and its joint.
+    """Calibrate a simulated strip and the joint in which it is mounted.
 
     Parameters
     ----------
@@ -78,7 +78,8 @@ def calibrated(
     exposure_us : int
         Integration time in us.
     rezeroed : bool, optional
-        Whether the calibration is then corrected (re-zero) at the joint's stops, after this change.
+        Whether the calibration is corrected after this change (re-zero), at three angles of the
+        joint.
 
     Returns
     -------
@@ -114,7 +115,7 @@ def calibrated(
 
 
 class Simulation:
-    """Two strips on a linkage that follows a motion once, read through one or two virtual boards.
+    """A linkage that follows a motion one time; virtual boards read the strips in its two joints.
 
     Call `close` at the end, or use a ``with`` statement.
 
@@ -196,16 +197,16 @@ class Simulation:
         self.close()
 
     def close(self) -> None:
-        """Stop both boards."""
+        """Stop the boards."""
         self._opened.close()
 
     def encoders(self, offset_rad=None) -> tuple[Encoder, Encoder]:
-        """Return new encoders of both joints.
+        """Return an `Encoder` for each joint, which computes the joint angle from strip readings.
 
         Parameters
         ----------
         offset_rad : sequence of float, optional
-            Mounting angle of each joint in rad; the true angles by default.
+            Mounting angle of each strip in its joint, in rad; the true angles by default.
         """
         offset_rad = self.mechanism.zero_rad if offset_rad is None else offset_rad
         return tuple(Encoder(strip.joint, one) for strip, one in zip(self.strips, offset_rad))
@@ -218,7 +219,7 @@ class Simulation:
 
 
 class Endless:
-    """A simulated linkage that repeats a path without end, in real time.
+    """A simulated five-bar linkage that repeats a path without end, in real time.
 
     Parameters
     ----------
@@ -255,7 +256,7 @@ class Endless:
         self.linkage = Linkage(self._mechanism.bar_mm, self._mechanism.base_mm)
 
     def encoders(self) -> tuple[Encoder, Encoder]:
-        """Return new encoders of both joints, with their true mounting angles."""
+        """Return an `Encoder` for each joint, with the true mounting angle of its strip."""
         zeros = self._mechanism.zero_rad
         return tuple(Encoder(strip.joint, zero) for strip, zero in zip(self._strips, zeros))
 

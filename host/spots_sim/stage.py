@@ -16,8 +16,8 @@ from .loading import set_light, silicone_lines
 from .lockstep import LockstepLink
 from .scenario import Held, Press
 
-PLACES = 33
-FORCES = 30
+PLACES = 33  # default number of positions in `Stage.along`
+FORCES = 30  # number of forces in `Stage.pressed`
 NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
 WARM_S = 120.0  # the LED is warm before the first press
@@ -92,7 +92,10 @@ class Stage:
         self.reader.set_up()
 
     def take_dark(self) -> None:
-        """If the LED is always on: unplug the LED, take a dark frame, and plug the LED in again."""
+        """Take a dark frame (counts without the LED's light) if the board cannot switch the LED.
+
+        An LED that is always on is unplugged for this time.
+        """
         if self.sensor.led.wired == "always":
             self.held.unplugged = True
             self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
@@ -104,7 +107,7 @@ class Stage:
         Parameters
         ----------
         position_um : float
-            Distance of the press from the sensor's end, in um.
+            Distance of the press from the sensor's end of the strip, in um.
         force_mN : float
             Force of the press in mN.
         """
@@ -133,7 +136,7 @@ class Stage:
         Parameters
         ----------
         places_um : sequence of float
-            Distances from the sensor's end, in um.
+            Distances from the sensor's end of the strip, in um.
         forces_mN : sequence of float
             Forces in mN.
         samples : int
@@ -197,7 +200,7 @@ class Stage:
 
 
 def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, ...]:
-    """Calibrate a simulated sensor.
+    """Calibrate a simulated sensor, and return the text of the calibration.
 
     Parameters
     ----------
@@ -254,9 +257,9 @@ def check_light(along: Presses, pressed: Presses) -> None:
         If a press is too dark or saturated. The message names the position of the press.
     """
     for presses, bad, trouble in (
-        (along, (along.counts < 1).any(axis=1), "too dark: raise the gain"),
-        (along, along.saturated, "saturated: lower the gain"),
-        (pressed, pressed.saturated, "saturated: lower the gain"),
+        (along, (along.counts < 1).any(axis=1), "too dark: choose a longer exposure"),
+        (along, along.saturated, "saturated: choose a shorter exposure"),
+        (pressed, pressed.saturated, "saturated: choose a shorter exposure"),
     ):
         if bad.any():
             where_mm = presses.position_um[bad][0] / 1000
@@ -264,7 +267,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
 
 def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None:
-    """Set mains frequency, wiring of the LED and dark frame on a board, as `calibrate` used them.
+    """Send a board the settings that `calibrate` used: mains frequency, LED and dark frame.
 
     Parameters
     ----------
@@ -281,7 +284,7 @@ def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None
 def led_settings(sensor: SensorFile) -> str:
     """Return the LED settings that `calibrate` used, as assignments for ``set``.
 
-    They are empty if the LED is on the chip's pin LDR.
+    They are empty if the LED is on the pin LDR of the AS7341.
     """
     return "" if sensor.led.wired == "ldr" else _calibrated(sensor, None)[1]
 
@@ -290,8 +293,8 @@ def led_settings(sensor: SensorFile) -> str:
 def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str, ...], str]:
     """Calibrate a sensor at an exposure; return calibration lines and LED settings.
 
-    If `exposure_us` is None, the board searches for the exposure. The LED settings are assignments
-    for ``set``.
+    If `exposure_us` is None, the board searches for the exposure. The LED settings are
+    assignments such as ``led_mA=20`` for the board's command ``set``.
     """
     with Stage(sensor) as stage:
         stage.expose(exposure_us)

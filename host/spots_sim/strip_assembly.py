@@ -23,7 +23,7 @@ from .strip_shape import (
     StripShape,
 )
 
-_LEAST_WIDTH = 5.0  # grooves are narrower, cavities are wider
+_LEAST_WIDTH = 5.0  # mm: grooves are narrower, cavities are wider
 
 
 def closed(tray, lid, depth: float):
@@ -84,7 +84,8 @@ def assembly(shape: StripShape) -> dict:
     Returns
     -------
     dict of str to manifold3d.Manifold
-        Solids of ``support``, ``clear``, ``dyed``, ``board``, ``chip``, ``led`` and printed parts.
+        Solids of ``support``, ``clear`` and ``dyed`` (the two guides), ``board`` (breakout),
+        ``chip`` and ``led``. Printed parts: ``base``, ``sensor_cap``, ``sensor_lid``, ``led_cap``.
     """
     from manifold3d import Manifold
 

@@ -78,7 +78,7 @@ def parts(shape: StripShape) -> dict:
     Returns
     -------
     dict of str to manifold3d.Manifold
-        Closed solids in mm, by the name of the STL file without its suffix.
+        Closed solids in mm. Each key is the name of the part's STL file, without its suffix.
     """
     guides, support = _cavities_y(2, GUIDE_WIDTH), _cavities_y(1, STRIP_WIDTH)
     return {
@@ -308,7 +308,7 @@ def _sensor_cap(shape: StripShape):
     top = board + PCB + BACK
     cap = _between(_grown(x, CAP_WALL), _grown(y, CAP_WALL), (0, top))
     cap -= _between(x, y, (floor, top + _CUT))
-    # Posts, a nose around the guide, and a notch for the cable.
+    # Posts for the breakout, a tube (nose) around the guide, and a notch for the cable.
     inside = _between(_grown(x, CAP_WALL / 2), _grown(y, CAP_WALL / 2), (floor - _CUT, board))
     for px in ((x[0] - CAP_WALL, x[0] + POST[0]), (x[1] - POST[0], x[1] + CAP_WALL)):
         for py in ((y[0] - CAP_WALL, y[0] + POST[1]), (y[1] - POST[1], y[1] + CAP_WALL)):

@@ -23,7 +23,7 @@ from .strip_shape import (
 
 STRIPS_MAX = 100
 SPARE = 0.3  # share of the cavities' volume for overflow and for parts that break; not tried
-CUP_ML = 2.0  # rubber that stays in the cup; not tried
+CUP_ML = 2.0  # volume of rubber that stays in the mixing cup; not tried
 LEAST_ML = 15.0  # smaller amounts are hard to stir and to weigh; not tried
 STEP_ML = 0.5
 TINT_SHARE = 1e-3  # share of pigment paste in the tint
@@ -64,7 +64,7 @@ SUPPORT = Rubber(
 
 @dataclass(frozen=True)
 class Batch:
-    """An amount of rubber that is mixed in one go.
+    """An amount of rubber that is mixed together.
 
     Attributes
     ----------
@@ -122,7 +122,6 @@ def batches(shape: StripShape, strips: int) -> list[Batch]:
     list of Batch
         Four batches: for clear guides and the clear test piece, for the dyed test piece, for dyed
         guides, and for supports.
-
     """
     test_ml, guide_ml = guide_mm3(TEST_LENGTH) / 1000, shape.guide_mm3 / 1000
     return [
@@ -139,9 +138,9 @@ def tint_g(mixed_g: float, dose: float) -> float:
     Parameters
     ----------
     mixed_g : float
-        Mass of the rubber in g, with the tint.
+        Mass of the tinted rubber in g.
     dose : float
-        Dose in g of tint in 100 g.
+        Tint in 100 g of tinted rubber, in g.
 
     Returns
     -------

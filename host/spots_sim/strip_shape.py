@@ -1,4 +1,4 @@
-"""Dimensions of a strip, its moulds and its caps: the one source of moulds, drawings and recipe.
+"""Dimensions of a strip and its caps, from which moulds, drawings and recipe are made.
 
 The cross-section is that of the SPOTS paper (section II.B): a strip 3 mm thick and 12 mm wide with
 two guides of 8 x 1 mm in a support. Nobody has tried the dimensions that the paper does not give; a
@@ -34,18 +34,21 @@ DRAFT_DEG = 1.0
 TEST_LENGTH = 60.0  # length of the test piece for the dye
 BED = 220.0  # side of the printer's bed
 
-FLOOR, END_WALL, LID = 3.0, 3.0, 3.0
-LAND, GROOVE_WIDTH, GROOVE_DEPTH = 2.0, 2.0, 1.0  # the groove takes overflowing rubber
+FLOOR, END_WALL, LID = 3.0, 3.0, 3.0  # thicknesses of a mould
+# The groove takes overflowing rubber; the land is the flat between cavity and groove.
+LAND, GROOVE_WIDTH, GROOVE_DEPTH = 2.0, 2.0, 1.0
 PIN_FOOT, PIN_TOP, PIN_HEIGHT, PIN_HOLE = 4.0, 3.0, 2.5, 4.4  # diameters and height
 PIN_INSET = 4.0  # from the long edge to the axis of a pin
 SIDE_WALL = LAND + GROOVE_WIDTH + 2 * PIN_INSET
 MIDDLE_WALL = 2 * LAND + GROOVE_WIDTH
 
 CLEARANCE = 0.2  # at each side of a part in a printed pocket
-CAP_WALL, SEPTUM = 2.0, 1.2
+CAP_WALL, SEPTUM = 2.0, 1.2  # outer wall of a cap; wall between the strip and the breakout
 PARTS_HEIGHT = 4.0  # room for the parts of a breakout; connectors are 3 mm high
 CHIP_HEIGHT, CHIP_GAP = 1.0, 0.5  # height of the AS7341, and gap between it and the guide's end
-NOSE_GAP = CHIP_HEIGHT + 0.6  # from board to nose; other parts near the chip are up to 1.5 mm high
+# From the breakout to the nose, a tube around the end of the guide. Parts beside the chip are up to
+# 1.5 mm high.
+NOSE_GAP = CHIP_HEIGHT + 0.6
 NOSE_WALL = 1.0
 POST = 5.0, 4.0  # the corners of the breakout rest on posts
 PCB, BACK = 1.6, 2.0  # thickness of a breakout, and room for solder and foam behind it
@@ -135,7 +138,7 @@ class StripShape:
 
     @property
     def base_mm(self) -> float:
-        """Height in mm of the strip's lower face above the table, where the sensor cap stands."""
+        """Height in mm of the strip's lower face above the table on which the sensor cap stands."""
         return (
             self.board.window_mm[1]
             + CLEARANCE

@@ -20,13 +20,13 @@ from .files import LinkageFile, PathFile, SensorFile
 from .mechanism import Mechanism, Motion, guided
 from .simulated_linkage import EXPOSURE_US, Simulation, start_s, visited
 
-# Smallest angle between the outer bars; the usual rule for transmission angles.
+# Smallest angle between the outer bars in the workspace; a usual limit for transmission angles.
 LEAST_OUTER_RAD = np.radians(30)
 CALIBRATION_PLACES = 40
 PLACE_SIGMA_MM = 0.02  # standard deviation of the measured positions of the end point
 # Frame in which these positions are measured: x and y of joint 1, and the rotation.
 _GRID = {"frame_x_mm": 12.0, "frame_y_mm": -7.0, "frame_rad": 0.03, "frame_scale": 1.0}
-_DRAWS = 2000
+_DRAWS = 2000  # number of random draws for the expected errors
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Deviation:
 
 @dataclass(frozen=True)
 class Survey:
-    """Errors of a linkage at positions of its workspace, after a stop at each position.
+    """Errors of a linkage's digital twin, measured at rest at positions of the workspace.
 
     Attributes
     ----------
@@ -69,8 +69,8 @@ class Survey:
     rested : Deviation
         As `calibrated`, but from the mean of all readings at a position, not from one reading.
     expected_mean_mm, expected_max_mm : float
-        Expected mean and maximum error in mm with the true lengths, computed from the encoders'
-        standard errors.
+        Expected mean and maximum error in mm with the true lengths, computed from the standard
+        errors of the measured joint angles.
     kinematics : kinematics.Kinematics
         Result of the kinematic calibration.
     """
@@ -94,7 +94,10 @@ def survey(
     pitch_mm: float = 10.0,
     **condition: bool,
 ) -> Survey:
-    """Calibrate a linkage, then measure its digital twin's error on a grid over the workspace.
+    """Calibrate a simulated five-bar linkage, then measure its digital twin's error on a grid.
+
+    The digital twin (`spots.Twin`) computes the position of the end point from readings of the
+    strips. The grid covers the workspace.
 
     Parameters
     ----------
@@ -171,8 +174,8 @@ class PathRun:
     terminals : list of Terminal
         Estimates of the end point's position during the motion.
     error_mm : numpy.ndarray, shape (n,)
-        Distance between each estimate and the true position, in mm. Estimates at a limit of the
-        linkage are left out.
+        Distance between each estimated and true position, in mm. Entries of `terminals` without a
+        position are left out, see `Terminal.limit`.
     lost : int
         Number of lost frames.
     """
@@ -184,7 +187,18 @@ class PathRun:
     lost: int
 
     def summary(self) -> dict:
-        """Return the results of the run as a dict for JSON."""
+        """Return the results of the run.
+
+        Returns
+        -------
+        dict
+            ``seconds``: time from the first to the last estimated position. ``terminals`` and
+            ``rate_hz``: number and rate of these positions. ``beyond_limits``: number of pairs of
+            joint angles for which the linkage has no position. ``lost``: number of lost frames.
+            ``error_mm``: mean, 95th percentile, maximum and root mean square of the distance from
+            the true position. ``expected_rms_mm``: root mean square of the standard errors that
+            the twin reports.
+        """
         estimated = [terminal for terminal in self.terminals if not terminal.limit]
         span_s = estimated[-1].time_s - estimated[0].time_s
         expected_mm = np.sqrt(np.mean([terminal.sigma_mm**2 for terminal in estimated]))
@@ -313,7 +327,7 @@ def _grid(linkage: Linkage, pitch_mm: float, rng, jitter_mm: float = 0.0):
 def _read(sensor, linkage, places, *arguments, **condition):
     """Stop a linkage at the positions `places` (x, y in mm), and read both joints.
 
-    The other arguments are those of `visited`.
+    The other arguments are those of `simulated_linkage.visited`.
 
     Returns the positions, then two pairs of joint angles and standard errors, shape (2, n): one for
     the middle reading of each stop, one for the mean of the readings of each stop. A position is
@@ -341,10 +355,10 @@ def _deviation(found, truth) -> Deviation:
 
 
 def _expected(linkage: Linkage, theta, sigmas, rng) -> np.ndarray:
-    """Return position errors in mm that random angle errors cause, shape (draws, n).
+    """Return position errors in mm that random angle errors cause, shape (`_DRAWS`, n).
 
     `theta` are joint angles and `sigmas` their standard errors in rad, shape (2, n) for n
-    positions. `rng` is the random generator.
+    positions. `_DRAWS` is the number of random errors at each position; `rng` generates them.
     """
     jacobian = np.asarray(linkage.jacobian(*theta))
     draws = sigmas.T * rng.standard_normal((_DRAWS, *sigmas.T.shape))

@@ -52,8 +52,8 @@ def strokes(
     length_mm : float
         Length of the strip, in mm.
     from_s, to_s : float
-        Start and end of the interval, in seconds of the scenario. A touch is included if it begins
-        after `from_s` and ends `AFTER_S` before `to_s`.
+        Start and end of the interval, in seconds of the scenario. A touch is included if it does
+        not begin before `from_s`, and ends at least `AFTER_S` before `to_s`.
 
     Returns
     -------
@@ -100,7 +100,7 @@ class TypingScore:
         self.late_ms: list[float] = []  # latency of each correct press, after `summary`
 
     def key(self, page: int, usage: int, pressed: bool, time_s: float) -> None:
-        """Add a key event.
+        """Record that the board pressed or released a key.
 
         Parameters
         ----------
@@ -133,8 +133,8 @@ class TypingScore:
             than the touched one). ``missed``: touches without a press. ``extra``: presses without a
             touch. ``no_finger``: wrong or extra presses of a key that no finger touched. ``stuck``:
             keys that stay pressed for more than 0.5 s after the last finger has left the strip.
-            ``latency_ms``: percentiles of the time from the start of a touch to the correct press,
-            in ms.
+            ``latency_ms``: percentiles ``p50``, ``p90`` and ``p99`` of the time from the start of a
+            touch to the correct press, in ms.
         """
         fingers = strokes(*self._parts, to_s)
         presses = [press for press in self._presses if press[0] <= to_s]
@@ -170,8 +170,8 @@ class TypingScore:
     def _match(presses, fingers):
         """Match key presses with touches (`fingers`) of the same key.
 
-        Each touch is matched once at most. Returns a dict of touch index by press index, and a list
-        of the unmatched presses.
+        Each touch is matched with at most one press. Returns a dict of touch index by press index,
+        and a list of the unmatched presses.
         """
         right: dict[int, int] = {}
         matched, others = set(), []

@@ -1,4 +1,7 @@
-"""Measures the errors of fast typing: ``python -m spots_sim.typing_speed 60 100`` (words/min)."""
+"""Measures the errors of fast typing on a virtual board.
+
+Run it with ``python -m spots_sim.typing_speed 60 100``; the arguments are speeds in words a minute.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,7 @@ def typed(
     seed : int
         Random seed of the text, the touches and the noise.
     sensor : str, optional
-        Sensor file: a path or a name.
+        Sensor file: a path, or a name such as ``default``.
     rezeroed : bool, optional
         The sensor file may describe a change of the strip since its calibration (`change`). True
         if the calibration was corrected after this change with a few presses (re-zero).
@@ -49,7 +52,7 @@ def typed(
     lines : tuple of str, optional
         Text lines of the calibration to use; by default, the sensor is calibrated.
     layout : str, optional
-        Key layout: a path or a name.
+        Key layout: a path, or a name such as ``mini``.
 
     Returns
     -------
@@ -81,9 +84,9 @@ def added(runs: list[dict]) -> dict:
     dict
         Counts as in `typing_score.TypingScore.summary`. ``error_percent`` is the number of wrong,
         missed and extra keys per hundred touches. Each of the following has the latency percentiles
-        ``p50`` and ``p99`` in ms: ``latency_ms``, their largest values of any run;
-        ``median_latency_ms``, their medians over the runs; ``pooled_latency_ms``, those of all
-        presses of all runs together.
+        ``p50`` and ``p99`` in ms. ``latency_ms``: the largest percentile of any run.
+        ``median_latency_ms``: the median of the runs' percentiles. ``pooled_latency_ms``: the
+        percentile over all presses of all runs.
     """
     total = {name: sum(run[name] for run in runs) for name in _COUNTS}
     off = total["wrong"] + total["missed"] + total["extra"]
@@ -101,18 +104,24 @@ def added(runs: list[dict]) -> dict:
 def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("words_per_min", type=float, nargs="+")
+    parser.add_argument(
+        "words_per_min", type=float, nargs="+", help="speed in words a minute, of five keys each"
+    )
     parser.add_argument(
         "--touches", type=int, default=150, help="number of touches in each run (150)"
     )
-    parser.add_argument("--seeds", type=int, default=10, help="number of runs (10)")
+    parser.add_argument("--seeds", type=int, default=10, help="number of runs at each speed (10)")
     parser.add_argument("--first-seed", type=int, default=0, help="seed of the first run (0)")
     parser.add_argument(
         "--exposure-us", type=int, help="exposure in us; by default, the board searches for one"
     )
     parser.add_argument("--layout", default="digits", help="a key layout: name or path (digits)")
-    parser.add_argument("--sensor", default="default")
-    parser.add_argument("--rezero", action="store_true", help="re-zero the strip after its change")
+    parser.add_argument("--sensor", default="default", help="sensor file: path or name (default)")
+    parser.add_argument(
+        "--rezero",
+        action="store_true",
+        help="correct the calibration with simulated presses after the change in the sensor file",
+    )
     parser.add_argument("--warm", action="store_true", help="start with a warm LED")
     options = parser.parse_args()
     lines = None

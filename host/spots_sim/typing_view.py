@@ -35,7 +35,7 @@ def picture(
     touch : Touch or None
         Latest reading.
     typed : TypedText
-        Text typed so far.
+        The typed text.
     stats : LinkStats
         Statistics of the link, shown below the text.
 
@@ -69,7 +69,7 @@ def picture(
 
 
 def firm_scale(force_mN: int, firm_mN: int) -> Text:
-    """Return the force as a bar, whose colour changes at `firm_mN`.
+    """Return a bar that shows a force; its colour changes at `firm_mN`.
 
     Parameters
     ----------

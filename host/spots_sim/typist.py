@@ -1,4 +1,4 @@
-"""A simulated typist: converts text to fingers on a strip, and key events to text."""
+"""A simulated typist: converts text to touches of a strip; also converts key events to text."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Typist:
     rng : numpy.random.Generator
         Generator of the random values.
     pause_s : tuple of float
-        Shortest and longest pause between two fingers, in seconds.
+        Shortest and longest pause after a touch, in seconds.
     start_s : float
         Time of the first touch, in seconds.
     """
@@ -175,7 +175,10 @@ class Typist:
         return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
 
     def _way(self, character: str) -> list[tuple[int, int, str]]:
-        """Return the keys to press for a character as (layer, index, slot); layer keys first."""
+        """Return the keys to press for a character: keys that change the layer come first.
+
+        Each key is a tuple: layer, index of the key in the layer, and `slot` as in `do`.
+        """
         wanted = _action_of(character)
         waiting = deque([(0, [])])
         seen = {0}
@@ -225,8 +228,8 @@ class Hands:
         Shortest and longest time in which the force rises or falls, in seconds. This value and all
         values below are *assumed*.
     same_s, least_s : float
-        Shortest time between two touches of the same finger, and between two key presses, in
-        seconds.
+        Shortest pause between two touches of the same finger, and shortest time between two key
+        presses, in seconds.
     apart_mm : float
         Smallest distance between two fingers, in mm.
     roll_mm : float
@@ -259,7 +262,7 @@ def fast_typing(
     Parameters
     ----------
     layout : KeyLayout
-        Keys of the strip; the taps of the first layer are typed.
+        Keys of the strip. Only keys of the first layer are typed, and each with a tap.
     words_per_min : float
         Speed in words a minute; a word has five keys.
     touches : int

@@ -8,7 +8,7 @@ from .protocol import protocol
 
 
 class UsbHost:
-    """A USB host; each endpoint stores one report until the host polls it.
+    """A simulated USB host; each endpoint of the board stores one report until the host polls it.
 
     Attributes
     ----------

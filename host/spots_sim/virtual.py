@@ -49,7 +49,7 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     rest : str
         Text after ``virtual:`` in the port; must be empty.
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise.
 
@@ -75,9 +75,9 @@ def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
     rest : str
         Text after ``virtual:`` in the port; must be empty.
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
-        Random seed of the noise; ignored.
+        Ignored.
 
     Raises
     ------
@@ -144,7 +144,7 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     return Bench(stage.reader, presser, guide, length_um, path)
 
 
-# Functions of the port scheme for a whole linkage.
+# Functions that `spots.link.ports` expects in the module of a port scheme, for a whole linkage.
 linkage, run_linkage = endless, run
 
 
@@ -203,7 +203,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     Parameters
     ----------
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise, 0 or more.
 
@@ -220,7 +220,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         If a file is missing or invalid, or the board does not start.
     """
     if seed < 0:
-        raise SpotsError(f"the seed must be a whole number from 0, not {seed}")
+        raise SpotsError(f"the seed must be a whole number of 0 or more, not {seed}")
 
     file = load(SensorFile, sensor)
     calibration = calibrate(file)
@@ -264,7 +264,7 @@ def start_simulator(
     Parameters
     ----------
     sensor, scenario : str
-        Sensor and scenario file: a path or a name.
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise.
     folder : str

@@ -1,4 +1,7 @@
-"""A MicroPython process that runs the unmodified firmware; two pipes carry requests and answers."""
+"""A MicroPython process that runs the unmodified firmware of a virtual board.
+
+Two pipes carry the board's requests, such as I2C transfers, and the simulator's answers.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ _COMMON = BOARDS / "_virtual"
 # input closes on every exit path of this process.
 _KEEPER = ["/bin/sh", "-c", "read -r _; kill -KILL 0"]
 _EXIT_S = 10.0  # time for MicroPython to end after it has closed its pipes
-# Runs the main file with the processor time of a slow board.
+# Runs the main file with the processor times of a real board, see `cpu.Cpu`.
 _SLOW = _COMMON / "_slow.py"
 # Performs the steps of CircuitPython after a reset; on a real board they are built in.
 _CIRCUITPYTHON = "_circuitpython.py"
@@ -86,7 +89,8 @@ class MicroPythonProcess:
     rate : float
         Seconds that the board's clock counts in one true second.
     reports_memory : bool
-        True if the board must report its free memory before every sleep and transfer.
+        True if the board must report its free memory before every sleep and transfer; False if
+        only before every 256th sleep.
     cpu : cpu.Cpu, optional
         Processor time of the firmware; only in simulated time, and not on CircuitPython.
     strips : int
@@ -215,7 +219,7 @@ class MicroPythonProcess:
         self._process = None
 
     def close(self) -> None:
-        """Stop MicroPython and remove a temporary file system."""
+        """Stop MicroPython; remove the board's file system if it is temporary."""
         self.shut_down()
         self._keeper.stdin.close()
         self._keeper.wait()
@@ -224,11 +228,10 @@ class MicroPythonProcess:
 
 
 def _shared_firmware(board: str, strips: int) -> Path | None:
-    """Return a folder with a board's firmware as bytecode, made once for all processes.
+    """Return a folder with a board's firmware as bytecode, which several processes share.
 
     With this folder, a board starts in half the time, because its modules are neither copied nor
-    compiled. Main files stay sources. Without a folder for stored files (see `kept_folder`), this
-    returns None.
+    compiled. Main files are not compiled. Returns None if `kept_folder` has no place to store it.
     """
 
     def make(folder: Path) -> None:
@@ -248,7 +251,7 @@ def _shared_firmware(board: str, strips: int) -> Path | None:
 
 
 def _in_group(group: int) -> dict:
-    """Return arguments for `Popen`: the process joins the process group `group`; 0: a new group."""
+    """Return arguments for `Popen`: put the process into the group `group`; 0 means a new group."""
     if sys.version_info >= (3, 11):
         return {"process_group": group}
     return {"preexec_fn": functools.partial(os.setpgid, 0, group)}

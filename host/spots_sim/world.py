@@ -19,7 +19,7 @@ from .silicone import Memory
 _STEP_US = 2_500.0
 # The LED's temperature is rounded to this digit, so that optics can be cached: error below 1 um.
 _LED_K_DIGITS = 2
-_KEPT = 512
+_KEPT = 512  # number of cached `Optics` of a sensor
 _SENSORS = 4  # number of sensors whose optics are cached
 
 
@@ -27,12 +27,13 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
     """Return the contact area under a finger at a force, as a share of full contact.
 
     The material is hyper-elastic: each further newton adds less area (paper, section III.B and
-    Fig. 3A). Below the threshold, before contact, a small share of the light crosses the air gap.
+    Fig. 3A). Below the force of first contact (``threshold_mN``), a small share of the light
+    crosses the air gap.
 
     Parameters
     ----------
     contact : ContactFile
-        Table of the sensor file that gives the contact area by force.
+        Table of the sensor file: contact area as a function of force.
     force_mN : float
         Force of the press in mN.
 
@@ -50,7 +51,11 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
 
 @lru_cache(_SENSORS)
 def _optics(sensor: SensorFile) -> Callable[[Change, float], Optics]:
-    """Return a caching function that computes `Optics` from a change and an LED temperature."""
+    """Return a function that computes and caches `Optics`.
+
+    Its arguments are the `Change` of the sensor since the calibration, and the LED's temperature
+    rise in K.
+    """
     return lru_cache(_KEPT)(partial(Optics, sensor))
 
 
@@ -66,7 +71,7 @@ class World:
     rng : numpy.random.Generator
         Random generator for the LED's noise.
     warm : bool, optional
-        Whether the LED has its final temperature when it is first switched on.
+        True if the LED has its final temperature from the start; False if it warms up first.
     """
 
     def __init__(self, sensor: SensorFile, scenario, rng, warm: bool = False):
@@ -154,7 +159,7 @@ class World:
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
     def _light(self, rates: np.ndarray, time_s: float) -> None:
-        # Add the light of one moment.
+        # Add to `rates` the count rates at one moment.
         pose = self._scenario.pose(time_s)
         presses = self._scenario.presses(time_s)
         forces_mN = [press.force_mN for press in presses]
@@ -204,7 +209,7 @@ def chip(sensor: SensorFile, scenario, seed: int, warm: bool = False) -> AS7341:
     seed : int
         Random seed of the noise.
     warm : bool, optional
-        Whether the LED has its final temperature when it is first switched on.
+        True if the LED has its final temperature from the start; False if it warms up first.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""``make bench``: compares driver, firmware and host with common alternatives."""
+"""``make bench``: measures driver, firmware and host package, and common alternatives to each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["report", "run"]
 
 
 def run() -> dict:
-    """Run all benchmarks; show the present one on stderr, if stderr is a terminal.
+    """Run all benchmarks; if stderr is a terminal, show there which benchmark runs.
 
     Returns
     -------

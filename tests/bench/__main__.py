@@ -14,7 +14,7 @@ from spots.errors import SpotsError
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run every benchmark."""
+    """Run every benchmark and print the results; return the exit code: 0, or 2 after an error."""
     parser = argparse.ArgumentParser(prog="make bench", description=__doc__)
     parser.add_argument("--json", action="store_true", help="one JSON object")
     options = parser.parse_args(arguments)

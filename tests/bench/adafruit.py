@@ -1,4 +1,4 @@
-"""Adafruit's published driver, unmodified, on a simulated chip in simulated time."""
+"""Runs Adafruit's published driver, unmodified, on a simulated chip in simulated time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from spots.errors import SpotsError
 from spots_sim.bus import I2CBus
 from spots_sim.busio import I2C, simulated_time
 
-# A board takes longer to start Python than the chip needs to wake.
+# Simulated time before the first transfer. A board needs longer to start Python than the chip needs
+# to wake up.
 _BOOT_US = 10_000.0
 
 

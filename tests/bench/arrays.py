@@ -33,6 +33,12 @@ def measure(stream: bytes) -> dict:
     ----------
     stream : bytes
         Complete TOUCH frames, which are repeated to get about 100,000 readings.
+
+    Returns
+    -------
+    dict
+        Readings per second of processor time: ``readings_per_s`` from the recording,
+        ``json_readings_per_s`` from JSON; and ``rate_ratio``, the first divided by the second.
     """
     touches = Decoder().feed(stream)
     copies = -(-_READINGS // len(touches))
@@ -45,7 +51,7 @@ def measure(stream: bytes) -> dict:
         for _ in range(_ROUNDS):
             seconds["arrays"].append(host.timed_s(path, _read, count))
             seconds["json"].append(host.timed_s(lines, host.loads, count))
-    # The least time is that with the least interruption by other processes.
+    # The shortest of several times has the least interruption by other processes.
     arrays_s, json_s = (min(times) for times in seconds.values())
     return {
         "readings_per_s": round(count / arrays_s),

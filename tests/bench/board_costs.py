@@ -4,8 +4,8 @@
 ``mpremote fs rm :main.py + fs cp calibration.inputs readings.inputs :``. Then
 ``mpremote run tests/bench/board_costs.py`` prints the times for ``host/spots_sim/data/cpus.toml``.
 
-A time is that of a function alone: during its measurement, the measured functions that it calls are
-replaced by empty ones.
+A measured time does not include the other measured functions that the function calls: they are
+replaced by empty functions during its measurement.
 """
 
 import gc
@@ -27,7 +27,7 @@ _TICKS = 10  # time between two readings, in ticks of contact.TICK_US
 
 
 class Null:
-    """A serial port that accepts all frames."""
+    """Substitute for a serial port; accepts and ignores all frames."""
 
     def write(self, buffer, size):
         return True
@@ -37,7 +37,7 @@ class Null:
 
 
 class FullBus:
-    """A bus whose chip always has a new sample; transfers take no time."""
+    """Substitute for an I2C bus: the chip always has a new sample, and transfers take no time."""
 
     def read_into(self, address, register, buffer):
         buffer[0] = 0x08
@@ -268,7 +268,7 @@ show("silicone.Compensation.take", mean_us(compensate))
 
 # Commands, without garbage collections and transfers.
 class Later:
-    """Replaces the module `gc`; collections are measured together with the commands."""
+    """Replaces the module `gc` and collects nothing: collections are measured separately."""
 
     collect = nothing
 

@@ -22,7 +22,7 @@ _PRESS_S = 0.1
 
 
 def main() -> None:
-    """Write both files into the current folder."""
+    """Write ``calibration.inputs`` and ``readings.inputs`` into the current folder."""
     sensor = load(SensorFile, "default")
     lines = calibrate(sensor)
     first = _presses(20.0, (0.2, 1.8), (2.2, 3.8), (4.2, 5.8))

@@ -1,7 +1,7 @@
 """Runs the firmware in MicroPython with substitutes for I2C bus, clock and serial port.
 
-The substitutes allocate nothing, so all memory that is allocated for a sample is the firmware's.
-The benchmark and tests use this module.
+The substitutes allocate nothing, so the firmware allocates all memory that is allocated for a
+sample. The benchmark and tests use this module.
 """
 
 from spots_device.app import BoardApp
@@ -78,7 +78,7 @@ class Bus:
             registers[register + i - 1] = buffer[i]
         if register == 0xFA:
             self._level = 0
-        registers[0x80] &= 0xEF  # a SMUX command is done at once
+        registers[0x80] &= 0xEF  # the simulated chip executes a SMUX command immediately
         if register == 0x80:
             self._start(registers[0x80] & _SP_EN)
 
@@ -121,14 +121,16 @@ class Serial:
 
 
 class BoardConfig:
-    """The constants that a board has in board_config.py."""
+    """Substitute for board_config.py, the configuration of a board."""
 
     NAME = "canned"
     LED_MAX_MA = 100
 
 
 def app(calibration=(), serial=None, usb=None, make=BoardApp):
-    """Return application, bus, clock and port, after the dark frame and with both streams on.
+    """Start the firmware; return its application, and the substitutes for bus, clock and port.
+
+    The application has a dark frame, and streams TOUCH and SPECTRUM frames.
 
     Parameters
     ----------
@@ -140,6 +142,13 @@ def app(calibration=(), serial=None, usb=None, make=BoardApp):
         USB stack, see `app.BoardApp`.
     make : type, optional
         Class `BoardApp` of another copy of the firmware.
+
+    Returns
+    -------
+    app : app.BoardApp
+    bus : Bus
+    clock : Clock
+    serial : Serial
     """
     clock = Clock()
     bus, serial = Bus(clock), serial or Serial()

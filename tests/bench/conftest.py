@@ -1,4 +1,4 @@
-"""Runs the benchmark once for all tests of its results."""
+"""Runs the benchmark one time for all tests of its results."""
 
 from __future__ import annotations
 

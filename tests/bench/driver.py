@@ -4,9 +4,9 @@ Time is simulated: transfers, sleeps and the chip take time, the processor does 
 this firmware has six channels, measured at the same time. A reading of Adafruit's ``all_channels``
 has eight channels, measured in two passes.
 
-Adafruit's driver restarts the chip for each pass. No document says whether the chip then repeats
-its auto-zero of 15 ms. In the sensor file, the chip repeats it. The ratio of rates is also measured
-without a repeated auto-zero.
+Adafruit's driver restarts the chip for each pass. The chip's documents do not define whether it
+then repeats its auto-zero of 15 ms. In the sensor file, the chip repeats it. The ratio of rates is
+also measured without a repeated auto-zero.
 """
 
 from __future__ import annotations
@@ -54,7 +54,15 @@ class _Moment:
 
 
 def measure(sensor: SensorFile) -> dict:
-    """Return the cost of a reading with both drivers, at each of `EXPOSURES_US`."""
+    """Compare both drivers at each integration time in `EXPOSURES_US`.
+
+    Returns
+    -------
+    dict
+        ``integrations``: a dict for each integration time. It has ``integration_ms``; ``spots`` and
+        ``adafruit``, the costs and the rate of readings with each driver; and the ratios of these
+        rates, with the auto-zero of the chip repeated at each start and not repeated.
+    """
     return {"integrations": [_compare(sensor, exposure_us) for exposure_us in EXPOSURES_US]}
 
 

@@ -29,7 +29,7 @@ from .presses import counts_of_presses
 _HERE = Path(__file__).parent
 _SCRIPTS = ("canned.py", "floats.py", "onboard.py")
 _CANNED_BOARD = "board 00"
-# Enough for the garbage of a whole round, because none is collected during a round.
+# Enough for the garbage of a whole round, which is not collected during the round.
 _HEAP = "heapsize=16m"
 _SAMPLES_OF_A_PRESS = 4
 _REPEATS = 8
@@ -54,10 +54,12 @@ def measure(sensor: SensorFile, calibration: list[str]) -> tuple[dict, bytes]:
     Returns
     -------
     figures : dict
-        For each way to process a sample: bytes, times on this computer, and ratios to the firmware.
-        Times are of a whole sample and of the part after its counts were read; for the firmware
-        also of arithmetic and framing alone. ``spots_viper`` also has the speed-up by machine code.
-        Also the largest difference between the positions that integers and floats give.
+        A dict for each way to process a sample: ``spots`` is the firmware, ``spots_viper`` the
+        firmware with machine code, ``float_json`` and ``float_struct`` are the floats of `floats`.
+        Each has bytes, times on this computer, and ratios to the firmware. The times are of a whole
+        sample, of the part after its counts were read, and for the firmware also of arithmetic and
+        framing alone. Another item is the largest difference between the positions that integers
+        and floats give.
     stream : bytes
         Some hundred different TOUCH frames from the firmware.
 
@@ -112,7 +114,7 @@ def _in_micropython(inputs: dict) -> dict:
 
 
 def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
-    """Run the last of some scripts in MicroPython, and return the JSON object that it prints.
+    """Copy scripts into a folder, run the last one in MicroPython, and return its result (dict).
 
     Parameters
     ----------
@@ -121,7 +123,7 @@ def run_script(folder: Path, inputs: dict, *scripts: str) -> dict:
     inputs : dict
         Content of the file inputs.json, which the script reads.
     scripts : str
-        Names of files in this package; all are copied.
+        Names of files in this package. The last script must print one JSON object.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Computes a reading with floats, in MicroPython, for comparison with the firmware's integers.
 
-This module uses the same registers and calibration, and is written as most makers write such
-scripts. It does not check that the spectrum fits one press, and has no hysteresis of the touch and
-no checksum.
+This module uses the same registers and calibration as the firmware, and is written as most makers
+write such scripts. It does not check that the spectrum fits one press. A touch begins and ends at
+the same force, and its data has no checksum.
 """
 
 import json
@@ -60,7 +60,11 @@ class FloatPath:
         return struct.unpack_from("<6H", self._raw, 2)
 
     def estimate(self, counts):
-        """Return (time s, contrast, brightness, position mm, force N, touching)."""
+        """Compute a reading.
+
+        Returns (time s, contrast, brightness, position mm, force N, touching); contrast and
+        brightness are in log2 units.
+        """
         logs = [math.log(count - dark) / _LN_2 for count, dark in zip(counts, self._dark)]
         i = len(self._bounds) - 1
         coarse = _dot(self._coarse, logs)

@@ -1,4 +1,4 @@
-"""Prints, in MicroPython, how much heap the firmware needs without and with a calibration."""
+"""Script for MicroPython: prints the heap that the firmware uses without and with a calibration."""
 
 import gc
 import json

@@ -2,7 +2,7 @@
 
 The package ``spots_device_viper`` is ``spots_device`` with its kernel as machine code. The script
 reads ``inputs.json`` and prints one JSON object. Each round measures all variants with the same
-counts, one after the other, so a computer that becomes slower affects all of them alike.
+counts, one after the other. So if the computer becomes slower, this affects all variants equally.
 """
 
 import binascii
@@ -52,7 +52,7 @@ class Spots:
         strip.stream_spectrum = False
         self._decode = strip.decode
         self._process = process
-        # Bound once: binding a method allocates memory that is not part of a sample.
+        # Bound here: binding a method allocates memory, which must not count for a sample.
         self._step = self.app.step
         self._take = self.app.strip.take
 
@@ -108,7 +108,7 @@ class Floats:
 
 
 def main():
-    """Measure, and print the results."""
+    """Measure all variants with the inputs of ``inputs.json``, and print the results."""
     with open("inputs.json") as file:
         given = json.load(file)
     spots = Spots(given["calibration"], BoardApp, process)
@@ -135,7 +135,7 @@ def main():
 
 
 def measure_space(path, given):
-    """Return the heap bytes and sent bytes of a sample; garbage collection is off meanwhile."""
+    """Return the heap bytes and the sent bytes of a sample, measured without garbage collection."""
     path.bus.counts(given["counts"][0])
     path.whole(_WARM_UP)
     gc.collect()
@@ -173,7 +173,7 @@ def timed_us(path, run, given):
 
 
 def record(given, dark):
-    """Return a TOUCH frame for each set of counts (in hexadecimal), and a line of JSON for each."""
+    """Return the TOUCH frames of all sets of counts in hexadecimal, and a line of JSON for each."""
     app, bus, clock, port = canned.app(given["calibration"])
     app.strip.stream_spectrum = False
     json_port = canned.Serial()

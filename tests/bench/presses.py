@@ -22,7 +22,7 @@ _LIMIT_S = 60.0  # timeout in simulated time
 
 
 def counts_of_presses(sensor: SensorFile, samples: int) -> list[tuple[int, ...]]:
-    """Return the six counts of `samples` readings of each of 32 presses."""
+    """Return the counts (tuples of six) of `samples` readings of each of 32 presses."""
     held = Held()
     with Board(LockstepLink(sensor, held)) as board:
         board.command("stream spectrum")

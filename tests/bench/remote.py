@@ -1,9 +1,9 @@
 """Measures processor time, latency and loss between boards and readers in other processes.
 
-``PYTHONPATH=tests .venv/bin/python -m bench.remote`` compares three ways to send readings:
-``frames`` over Zenoh, as ``spots.open("zenoh:…")`` reads them; ``samples``, JSON over Zenoh; and
-``tcp``, lines of the same JSON over one TCP connection for each board and reader. Readers count all
-lost frames.
+``PYTHONPATH=tests .venv/bin/python -m bench.remote`` compares three ways to send readings.
+``frames``: frames over Zenoh, as ``spots.open("zenoh:…")`` reads them. ``samples``: JSON over
+Zenoh. ``tcp``: lines of the same JSON over one TCP connection for each board and reader. Readers
+count all lost frames.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ def measure(
     -------
     dict
         For each way: numbers of frames ``sent``, ``received`` and ``lost``, for all readers
-        together. Medians over the rounds: ``latency_ms_p50`` and ``latency_ms_p99`` from board to
-        decoded touch; processor times ``publisher_us`` and ``reader_us`` per frame and reader.
-        Also: ratios of these values to those of TCP.
+        together. Medians over the rounds: ``latency_ms_p50`` and ``latency_ms_p99`` (median and
+        99th percentile) from board to decoded touch; processor times ``publisher_us`` and
+        ``reader_us`` per frame and reader. Also: ratios of these values to those of TCP.
     """
     with ExitStack() as stack:
         folder = Path(stack.enter_context(TemporaryDirectory()))
@@ -119,7 +119,7 @@ def _account(accounts: list, closed_at: dict[str, int], publishers_s: float) -> 
     latencies_us: list[int] = []
     for _, ledgers in accounts:
         for name, (first, end, came, gaps, late_us) in ledgers.items():
-            unclosed = end - closed_at[name]  # lost closing frames, before the first received one
+            unclosed = end - closed_at[name]  # closing frames that were lost before one arrived
             sent += closed_at[name] - first
             received += came
             lost += gaps - unclosed
@@ -170,7 +170,7 @@ def _listening() -> socket.socket:
 
 
 class _Process:
-    """A process that gets requests over a pipe and answers them."""
+    """A child process that receives requests over a pipe and answers them."""
 
     def __init__(self, target: Callable, *arguments):
         context = multiprocessing.get_context("spawn")
@@ -231,7 +231,7 @@ def _outlet(mode: str, board: Board, session):
 
 
 def serving(outlet, ended: threading.Event) -> threading.Thread:
-    """Return a thread that publishes until `ended` is set."""
+    """Return a thread that publishes the frames of `outlet` until the event `ended` is set."""
     run = Guarded(outlet.run, "publishing")
 
     def serve() -> None:
@@ -277,7 +277,7 @@ class _TcpPublisher:
 
 
 class _Ledger:
-    """Counts the frames of a board that a reader received, up to the board's last frame."""
+    """Counts the frames that a reader received from one board, up to the board's last frame."""
 
     def __init__(self):
         self.first: int | None = None

@@ -18,7 +18,7 @@ _PATHS = {
 
 
 def report(results: dict) -> str:
-    """Return the results of `run` as text."""
+    """Return the results of `bench.run` as a text with one table for each benchmark."""
     tables = (
         _driver(results["driver"]),
         _firmware(results["firmware"]),

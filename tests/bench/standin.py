@@ -1,4 +1,7 @@
-"""A substitute for a board that needs little processor time: sends frames, answers commands."""
+"""A simple substitute for a board, for benchmarks: sends frames and answers commands.
+
+It needs much less processor time than a virtual board.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ _IDLE_S = 0.05
 
 
 class StandIn:
-    """A link to a substitute board that sends the same reading, with the present time.
+    """A link to a substitute board that sends always the same reading, with the present time.
 
     A reading is a TOUCH and a SPECTRUM frame. Their `t_us` is the computer's monotonic clock, so
     each process on this computer can compute the age of a frame.
@@ -31,11 +34,11 @@ class StandIn:
     fast : bool
         Whether readings have the rate `rate_Hz`; otherwise there are 20 a second.
     closing : bool
-        Whether the position of the next readings is `CLOSING_UM`, which marks the end.
+        Whether the position of the next readings is `CLOSING_UM`, which marks the end of the test.
     said : list of str
         The command lines that the board has received.
     closed_at : int or None
-        Sequence number of the first frame that marks the end.
+        Sequence number of the first frame with this position; None before it.
     """
 
     flags, contrast, brightness, position_um, force_mN = 1, 3 << 18, 12 << 20, 42_500, 3_000
@@ -75,7 +78,7 @@ class StandIn:
                 self._framer.text(json.dumps(self._reply(*line.split())).encode())
 
     def reopen(self) -> None:
-        """Do nothing, because this port is never lost."""
+        """Do nothing, because this substitute is never disconnected."""
 
     def close(self) -> None:
         self._streams = []
@@ -101,7 +104,7 @@ class StandIn:
 
 
 class _Port:
-    """Serial port and board time for a `Framer`."""
+    """The serial port and the board time of a `Framer`."""
 
     def __init__(self):
         self.out = b""

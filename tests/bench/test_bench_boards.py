@@ -1,4 +1,4 @@
-"""Memory that the firmware needs on a board: size of the built files, and estimate of the heap."""
+"""Limits of the memory that the firmware needs on a board: built files, and estimated heap."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from spots.deploy.build import build, files_of
 from spots.deploy.staging import board_names, device_of
 
-# A Pico has about 246 KB.
+# A Pico has about 246 KB of heap.
 HEAP_MAX_BYTES = 72 * 1024
 FLASH_MAX_BYTES = 64 * 1024
 # Machine code for this processor is larger. Its board has 8 MB of flash.

@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(params=[(0, 10.0, 5.0), (1, 2.78, 12.0)], ids=["10 ms", "2.78 ms"])
 def at(request, results):
-    """Results for one integration time, and the required ratio of rates."""
+    """Results for one integration time, and the least ratio of our rate to Adafruit's."""
     i, integration_ms, goal = request.param
     part = results["driver"]["integrations"][i]
     assert part["integration_ms"] == integration_ms

@@ -67,7 +67,7 @@ def test_the_report_shows_both_sides_of_every_part(results, monkeypatch, capsys)
 
 @pytest.fixture
 def nothing_may_be_measured(monkeypatch):
-    # A missing package must be reported at once, not after half a minute of measurements.
+    # A missing package must be reported before the measurements, which take half a minute.
     monkeypatch.setattr(driver, "measure", lambda sensor: pytest.fail("measured before it looked"))
 
 

@@ -1,4 +1,4 @@
-"""A virtual board in simulated time: real firmware in a real MicroPython."""
+"""Fixtures: a virtual board in simulated time, with the firmware in a real MicroPython."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from spots_sim.scenario import Held, Press
 
 
 class Rig:
-    """A virtual board, its link in simulated time, and a stage that presses the strip.
+    """A virtual board, its link in simulated time, and a simulated finger.
 
-    Without a folder, the board starts with a saved calibration, which is faster than an upload.
+    Without a folder for its files, the board starts with a saved calibration, which is faster than
+    an upload.
     """
 
     def __init__(self, sensor, calibration=None, folder=None, scenario=None, seed=0, **options):
@@ -38,7 +39,7 @@ class Rig:
             upload(self.board, calibration)
 
     def _await(self, calibration):
-        # A board uses its saved calibration once its sensor is set up.
+        # The board uses its saved calibration only after its sensor has started.
         for _ in range(50):
             self.board.info.update(self.board.command("hello"))
             if self.board.info["calibration"] == calibration:
@@ -53,14 +54,14 @@ class Rig:
         self.held.press = None
 
     def readings(self, count, kind=Touch):
-        """Return the next `count` frames of a kind whose integration begins after this call."""
+        """Return `count` frames of the class `kind` whose integration begins after this call."""
         self.board.command("stream " + ("touch" if kind is Touch else "spectrum"))
         self.settle()
         frames = (frame for frame in self.board.frames() if isinstance(frame, kind))
         return [next(frames) for _ in range(count)]
 
     def settle(self, seconds=0.15):
-        """Let time pass; unlike `Board.frames`, this starts no stream."""
+        """Let simulated time pass; unlike `Board.frames`, this starts no stream of frames."""
         for _ in self.board._start(seconds, Touch, Spectrum, Key, wanted=False):
             pass
 
@@ -75,15 +76,15 @@ class Rig:
 
 @pytest.fixture
 def own_firmware(monkeypatch):
-    """Let boards have the firmware in their own folder, as sources."""
+    """Give each board its own copy of the firmware, as Python sources."""
     monkeypatch.delenv(FOLDER)
 
 
 @pytest.fixture
 def rig(sensor, request):
-    """Return a function that makes calibrated or uncalibrated rigs.
+    """Return a function that creates a `Rig`, with or without a calibration.
 
-    They are closed after the test.
+    Each rig is closed after the test.
     """
     made = []
 

@@ -1,4 +1,4 @@
-"""The firmware in a real MicroPython while bus, sensor and power fail, on both runtimes."""
+"""Faults of I2C bus, sensor and power: the firmware recovers, on both runtimes."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,10 @@ PLACE_UM = 42_000
 
 @pytest.fixture
 def faulty(rig, calibration):
-    """Return a function that makes a calibrated, pressed rig, and the faults of its bus."""
+    """Return a function that creates a calibrated, pressed rig with faults of its bus.
+
+    The function returns the rig, and a counter of the faults by kind. The faults begin at 3 s.
+    """
 
     def make(board="virtual", **parts):
         faults = Faults(FaultsFile(from_s=3.0, **parts), 3600.0)
@@ -58,10 +61,10 @@ def test_a_chip_that_holds_sda_is_clocked_free(faulty, board):
     low = Moments(at_s=[4.0, 6.0, 8.0], last_ms=1e6)
     made, counts = faulty(board, i2c=BusFaults(sda_low=low))
     readings = touches(made, 9.0)
-    made.board.command("dark")  # what switches the LED has the new controller, too
-    assert counts["i2c.timeout"] == 3  # the first transfer each time, and none after that
+    made.board.command("dark")  # the LED is switched with the new I2C controller, too
+    assert counts["i2c.timeout"] == 3  # the first transfer after each fault
     assert not made.board.log
-    assert longest_gap_s(readings) < 0.1  # 50 ms of which the controller waits
+    assert longest_gap_s(readings) < 0.1  # 50 ms of it are the timeout of the I2C controller
     are_right(readings[-50:])
 
 
@@ -158,13 +161,13 @@ def test_a_program_goes_on_after_brown_outs(faulty, board):
     for touch in made.board.touches(10.0):
         gaps.append(made.link.now_s() - last_s)
         last_s = made.link.now_s()
-        assert 0 <= last_s - touch.time_s < 0.3  # by the new clock map
+        assert 0 <= last_s - touch.time_s < 0.3  # with the new conversion of board time
         readings.append(touch)
     assert counts["power.brown_outs"] == 2
     assert made.board.stats.restarts == 2
     assert made.board.stats.lost == made.board.stats.bad_crc == 0
     assert sum(gap > 0.1 for gap in gaps) == 2
-    assert max(gaps) < 1.2  # half a second of silence before it asks
+    assert max(gaps) < 1.2  # the host's timeout of 0.5 s is included
     assert last_s - readings[-1].time_s < 0.02
     assert [r.time_s for r in readings] == sorted(r.time_s for r in readings)
     are_right(readings[-50:])

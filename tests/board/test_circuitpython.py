@@ -22,10 +22,11 @@ BOARD = "virtual_circuitpython"
 
 
 class Tapped(LockstepLink):
-    """A link that stores every byte, and writes only while the board handles a new sample.
+    """A link that stores every byte, and writes only while the board processes a new sample.
 
-    A read that times out ends between two requests of the board. A sleep is one request on
-    MicroPython and two on CircuitPython, so the next write would be at another time there.
+    Without this rule, a write would follow a read that timed out between two requests of the board
+    to the simulator. A sleep is one request on MicroPython, and two on CircuitPython. So the write
+    would be at different times on the two runtimes.
     """
 
     def __init__(self, *arguments, **named):
@@ -45,9 +46,10 @@ class Tapped(LockstepLink):
 
 
 def touch_frames(sensor, seed, board):
-    """Return the payloads of all TOUCH frames of a run, and the board's description."""
+    """Run the scenario `demo`; return the payloads of all TOUCH frames, and `Board.info`."""
     link = Tapped(sensor, Scenario(load(ScenarioFile, "demo")), seed, board=board)
-    # The bring-ups differ in their transfers: what is said meanwhile would arrive at other times.
+    # Nothing is sent during the start of the sensor, whose transfers differ between the runtimes:
+    # a command would arrive at different times.
     link.read(0.2)
     with Board(link) as board:
         prepare(board, calibrate(sensor))
@@ -56,7 +58,7 @@ def touch_frames(sensor, seed, board):
         for _ in board.frames(15.0):
             pass
         board.command("dark")
-        board.command("set exposure_us=5000 gain=10")  # a second bring-up
+        board.command("set exposure_us=5000 gain=10")  # starts the sensor a second time
         for _ in board.frames(2.0):
             pass
         info = board.info
@@ -82,7 +84,7 @@ def test_what_is_saved_is_there_after_a_reboot_for_boot_py_lets_the_board_write(
         board.command("save")
         board.command("reboot")
     assert "gain=7" in (tmp_path / "settings.txt").read_text()
-    (tmp_path / "spots_device").rename(tmp_path / "gone")  # staged afresh by the next one
+    (tmp_path / "spots_device").rename(tmp_path / "gone")  # the next start writes it again
     link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")), folder=tmp_path, board=BOARD)
     with Board(link) as board:
         assert board.info["gain"] == 7
@@ -134,7 +136,10 @@ def test_a_bus_without_pull_ups_is_told_once_and_tried_again(sensor, tmp_path):
 
 @pytest.fixture
 def start(tmp_path):
-    """Return a function that starts a board with the files in `tmp_path`; it returns both ports."""
+    """Return a function that starts a board with the files in `tmp_path`.
+
+    It returns the names of the data port and of the console.
+    """
     stage(BOARD, tmp_path)
     with contextlib.ExitStack() as boards:
 
@@ -154,7 +159,7 @@ def test_ctrl_c_on_the_console_stops_the_application_and_its_led(start):
     assert b"KeyboardInterrupt" in until(link, b">>> ")
     for line in (
         b"import board, busio, adafruit_as7341 as a",
-        b"chip = a.AS7341(busio.I2C(board.SCL, board.SDA))",  # touches neither of the two
+        b"chip = a.AS7341(busio.I2C(board.SCL, board.SDA))",  # changes neither LED nor sampling
         b"print('led', chip.led, 'sampling', chip._color_meas_enabled)",
     ):
         link.write(line + b"\r")
@@ -189,7 +194,7 @@ def test_the_button_leaves_the_drive_to_the_host_and_the_prompt_to_people(
     monkeypatch.setenv("SPOTS_BUTTON", "held")
     _, console = start()
     link = SerialLink(console)
-    link.write(b"\r")  # what it said on starting may be gone
+    link.write(b"\r")  # requests a new prompt: the output at the start may be lost
     until(link, b">>> ")
     link.write(b"import storage, sys\r")
     until(link, b">>> ")

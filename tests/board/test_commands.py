@@ -1,4 +1,4 @@
-"""The command protocol of the real firmware: one reply per line; invalid lines change nothing."""
+"""Commands to the real firmware: each line gets one reply, and an invalid line changes nothing."""
 
 import pytest
 
@@ -22,7 +22,7 @@ def test_hello_tells_who_it_is(rig):
 
 
 class Hesitant(LinkWrapper):
-    """A link that delays or drops the board's data for some time after `hold`."""
+    """A link that delays or drops the board's data for some time after a call of `hold`."""
 
     def __init__(self, link, loses=False):
         super().__init__(link)
@@ -41,7 +41,7 @@ class Hesitant(LinkWrapper):
 
 
 class HesitantAtSync(Hesitant):
-    """Calls `hold` at the fourth `sync` command."""
+    """A `Hesitant` link that calls `hold` at the fourth command ``sync``."""
 
     def __init__(self, link, for_s, loses):
         super().__init__(link, loses)
@@ -146,7 +146,7 @@ def test_a_calibration_is_taken_only_whole(rig, calibration):
     assert before == checksum(calibration)
     for lines, code in (
         (calibration[:-1], checksum(calibration)),  # truncated
-        (calibration[:-40], checksum(calibration[:-40])),  # whole but senseless
+        (calibration[:-40], checksum(calibration[:-40])),  # complete upload, invalid content
         (["nonsense 1", *calibration], checksum(["nonsense 1", *calibration])),
     ):
         made.board.command("cal begin")

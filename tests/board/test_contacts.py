@@ -1,4 +1,4 @@
-"""Contacts: a frame for each finger and reading, from a virtual board with two fingers."""
+"""CONTACT frames, one for each finger and reading, of a virtual board with up to two fingers."""
 
 import math
 import random
@@ -31,7 +31,7 @@ RESTED = finger(30, 0.0, 1.5), finger(62, 0.5, 1.0)
 
 @pytest.fixture
 def played():
-    """Return a function that moves fingers on a strip, and returns the board and its frames."""
+    """Return a function that moves fingers on a strip; it returns the board and all its frames."""
     boards = []
 
     def play(*fingers, command=None):
@@ -50,7 +50,7 @@ def played():
 
 
 def contacts(frames):
-    """Return a dict of contact frames by number of the finger."""
+    """Return the CONTACT frames in `frames`, as a dict of lists by number of the finger."""
     found = {}
     for frame in frames:
         if isinstance(frame, Contact):
@@ -68,7 +68,7 @@ def test_fingers_that_roll_come_and_go_once(played, command):
     found = contacts(frames)
     assert list(found) == [1, 2]
     assert states(found[1]) == [DOWN, CONFIRMED, PROVISIONAL, UP]
-    # Provisional at its end, too: it may lift for a moment only.
+    # The finger is provisional at its end, too, because a lift may be short.
     assert states(found[2]) == [DOWN, PROVISIONAL, CONFIRMED, PROVISIONAL, UP]
     for one, x_mm in zip(found.values(), (30, 62)):
         assert [contact.state for contact in one].count(DOWN) == 1
@@ -87,9 +87,24 @@ def test_a_finger_beside_a_resting_one_was_never_alone(played):
 
 
 def sliding(x1_mm, from_mm, to_mm, mm_per_s, wobble=0.0, seed=0):
-    """Return a finger that rests at `x1_mm`, and one that slides beside it.
+    """Return a resting finger, a sliding finger, and the sliding finger's position over time.
 
-    `wobble` is the largest relative change of their forces.
+    Parameters
+    ----------
+    x1_mm : float
+        Position of the resting finger.
+    from_mm, to_mm, mm_per_s : float
+        Start, end and speed of the slide.
+    wobble : float
+        Largest relative change of the sliding finger's force; a tenth of it for the other finger.
+    seed : int
+        Random seed of the forces.
+
+    Returns
+    -------
+    first, second : Finger
+    at_mm : callable
+        ``at_mm(time_s)`` returns the position of the second finger.
     """
     rng = random.Random(seed)
     ends_s = 0.5 + abs(to_mm - from_mm) / mm_per_s
@@ -119,7 +134,7 @@ def test_a_second_finger_is_followed_while_the_first_one_rests(played, mm_per_s,
         _, frames = played(first, second)
         found = contacts(frames)
         assert len(found) == 2
-        assert states(found[1])[-3:] == [CONFIRMED, PROVISIONAL, UP]  # it was there to the end
+        assert states(found[1])[-3:] == [CONFIRMED, PROVISIONAL, UP]  # it touched until the end
         both = [c for c in found[2] if c.state == PROVISIONAL and c.time_s < second.points[-2][0]]
         errors_mm = [c.position_um / 1000 - at_mm(c.time_s) for c in both]
         off += errors_mm
@@ -157,8 +172,8 @@ def test_no_key_is_typed_without_keys(played):
 
 @pytest.mark.parametrize("fingers", [ROLLED, RESTED])
 def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
-    _, frames = played(*fingers)
-    finder = ContactFinder(LENGTH_UM, 289)
+    board, frames = played(*fingers)
+    finder = ContactFinder(LENGTH_UM, board.info["decay"])
     made = [one for frame in frames if isinstance(frame, Touch) for one in finder.take(frame)]
     there = [frame for frame in frames if isinstance(frame, Contact)]
     assert [repr(one[2:]) for one in there] == [repr(one[2:]) for one in made] != []

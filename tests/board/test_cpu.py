@@ -1,4 +1,4 @@
-"""A virtual board with the processor time of a Pico, compared with an emulated Pico."""
+"""A virtual board with the processor time of a Pico: its rates equal those of an emulated Pico."""
 
 import re
 from itertools import product
@@ -50,7 +50,7 @@ BUSY = [
 
 
 def ready(rig, calibration, cpu, exposure_us):
-    """Return a touched board that streams touches."""
+    """Return a `Rig` with a touched strip that streams TOUCH frames."""
     made = rig(calibration=calibration, cpu=cpu)
     made.press(20.0, 3000)
     reply = made.board.command(f"set exposure_us={exposure_us}")
@@ -136,7 +136,7 @@ def test_the_pauses_of_an_upload_leave_the_fifo_in_use(rig, calibration, cpu, ex
 def test_hello_costs_no_sample(rig, calibration):
     made = ready(rig, calibration, "pico", 2_780)
     lost = []
-    # Four commands from one ``get`` to the next: one of them collects garbage.
+    # Of the four commands from one ``get`` to the next, one collects garbage.
     for command in ("sync", "hello"):
         before = made.board.command("get")["missed"]
         for _ in range(3):

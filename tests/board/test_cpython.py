@@ -34,7 +34,7 @@ del os.openpty, os.ttyname
 
 @pytest.fixture(params=["pty", "socket"])
 def port(request, monkeypatch, tmp_path):
-    """How the name of the board's port begins: for a PTY or for a socket."""
+    """Select a PTY or a socket as port of virtual boards; return how the port's name begins."""
     monkeypatch.setenv("SPOTS_VIRTUAL_PORT", request.param)
     if request.param == "pty":
         return "/dev/"
@@ -119,8 +119,8 @@ def test_the_keyboard_demo_types_its_text(capsys):
 
 def test_the_keyboard_demo_in_real_time(port, capsys):
     run = figures(capsys, "--use", "keyboard", "--seconds", "7")
-    # Which keys are hit, and that host and board agree, is asserted in simulated time: a host that
-    # is stopped for 0.3 s releases its keys.
+    # Tests in simulated time check the typed keys, and that host and board agree. In real time, a
+    # host that is stopped for 0.3 s releases its keys.
     assert run["presses"] >= 3
     assert run["runtime"].startswith("cpython")
 
@@ -145,7 +145,7 @@ def test_a_key_goes_to_the_usb_host(rig, calibration, tmp_path):
     made.press(4.0, 1500)
     made.settle()
     assert made.link.usb.reports == [(0, bytes((0, 0, 30, 0, 0, 0, 0, 0)))]
-    made.board.command("reboot")  # no key outlives it
+    made.board.command("reboot")  # releases all keys
     made.settle(0.5)
     assert made.link.usb.reports[1] == (0, bytes(8))
 

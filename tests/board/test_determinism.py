@@ -1,4 +1,4 @@
-"""Simulated time: the same sensor, scenario and seed give the same bytes in each run."""
+"""Simulated time: a sensor, a scenario and a seed give the same bytes in each run."""
 
 import json
 import shutil

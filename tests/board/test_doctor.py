@@ -1,4 +1,4 @@
-"""`spots doctor` checks the light: an LED that is not wired never passes, in any ambient light."""
+"""The light check of `spots doctor`: it fails without a wired LED, in any ambient light."""
 
 import re
 
@@ -18,9 +18,9 @@ UNWIRED = {"irradiance_uW_cm2_per_mA": 1e-9}
 
 
 def light_of(stage):
-    """Examine a board in simulated time; return the doctor's findings on the light.
+    """Run the checks of `spots doctor` in simulated time; return the findings of the light check.
 
-    A person unplugs an LED that is always on when asked to.
+    If the check asks to unplug an LED that is always on, the simulated person does so.
     """
     found = []
     for finding in examine_board(stage.board):
@@ -119,7 +119,7 @@ def test_a_calibrated_strip_with_any_led_passes_every_check(kind):
         upload(stage.board, list(lines))
         stage.press(NEAR_UM, 6_000)
         stage.board.command("stream off")
-        list(stage.board.spectra(0.1))  # those of the exposure search
+        list(stage.board.spectra(0.1))  # removes the frames of the exposure search
         for finding in examine_board(stage.board):
             stage.held.unplugged |= "unplug the LED or" in finding.text
             assert finding.ok, finding

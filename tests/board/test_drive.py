@@ -22,7 +22,10 @@ RIGHT = "9.2.1", "adafruit_qtpy_rp2040"
 
 @pytest.fixture
 def mount(tmp_path, monkeypatch):
-    """Return a function that makes a folder like a mounted CircuitPython drive, and returns it."""
+    """Return a function that creates a folder like a mounted CircuitPython drive.
+
+    It returns the folder. The system then lists this folder as a mounted drive.
+    """
     there = []
     monkeypatch.setattr(drive, "_BLOCK_DEVICES", tmp_path / "block")
     monkeypatch.setattr(psutil, "disk_partitions", lambda: there)

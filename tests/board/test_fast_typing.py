@@ -1,6 +1,6 @@
-"""Fast typing with rollover: share of wrong keys, and latency of keys.
+"""Fast typing with overlapping touches (rollover): share of wrong keys, and latency of keys.
 
-`python -m spots_sim.typing_speed 40 60 80 100` measures the same on ten times as many touches.
+`python -m spots_sim.typing_speed 40 60 80 100` measures the same with ten times as many touches.
 """
 
 import numpy as np
@@ -14,9 +14,10 @@ from spots_sim.scenario import Scenario
 from spots_sim.stage import calibrate
 from spots_sim.typing_speed import added, typed
 
-# By words a minute: errors in a hundred touches, keys of no finger, latency in ms of 99 of them.
-# The slowest one of so few touches is slower than 99 % of many, which are in docs/keyboard.md. It
-# depends on the times of the samples: 27 to 48 ms at 40 words for texts that begin 0 to 9 ms later.
+# Limits by words a minute: errors in percent of the touches, keys without a finger, 99th percentile
+# of the latency in ms. This percentile of so few touches is longer than that of many touches in
+# docs/keyboard.md. It depends on the times of the samples: 27 to 48 ms at 40 words a minute for
+# texts that begin 0 to 9 ms later.
 LIMITS = {40: (0.3, 0, 50), 60: (1.0, 0, 65), 80: (2.0, 0, 110), 100: (4.0, 1, 140)}
 SEEDS = {40: (21,), 60: (21,), 80: (21,), 100: (21, 22)}
 
@@ -45,21 +46,21 @@ def test_fast_typing_is_understood_at_half_the_exposure(sensor, seed):
 
 
 def test_fast_typing_is_understood_while_each_channel_is_off_by_a_hundredth(sensor, calibration):
-    # This moves positions by up to 0.6 mm. A drift that moves them more hits other keys by itself.
+    # This drift moves positions by up to 0.6 mm. A larger drift would move touches to other keys.
     nepers = 0.01 * np.array([1, 1, 1, -1, 1, 1])
     lines = shifted(calibration, [1000 * sensor.length_mm / 2], [nepers / np.log(2)])
     check([typed(100, 100, 21, lines=tuple(lines))], 6, 1, 150)
 
 
 def test_five_keys_at_120_words_a_minute(tmp_path):
-    # Five of a hundred touches have three fingers at once.
+    # During five of a hundred touches, three fingers touch at the same time.
     layout = tmp_path / "five.toml"
     layout.write_text('name = "five"\n[[layer]]\nname = "five"\nkeys = ["1", "2", "3", "4", "5"]\n')
     check([typed(120, 100, 21, layout=str(layout))], 5, 1, 200)
 
 
 def at(key):
-    """Return the middle of a key of ten, in mm."""
+    """Return the middle of one of the ten keys, in mm."""
     return 8.5 * ("1234567890".index(key) + 0.5)
 
 

@@ -1,4 +1,4 @@
-"""Faults on the I2C bus, and the recovery of the board."""
+"""Faults on the I2C bus: the board recovers, and reports each fault one time."""
 
 import errno
 
@@ -10,7 +10,7 @@ from spots_device import decode
 
 
 class Cut:
-    """A bus whose chip stops answering on request, or does not answer some later transfers."""
+    """An I2C bus whose chip does not answer while `cut` is true, or at chosen transfers."""
 
     def __init__(self, bus):
         self._bus = bus
@@ -42,7 +42,7 @@ def test_a_sensor_that_is_unplugged_and_plugged_in_again(rig, calibration):
     made.readings(5)
     made.link.bus.cut = True
     made.settle(2.0)
-    assert [line["log"] for line in made.board.log] == ["error"]  # once, not a flood
+    assert [line["log"] for line in made.board.log] == ["error"]  # one log line, not many
     assert made.board.command("get")["fault"]
     made.link.bus.cut = False
     made.settle(0.5)
@@ -54,7 +54,7 @@ def test_a_sensor_that_is_unplugged_and_plugged_in_again(rig, calibration):
 
 @pytest.mark.parametrize("first", range(1, 25))
 def test_two_transfers_that_nobody_answers_anywhere_in_a_dark_window(rig, calibration, first):
-    # Among them those that select the LED's bank and that leave it again.
+    # These transfers include those that select the register bank of the LED, and bank 0 again.
     made = rig(calibration=calibration)
     made.press(42.0, 3000.0)
     made.readings(2)

@@ -21,9 +21,9 @@ GAIN_64X = 7
 
 
 class Numbered:
-    """A light with different counts for each diode and for each sample.
+    """Simulated light with which each diode and each sample has other counts.
 
-    Repeats after 400 samples.
+    The counts repeat after 400 samples.
     """
 
     def __init__(self):
@@ -36,7 +36,7 @@ class Numbered:
 
 
 class Stalled:
-    """A board that streams the counts of a numbered light."""
+    """A board under `Numbered` light, which streams SPECTRUM frames; its loop can stall."""
 
     def __init__(self, sensor, board="virtual", exposure_us=EXPOSURE_US, busy_us=None, **quirks):
         self.link = LockstepLink(sensor, Held(), board=board, busy_us=busy_us)
@@ -71,7 +71,7 @@ def stalled(sensor):
 
 
 def numbers(frames):
-    """Return the number of each sample, which must be the same in all its six counts."""
+    """Return the number of the sample in each frame; all six counts of a frame must agree on it."""
     for frame in frames:
         assert not (np.diff(frame.counts) % 50).any(), frame.counts
         assert frame.counts[0] < frame.counts[1]
@@ -79,7 +79,7 @@ def numbers(frames):
 
 
 def steps(frames):
-    """Return the difference of the sample numbers of successive frames."""
+    """Return the set of differences between the sample numbers of successive frames."""
     return {(b - a) % AROUND for a, b in itertools.pairwise(numbers(frames))}
 
 
@@ -97,7 +97,7 @@ def test_a_stall_of_50_ms_loses_no_sample(stalled, board, error_percent):
     assert steps(frames) == {1}
     assert not any(frame.flags & DROPPED for frame in frames)
     assert made.get()["missed"] == 0
-    # The chip's own period gives the times, also during a stall.
+    # The times of the frames follow the chip's period, also during a stall.
     times_us = np.unwrap(np.array([frame.t_us for frame in frames], float), period=2.0**32)
     period_us = EXPOSURE_US * (1 + error_percent / 100)
     late_us = times_us - period_us * np.arange(len(frames))
@@ -157,9 +157,9 @@ def test_the_samples_of_a_board_that_misses_most_are_whole_and_their_times_right
 
 
 class FullBus:
-    """A bus that once delays the level's read until the FIFO has `level` entries.
+    """An I2C bus that delays one read of the FIFO level until the FIFO has `level` entries.
 
-    Before the next read of data, the chip stores one more sample.
+    Before the following read of data, the chip stores one more sample.
     """
 
     def __init__(self, link, level):
@@ -203,7 +203,7 @@ def test_a_shifted_fifo_is_emptied(stalled):
 
 
 class Cut:
-    """A bus on which some transfers from the FIFO fail in the middle."""
+    """An I2C bus on which some transfers from the FIFO fail in the middle."""
 
     def __init__(self, bus, after):
         self._bus, self.left, self._after = bus, 0, after
@@ -236,7 +236,7 @@ def test_a_transfer_that_fails_in_the_middle_costs_samples_that_are_counted(stal
 
 
 class LateBus:
-    """A bus that stalls in the self-test, and for one sample before the FIFO is emptied."""
+    """An I2C bus that stalls in the firmware's test of the FIFO, and before the FIFO is emptied."""
 
     def __init__(self, bus, clock, *stalls_us):
         self._bus, self._clock, self.stalls_us = bus, clock, list(stalls_us)

@@ -22,7 +22,7 @@ from spots.link import serial_link as link
 
 @pytest.fixture
 def empty(tmp_path):
-    """A folder that becomes a board's file system."""
+    """An empty folder that becomes the file system of a board."""
     folder = tmp_path / "board"
     folder.mkdir()
     return folder
@@ -56,7 +56,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
         assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
         said = capsys.readouterr().out
         assert "remove spots_device/app.py" in said
-        assert "mip install" not in said  # the stand-in for the library is built in
+        assert "mip install" not in said  # the virtual board contains a substitute for the library
         assert (empty / "spots_device" / "app.py").exists()
         assert main(["flash", "virtual", "--port", port]) == 0
         said = capsys.readouterr().out
@@ -72,7 +72,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
 
 def test_a_board_without_the_library_for_usb_is_told_of_in_a_sentence(empty, capsys):
     (empty / "usb").mkdir()
-    (empty / "usb" / "__init__.py").write_text("")  # without what is looked for in it
+    (empty / "usb" / "__init__.py").write_text("")  # a package without the module `usb.device`
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port]) == 0
         command = f"mpremote connect {port} mip install usb-device-hid\n"
@@ -115,7 +115,7 @@ def test_a_late_answer_of_the_prompt_is_not_taken_for_the_answer_to_a_later_try(
 
     def late(transport, **options):
         tries.append(options)
-        if len(tries) == 1:  # the board hears it, and answers after the time is over
+        if len(tries) == 1:  # the board receives the request, but answers after the timeout
             transport.serial.write(b"\r\x03\r\x01")
             raise TransportError("could not enter raw repl")
         enter(transport, **options)
@@ -161,7 +161,7 @@ def test_too_little_room_is_seen_before_anything_is_touched(empty, capsys, monke
 def test_a_dry_run_without_hardware(capsys):
     assert main(["flash", "virtual", "--dry-run"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[-2].startswith("copy main.py")  # last, when all the rest is there
+    assert lines[-2].startswith("copy main.py")  # the last file, after all others
 
 
 @pytest.mark.parametrize(
@@ -249,21 +249,21 @@ def test_erase_takes_all_but_yes_for_no(empty, capsys, monkeypatch, typed):
 
 
 def build_into(folder):
-    """Put the firmware onto a board's file system."""
+    """Copy the firmware into a folder, the file system of a board."""
     for path, data in files_of(build("virtual", folder.parent / "build")).items():
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_bytes(data)
 
 
 def test_a_doctor_for_a_healthy_board(capsys):
-    for _ in range(3):  # where the machine stands still for a moment, the sensor has stopped
+    for _ in range(3):  # if the machine stalls, the sensor seems to have stopped
         capsys.readouterr()
         code = main(["doctor", "--port", "virtual"])
         if code == 0:
             break
     assert code == 0
     lines = [line.split()[:2] for line in capsys.readouterr().out.splitlines()]
-    # Whether a finger is there at first is a matter of when: the strip is dark without one.
+    # The result of the first light check depends on whether the simulated finger touches then.
     assert [line for n, line in enumerate(lines) if line not in lines[:n]] == [
         ["ok", check]
         for check in ("hello", "firmware", "sensor", "light", "lamps", "rate", "calibrated")
@@ -285,7 +285,7 @@ def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
 
 
 class Patient:
-    """A board with a given state; each call of its clock takes a second."""
+    """A substitute for `Board` with a given state; each call of its clock takes a second."""
 
     def __init__(
         self,

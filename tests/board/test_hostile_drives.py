@@ -1,4 +1,7 @@
-"""`spots flash` and `erase` on drives with links, FIFOs and swaps: nothing outside changes."""
+"""`spots flash` and `erase` on drives with links, FIFOs and files that are replaced meanwhile.
+
+No file outside the drive may change.
+"""
 
 import contextlib
 import hashlib
@@ -28,11 +31,11 @@ ABOUT = (
     "Adafruit CircuitPython 9.2.1 on 2026-01-01; Some board\n"
     "Board ID:adafruit_qtpy_rp2040\nUID:0123AB\n"
 )
-# What the home folder next to the drive holds: also what a flash would write, and erase remove.
+# Files in the home folder beside the drive; some have names that `flash` writes or `erase` removes.
 HOME = (".ssh/id_ed25519", "thesis.txt", "app.py", "code.py", "runtime/__init__.py", "i2c_bit.py")
-LINKED = "linked.txt"  # what a hard link on the drive is another name of
+LINKED = "linked.txt"  # a file that also has a name on the drive, a hard link
 NAMES = frozenset({"spots.sha256", *released.FILES["circuitpython"], *stage.names("circuitpython")})
-# Where something odd lies: in the way of a flash, beside it, and under a user's own names.
+# Paths of special files: where `flash` writes, beside these paths, and with names of user files.
 PLACES = (
     "spots_device",
     "spots_device/runtime",
@@ -81,19 +84,19 @@ CALLS = ["open", "stat", "unlink", "replace", "mkdir", "rmdir"]
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """The files of a board, built once."""
+    """The files that `flash` writes, built one time for all tests of this module."""
     folder = build(BOARD, tmp_path_factory.mktemp("build"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flashing, "build", lambda board, root, strips: folder)
         patch.setattr(flashing, "_greet", lambda there: None)
         patch.setattr(place, "usb_ports", list)
         patch.setattr(link, "usb_ports", list)
-        patch.setattr(os, "fsync", lambda handle: None)  # a power cut is not the subject
+        patch.setattr(os, "fsync", lambda handle: None)  # saves time; no test cuts the power
         yield Files(files_of(folder))
 
 
 class Files(dict):
-    """Files by path, with a `repr` that fits a report."""
+    """Files by path, with a short `repr` for the reports of failed tests."""
 
     def __repr__(self):
         return f"<{len(self)} files>"
@@ -114,11 +117,11 @@ class Sandbox:
         for path, data in (files[state] if state in files else older()).items():
             put(self.drive / path, data)
         for path in [*self.home.rglob("*"), self.home]:
-            os.utime(path, (1, 2))  # read once, it is accessed later than that
+            os.utime(path, (1, 2))  # a read would set a later access time
         self.inodes = {path.lstat().st_ino for path in [*self.home.rglob("*"), self.home]}
 
     def trap(self, path, kind):
-        """Replace something on the drive by a link, a FIFO or another special file."""
+        """Replace the file at `path` on the drive by a link, a FIFO or another special file."""
         where = self.drive / path
         if any(not stat.S_ISDIR(up.lstat().st_mode) for up in ups(where, self.drive)):
             return
@@ -145,7 +148,7 @@ class Sandbox:
             os.mkfifo(where)
         elif kind == "hard_link":
             os.link(self.home / LINKED, where)
-            self.inodes.discard(where.lstat().st_ino)  # the file is on the drive as well
+            self.inodes.discard(where.lstat().st_ino)  # the file is also on the drive
         elif kind == "folder":
             where.mkdir()
         else:
@@ -166,9 +169,10 @@ def without_manifest(built):
 
 
 def older():
-    """The files of a drive that a version with other modules has flashed.
+    """Return the files of a drive that an older version with other modules has flashed.
 
-    The manifest also names files outside the drive and a changed file, and has an invalid line.
+    The result is a dict by path. The manifest, the list of flashed files, also names files outside
+    the drive and a changed file, and has an invalid line.
     """
     files = {"code.py": b"import old", "old_package/app.py": b"old", "old_package/in/x.py": b"x"}
     lines = [f"{hashlib.sha256(data).hexdigest()}  {path}\n" for path, data in files.items()]
@@ -178,16 +182,16 @@ def older():
 
 
 def snapshot(folder, times=True):
-    """Return content and metadata of all files in a folder.
+    """Return content and metadata of all files in a folder, as a dict by path.
 
-    Reading does not change access times.
+    The access times are restored after the files were read.
     """
     found = {}
     for path in [folder, *sorted(folder.rglob("*"))]:
         status = path.lstat()
         entry = [status.st_mode, status.st_mtime_ns if times else 0]
         if times:
-            # A folder is read right here, and the file with two names is on the drive as well.
+            # This function reads the folders, and `LINKED` may be read as a file on the drive.
             reads = stat.S_ISDIR(status.st_mode) or path.name == LINKED
             entry.append(0 if reads else status.st_atime_ns)
         if path.is_symlink():
@@ -227,7 +231,7 @@ def run(sandbox, command, before_call=lambda: None):
 
 
 def listed(sandbox, state):
-    """Return the paths that the manifest of an older version names, while it is on the drive."""
+    """Return the paths that the manifest of an older version names, if it is on the drive."""
     files = older() if state == "older" else {}
     manifest = sandbox.drive / "spots.sha256"
     if not files or manifest.is_symlink() or not manifest.is_file():
@@ -236,13 +240,13 @@ def listed(sandbox, state):
 
 
 def is_a_boards(sandbox):
-    """Whether boot_out.txt on the drive is a regular file, which describes the board."""
+    """Return whether boot_out.txt on the drive is a regular file that describes the board."""
     about = sandbox.drive / "boot_out.txt"
     return stat.S_ISREG(about.lstat().st_mode) and about.read_bytes() == ABOUT.encode()
 
 
 def is_in_the_way(sandbox, path, command, listed):
-    """Whether a special file at `path` prevents a command from reaching its files without links."""
+    """Return whether a special file at `path` blocks a file that the command must reach."""
     wanted = NAMES | listed
     wanted |= {name + ".part" for name in wanted} | {"boot_out.txt"}
     if command[0] == "erase":
@@ -294,7 +298,7 @@ def test_a_drive_is_done_completely_or_refused_untouched(built, state, traps, co
         assert code == 0
         flashed = command[0] == "flash"
         named = NAMES | of_older - {"notes.py"}
-        # Others' drives have a code.py and a lib, too.
+        # Drives that `spots` did not flash may have a code.py and a lib, too.
         files = {path for path in drive if not stat.S_ISDIR(drive[path][0])} & named
         claimed = state in ("flashed", "older") and "spots.sha256" not in {
             path for path, _ in traps
@@ -304,7 +308,7 @@ def test_a_drive_is_done_completely_or_refused_untouched(built, state, traps, co
         ours |= {name + ".part" for name in named}
         ours |= set(built) if flashed else set()
         ours |= set() if flashed or not claimed else set(USER_FILES)
-        for path in set(drive) - ours:  # a user's own
+        for path in set(drive) - ours:  # the user's own files
             if not stat.S_ISDIR(drive[path][0]):
                 assert after[path] == drive[path], path
         if flashed:

@@ -1,4 +1,4 @@
-"""Touches become USB reports and KEY frames in a real MicroPython, whatever the host does."""
+"""Touches become USB reports and KEY frames in a real MicroPython, also with a faulty USB host."""
 
 import pytest
 
@@ -8,14 +8,14 @@ from spots.keyboard.layout import load
 from spots.link.frames import Key, Touch
 from spots_device.decode import DROPPED
 
-# One zone after the other from the sensor's end, and the keys 1 to 0 in them.
+# Middles of the ten zones from the sensor's end, and the HID usages of their keys 1 to 9 and 0.
 ZONES_MM = [85 * (i + 0.5) / 10 for i in range(10)]
 USAGES = [*range(30, 40)]
 ONE, FIVE, ZERO = USAGES[0], USAGES[4], USAGES[9]
 UP = bytes(8)
 KEYBOARD = 0
 BOARDS = ["virtual", "virtual_circuitpython"]
-# Ctrl-C comes on another port there, and there is nothing to install.
+# Not for CircuitPython: Ctrl-C arrives on another port there, and no USB library is necessary.
 micropython = pytest.mark.parametrize("board", BOARDS[:1])
 
 
@@ -24,19 +24,19 @@ def report(usage):
 
 
 def typed(*usages):
-    """Return the reports that a host gets if these keys are typed, one after the other."""
+    """Return the keyboard reports that a host receives if keys are typed, one after the other."""
     return [one for usage in usages for one in (report(usage), UP)]
 
 
 @pytest.fixture(params=BOARDS)
 def board(request):
-    """The virtual board of each runtime; a test may choose one."""
+    """Name of a virtual board: each test runs with both runtimes, or with those that it chooses."""
     return request.param
 
 
 @pytest.fixture
 def plugged(rig, calibration, tmp_path, board):
-    """Return a function that starts a calibrated board with stored settings, such as ``keys=1``."""
+    """Return a function that starts a calibrated `Rig` with stored settings, such as ``keys=1``."""
 
     def make(*settings):
         first = rig(calibration=calibration, folder=tmp_path, board=board)
@@ -159,7 +159,7 @@ def end_with_auto(made):
 
 
 def end_with_the_sensor(made):
-    made.link.chip.write(bytes((0x80, 0x01)))  # it samples no more
+    made.link.chip.write(bytes((0x80, 0x01)))  # the chip stops sampling
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_no_key_outlives_what_held_it(plugged, end):
 
 
 def changed(path, old, new):
-    """Replace a text in a file of a board; the board reads the file at its next start."""
+    """Replace the text `old` in a file of a board, which reads the file at its next start."""
     source = path.read_text()
     assert old in source
     path.write_text(source.replace(old, new))
@@ -254,7 +254,7 @@ def test_a_gamepad_is_where_and_how_hard(plugged):
 
 
 def test_both_at_once_are_two_interfaces(plugged, board):
-    gamepad = {"virtual": 1, "virtual_circuitpython": 2}[board]  # media keys come between
+    gamepad = {"virtual": 1, "virtual_circuitpython": 2}[board]  # interface 1: media keys
     made = plugged("keys=1", "gamepad=1")
     made.settle(0.3)
     touch(made, 4)
@@ -270,7 +270,7 @@ def test_media_keys_are_reports_of_their_own(plugged, board):
     made.settle(0.5)
     touch(made, 0)
     assert reports(made) == []
-    assert reports(made, 1) == [b"\xb6\0", b"\0\0"]  # to the track before
+    assert reports(made, 1) == [b"\xb6\0", b"\0\0"]  # media key: previous track
 
 
 def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, calibration):
@@ -337,7 +337,7 @@ def test_a_board_with_too_few_endpoints_says_so_and_stays_on_its_port(plugged, t
 def test_a_board_without_the_library_says_what_to_install_and_sends_frames(plugged, tmp_path):
     made = plugged("keys=1")
     (tmp_path / "usb").mkdir()
-    (tmp_path / "usb" / "__init__.py").write_text("")  # without what is looked for in it
+    (tmp_path / "usb" / "__init__.py").write_text("")  # a package without the module `usb.device`
     made.board.command("reboot")
     made.settle(0.3)
     made.press(ZONES_MM[0], 1500)

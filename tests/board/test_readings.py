@@ -1,4 +1,4 @@
-"""From a press on the strip to a position on the host, through the whole firmware."""
+"""Readings of the whole chain: press on the simulated strip, firmware, position on the host."""
 
 import dataclasses
 import math
@@ -60,7 +60,7 @@ def test_time_stamps_are_those_of_the_scenario(rig, calibration):
     assert made.board._clocks.clock.uncertainty_s < 0.001
     sliding = [r for r in made.readings(450) if r.trusted and 2.9 < r.time_s < 3.5]
     assert len(sliding) > 50
-    # At 85 mm/s a stamp 1 ms late would put the finger 85 um off.
+    # At 85 mm/s, a time error of 1 ms is a position error of 85 um.
     truth = Scenario(load(ScenarioFile, "demo"))
     errors = [r.position_um - 1000 * truth.presses(r.time_s)[0].position_mm for r in sliding]
     assert abs(np.mean(errors)) < 50
@@ -190,7 +190,7 @@ def test_dark_frames_are_marked_and_keep_the_touch(rig, calibration):
     frames = (frame for frame in made.board.frames(1.0))
     readings = [frame for frame in frames if frame.time_s > 0]
     dark = [reading for reading in readings if reading.flags & decode.LED_OFF]
-    assert len(dark) == decode.DARK_SAMPLES + 2  # one at either end is neither dark nor lit
+    assert len(dark) == decode.DARK_SAMPLES + 2  # the LED changes during the first and the last one
     assert all(reading.touching and not reading.trusted for reading in dark)
     assert all(reading.trusted for reading in readings if reading not in dark)
 

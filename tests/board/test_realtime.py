@@ -1,4 +1,4 @@
-"""The virtual board in real time: a PTY, pyserial, and a separate process."""
+"""The virtual board in real time, in a separate process, through a PTY and pyserial."""
 
 import contextlib
 import json
@@ -45,12 +45,12 @@ def test_a_silent_reader_costs_frames_but_no_bad_bytes_and_no_stall():
         decoder, heard = spots.Decoder(), []
         board.tap(lambda data, now_s: heard.extend(decoder.feed(data)))
         time.sleep(3)  # longer than the PTY's buffers last
-        # What waited in the buffers is read first; after it the stream goes on.
+        # The frames in the buffers are read first; then the stream continues.
         frames = list(board.frames(1.0))
         assert board.stats.bad_crc <= 1
         assert board.stats.lost > 0
         assert any(frame.flags & DROPPED for frame in frames)
-        assert len(list(islice(board.frames(60.0), 200))) == 200  # the stream goes on
+        assert len(list(islice(board.frames(60.0), 200))) == 200  # the stream continues
     untold = False  # replies are numbered too, and have no flags
     for before, frame in zip(heard, heard[1:]):
         untold |= (frame.sequence - before.sequence) % 65_536 != 1
@@ -65,8 +65,8 @@ def test_the_latest_reading_is_new_however_long_one_waited():
         time.sleep(0.5)
         latest = board.read_latest()
         following = next(board.touches())
-        assert latest.sequence > before.sequence + 10  # of some 50 that waited, not the first
-        # Nothing between was lost but what the board itself dropped.
+        assert latest.sequence > before.sequence + 10  # not the first of about 50 waiting frames
+        # Between the two frames, no frame is missing except those that the board dropped.
         assert following.flags & DROPPED or following.sequence == latest.sequence + 1
 
 
@@ -100,8 +100,8 @@ def test_the_demo_off_a_terminal_prints_plain_lines():
     assert any(" mm " in line and " N" in line for line in output.splitlines())
 
 
-# Twice a second, whenever the host begins to read; at one place, for on a busy machine the time of
-# a reading is vague.
+# Taps twice a second, so that the start of the host does not matter. All taps are at one position,
+# because on a busy machine the time of a reading is uncertain.
 TAPS = """
 seconds = 0.5
 [[touch]]
@@ -191,7 +191,7 @@ time.sleep(600)
 
 
 def processes():
-    """Return parent and command of each running process, by process number."""
+    """Return (number of the parent, command) of each running process, as a dict by its number."""
     run = ["ps", "-A", "-ww", "-o", "pid=", "-o", "ppid=", "-o", "stat=", "-o", "args="]
     lines = subprocess.run(run, capture_output=True, text=True, check=True).stdout.splitlines()
     rows = [line.split(None, 3) for line in lines]
@@ -199,7 +199,7 @@ def processes():
 
 
 def under(parent, alive):
-    """Return the numbers of all processes that a process has started, directly or indirectly."""
+    """Return the numbers of the processes in `alive` that `parent` started, also indirectly."""
     ours = {parent}
     while more := {number for number in alive if alive[number][0] in ours} - ours:
         ours |= more
@@ -231,4 +231,4 @@ def test_nothing_of_a_virtual_board_outlives_its_parent(state, killed, copied):
         starter.kill()
         for number in others & processes().keys():
             os.kill(number, signal.SIGKILL)
-        starter.communicate()  # at last, for the copy has its output too
+        starter.communicate()  # after the kill, because the copy has the same output pipe

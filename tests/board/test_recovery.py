@@ -1,4 +1,4 @@
-"""A board can always be recovered: by Ctrl-C, the button, after a crash, and at the prompt."""
+"""A user can always recover a board: by Ctrl-C, by its button, after a crash, at the prompt."""
 
 import contextlib
 import subprocess
@@ -17,14 +17,14 @@ PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 
 @pytest.fixture
 def start(tmp_path):
-    """Return a function that starts a board with the files in `tmp_path`, and returns its port."""
+    """Return a function that starts a board with the files in `tmp_path`; it returns the port."""
     stage("virtual", tmp_path)
     with contextlib.ExitStack() as boards:
         yield lambda: boards.enter_context(virtual_board(tmp_path))
 
 
 def ask(link, code):
-    """Run code at the raw prompt and return what it printed."""
+    """Run code at MicroPython's raw prompt; return its output."""
     link.write(code.encode() + b"\x04")
     answer = until(link, b"\x04>")
     return answer.split(b"OK", 1)[1].split(b"\x04")[0].decode().strip()
@@ -90,7 +90,7 @@ def test_the_button_skips_the_application(start, tmp_path, monkeypatch):
         file.write("SAFE_BOOT = 2\n")
     monkeypatch.setenv("SPOTS_BUTTON", "held")
     link = SerialLink(start())
-    link.write(b"\r")  # what it said on starting may be gone
+    link.write(b"\r")  # requests a new prompt: the output at the start may be lost
     until(link, b">>> ")
     link.write(b"import sys; print('spots_device.app' in sys.modules)\r")
     until(link, b"\nFalse")
@@ -133,7 +133,10 @@ def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
 
 @pytest.fixture
 def watched(start, tmp_path):
-    """Return a function that starts a board with a short watchdog; a command makes it hang."""
+    """Return a function that starts a board with a watchdog of 2 s.
+
+    The command ``layout clear`` makes this board hang.
+    """
     (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
     for path, old, new in (
         ("runtime/common.py", "WATCHDOG_MS = 8_000", "WATCHDOG_MS = 2_000"),

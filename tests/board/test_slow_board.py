@@ -1,4 +1,4 @@
-"""A board as slow as a real one, with as little memory: it samples more slowly, but never stops."""
+"""A virtual board as slow as a real board, with as little memory: it samples without stopping."""
 
 import contextlib
 
@@ -21,12 +21,12 @@ BOARDS = ["virtual", "virtual_circuitpython"]
 
 
 def slows_down(free_bytes):
-    """Return the cost of a pass: with a heap full of garbage each allocation searches it."""
+    """Return the time of a loop pass in us: allocations are slow if the heap is full of garbage."""
     return 700.0 if free_bytes > HEAP_BYTES // 4 else 4_500.0
 
 
 class Plug:
-    """A bus whose sensor can be unplugged."""
+    """An I2C bus whose sensor can be unplugged."""
 
     def __init__(self, bus):
         self._bus = bus
@@ -48,7 +48,7 @@ class Plug:
 
 
 class Slow:
-    """A board that gets no commands except by `say`: each command would collect the garbage."""
+    """A board that gets only the commands of `say`, because commands collect the garbage."""
 
     def __init__(self, sensor, busy_us, folder=None, away=False, board="virtual"):
         self.held = Held()
@@ -58,7 +58,7 @@ class Slow:
         self._decoder = Decoder()
 
     def run(self, seconds):
-        """Return the frames of the next `seconds` seconds."""
+        """Let simulated time pass; return the frames of these `seconds`."""
         end_s = self.link.now_s() + seconds
         frames = []
         while self.link.now_s() < end_s:
@@ -69,7 +69,7 @@ class Slow:
         return [frame for frame in self.run(seconds) if isinstance(frame, Touch)]
 
     def say(self, line):
-        """Return the reply to a command."""
+        """Send a command; return the reply."""
         self.link.write(line.encode() + b"\n")
         frames = self.run(0.5)
         return next(f.content for f in frames if isinstance(f, Text) and "re" in f.content)
@@ -92,7 +92,7 @@ def slow(sensor):
 def test_readings_are_back_within_a_second_of_the_sensor(slow, absent_s, board):
     made = slow(slows_down, away=True, board=board)
     made.link.write(b"stream touch\n")
-    for _ in range(2):  # at the start, and while it runs
+    for _ in range(2):  # sensor absent at the start, then unplugged while the board runs
         made.plug.away = True
         made.run(absent_s)
         made.plug.away = False
@@ -166,7 +166,7 @@ def test_an_exposure_too_short_for_the_board_gives_what_it_can_and_counts_the_re
 
 
 def counted(made):
-    """Send ``get``; return the touches before its reply, the missed samples, and all samples.
+    """Send ``get``; return the numbers of TOUCH frames before its reply, of missed samples, of all.
 
     The number of all samples comes from the simulated chip; no board knows this number.
     """
@@ -188,7 +188,7 @@ def test_what_the_chip_made_was_taken_or_missed(sensor, board, exposure_us, busy
     chip = {"clock_error_percent": error_percent}
     made = Slow(replaced(sensor, converter=chip), 300, board=board)
     with contextlib.closing(made.link):
-        made.run(1.5)  # at 10 ms, where the board learns how fast the chip's oscillator is
+        made.run(1.5)  # with an exposure of 10 ms, the board measures the chip's oscillator
         made.link.set_busy_us(busy_us)
         made.say("stream touch")
         made.say(f"set exposure_us={exposure_us}")

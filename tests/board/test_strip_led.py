@@ -1,4 +1,4 @@
-"""The strip's LED in its three kinds: driven by the sensor, switched by a pin, or always on."""
+"""The three kinds of strip LED: driven by the sensor, switched by a pin, or always on."""
 
 import json
 
@@ -18,7 +18,7 @@ KINDS = ["gpio", "always"]
 
 
 def unplugged_dark(made):
-    """Take the dark frame of an LED that is always on, as a person does."""
+    """Take and return a dark frame, for which the person unplugs an LED that is always on."""
     made.held.unplugged = True
     reply = made.board.command("dark off", timeout_s=30)
     made.held.unplugged = False
@@ -26,7 +26,7 @@ def unplugged_dark(made):
 
 
 def lit(made, kind, **options):
-    """Return a rig with an LED of the given kind, after its dark frame."""
+    """Return a rig with an LED of a kind (value of the setting ``led``), after its dark frame."""
     made = made(sensor=load(SensorFile, kind), **options)
     made.board.command(f"set led={kind}")
     if kind == "always":

@@ -41,7 +41,7 @@ def opened(board="virtual", exposure_us=10_000, **more) -> Board:
 
 
 class Plug:
-    """The bus of a strip that can be unplugged and plugged in again."""
+    """I2C bus of a sensor that can be unplugged and plugged in again."""
 
     def __init__(self, bus):
         self._bus, self._there = bus, True
@@ -179,7 +179,7 @@ def test_a_board_for_one_strip_of_two_is_like_a_board_with_one_strip():
 
 @pytest.mark.parametrize("exposure_us", [10_000, 9_900])
 def test_the_times_of_both_strips_agree(monkeypatch, exposure_us):
-    """The time of a reading is the middle of its integration, for both strips alike."""
+    """For both strips, the time of a reading is the middle of its integration."""
     with opened(exposure_us=exposure_us) as board:
         ends = true_ends(board, monkeypatch)
         board.stream("touch")
@@ -197,13 +197,13 @@ def test_the_times_of_both_strips_agree(monkeypatch, exposure_us):
 
 
 def error_of(touch, exposure_us, ends):
-    """Return the error of a reading's time in us; `ends` as from `true_ends`."""
+    """Return the error of a reading's time in us; `ends` is the result of `true_ends`."""
     end_us = touch.t_us + exposure_us // 2
     return end_us - min(ends[touch.sensor][-40:], key=lambda end: abs(end - end_us))
 
 
 def true_ends(board, monkeypatch):
-    """Return a list, for each strip, of the times in us at which a sample ended."""
+    """Record the ends of samples; return a list of their times in us for each of the two strips."""
     ends = [], []
     for bus, found in zip((board._link.bus, board._link.second), ends):
         complete = bus.chip._complete
@@ -217,7 +217,7 @@ def true_ends(board, monkeypatch):
 
 
 class TestSlowBoard:
-    """Both strips are pressed and calibrated, on a board as slow as a Pico."""
+    """Two calibrated strips with a finger on each, on a board as slow as a Pico."""
 
     # Exposure in us and busy share, as on the emulated Pico; None where it was not measured.
     MEASURED = [
@@ -345,7 +345,7 @@ PINS = {
 
 @pytest.fixture(params=BOARDS)
 def multiplexed(request, monkeypatch, own_firmware):
-    """A board with two strips behind a multiplexer, on one bus."""
+    """A board with two strips on one I2C bus, behind a multiplexer."""
     known = staging.device_of
 
     def device_of(board, strips=1):

@@ -1,4 +1,4 @@
-"""Typing on a board that is a keyboard: the right keys, each once, and no key stays pressed.
+"""Typing on a board that is a keyboard: each key is right, not repeated, and then released.
 
 In each test, the key engine also runs on the host with the same readings, and must give the same
 events.
@@ -49,7 +49,7 @@ class Typed:
 
 @pytest.fixture(scope="module")
 def play(sensor, calibration):
-    """Return a function that moves fingers on a keyboard, and returns what was typed."""
+    """Return a function that moves fingers on a keyboard; it returns the result as `Typed`."""
 
     def run(fingers, layout="digits", lines=calibration, settings="", agrees=True, **scenario):
         end_s = max(finger.points[-1][0] for finger in fingers) + SETTLED_S
@@ -88,12 +88,12 @@ def typist(seed, layout="digits", length_mm=85.0, **options):
 
 
 def at(key):
-    """Return the middle of a key of ten, in mm."""
+    """Return the middle of one of the ten keys, in mm."""
     return 8.5 * (DIGITS.index(key) + 0.5)
 
 
 def finger(*points, start_s=START_S):
-    """Return a finger from points (time, position, force); the times count from `start_s`."""
+    """Return a finger from points (time in s after `start_s`, position in mm, force in mN)."""
     return Finger(points=[(start_s + time_s, x_mm, force) for time_s, x_mm, force in points])
 
 
@@ -108,7 +108,7 @@ def tapped(x_mm, start_s, held_s=0.1, rise_s=0.02, force_mN=1500, slip_mm=0.0):
 
 
 def test_a_thousand_random_taps_on_ten_keys(play):
-    """At least 999 taps are right, none is doubled or stuck; a key takes two samples."""
+    """At least 999 taps are right, none is repeated or stuck; a key press needs two samples."""
     somebody = typist(5, pause_s=(0.08, 0.2))
     text = "".join(np.random.default_rng(6).choice(list(DIGITS), 1000))
     somebody.type(text)
@@ -118,7 +118,7 @@ def test_a_thousand_random_taps_on_ten_keys(play):
     began_s = np.array([touch.points[0][0] for touch in somebody.touches])
     late_ms = 1000 * (np.array(typed.presses_s) - began_s)
     seen_s = np.array([touch.time_s for touch in typed.touches if touch.touching])
-    # Readings that saw the finger, up to the one that made the key.
+    # Number of readings of the touch, up to the reading that caused the key press.
     samples = np.searchsorted(seen_s, np.array(typed.presses_s) + 1e-4) - np.searchsorted(
         seen_s, began_s
     )
@@ -174,7 +174,7 @@ def test_a_finger_on_a_border_is_one_of_its_two_keys(play):
         trembling = [(0.05 * k, edge_mm + 0.3 * (-1) ** k, 1500) for k in range(1, 20)]
         points = [(0, edge_mm, 0), *trembling, (1.0, edge_mm, 0)]
         fingers.append(finger(*points, start_s=START_S + 1.3 * i))
-    # The readings on the host lack the spectra, by which the board weighs the first ones.
+    # The host has only position and force of the readings; the board also uses the spectra.
     text = play(fingers, agrees=False).text
     assert len(text) == 9
     for i, key in enumerate(text):
@@ -183,7 +183,7 @@ def test_a_finger_on_a_border_is_one_of_its_two_keys(play):
 
 @pytest.fixture(scope="module")
 def stretched(sensor):
-    """A calibration with tables for the strip at rest and for the stretched strip."""
+    """Lines of a calibration with tables for the unstretched and for the stretched strip."""
     with Stage(sensor) as stage:
         stage.expose()
         along, pressed = stage.along(), stage.pressed()

@@ -1,4 +1,4 @@
-"""Upgrades a board with firmware, calibration and settings of version 0.1.0."""
+"""Upgrades a board from version 0.1.0: calibration and settings must survive."""
 
 import json
 import zipfile
@@ -24,14 +24,14 @@ CALIBRATION, LAYOUT = "ae012d46", "94153cee"
 
 
 def unpacked(board, folder):
-    """Unpack the file system of a board as 0.1.0 left it."""
+    """Unpack the file system of a board that version 0.1.0 has flashed; return the folder."""
     with zipfile.ZipFile(DATA / f"{board}.zip") as archive:
         archive.extractall(folder)
     return folder
 
 
 def check_state(board):
-    """Check that a board has the settings, the calibration and the layout of 0.1.0."""
+    """Check that a board has the stored settings, calibration and layout of version 0.1.0."""
     found = board.command("hello") | board.command("get")
     assert {name: found[name] for name in SET} == SET
     assert (found["calibration"], found["layout"]) == (CALIBRATION, LAYOUT)

@@ -1,4 +1,4 @@
-"""Results of `spots characterize`: near the bound on all strips, and as documented."""
+"""Results of `spots characterize`: near the Cramér-Rao bound on all strips, and as documented."""
 
 import json
 
@@ -28,7 +28,7 @@ def run(sensor):
 
 
 def ratio(rig):
-    # 19 places x 35: the ratio itself scatters by 1 / sqrt(2 * 19 * 34), which is 2.8 %.
+    # 35 presses at each of 19 positions: the ratio scatters by 1 / sqrt(2 * 19 * 34), or 2.8 %.
     return crb_ratio(rig, seed=1, jittered=35)
 
 
@@ -40,12 +40,13 @@ def test_there_are_sensors_of_every_kind():
 
 @pytest.mark.parametrize("name", sorted({*SENSORS} - {"default"}))
 def test_near_the_bound_at_10_ms(name):
-    # The bound has no time in it, so the silicone must not creep.
+    # The bound does not depend on time, so the silicone must not creep.
     sensor = msgspec.structs.replace(load(SensorFile, name), silicone=Silicone())
     with Rig(sensor, 0, 10_000, 1) as rig:
         c = rig.conditions
         assert c.exposure_us == 10_000
-        # Neither dark counts nor daylight are in what is read; a warming lamp is a little off.
+        # The readings contain no dark counts and no daylight. The warm-up of the LED causes a small
+        # difference.
         expected = Bound(sensor, c.plan, c.gain, c.exposure_us, c.led_mA).counts(10_000, 3000)
         _, counts = rig.readings(10_000, 3000, 40)
         assert counts.mean(axis=0) == pytest.approx(expected, rel=0.025, abs=0.5)
@@ -90,7 +91,7 @@ def test_resolution_and_accuracy_agree_with_noise_that_is_nearly_normal(run):
 
 def test_the_resolution_of_the_force_is_near_its_bound(run):
     force = run.summary["force"]
-    # Repeated readings of a press at rest do not show all of the rounding.
+    # Repeated readings of a constant press have the same rounding error, which is not visible then.
     assert 0.8 * force["bound_mN"] < force["resolution_mN"] < 1.15 * force["bound_mN"]
 
 
@@ -133,7 +134,8 @@ def test_the_bound_falls_with_the_root_of_the_average(sensor):
 
 
 def test_the_bound_is_what_least_squares_reaches(sensor):
-    # By simulation, without the bound's own algebra: exact model, normal noise, two unknowns.
+    # Computed by simulation, not by the equations of the bound: exact model, normal noise, and two
+    # unknowns.
     bound = Bound(sensor, PLAN, 9, 10_000, 20)
     sigma = np.sqrt(sensor.converter.read_noise_counts**2 + 1 / 12)
     true = bound.counts(40_000, 3000)

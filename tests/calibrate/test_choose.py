@@ -1,4 +1,4 @@
-"""The choice of channels, against the Cramer-Rao bound of the simulated sensor."""
+"""The choice of channels, compared with the Cramér-Rao bound of the simulated sensor."""
 
 import itertools
 from dataclasses import replace
@@ -19,9 +19,22 @@ FULL_SCALE = 3597
 
 
 def measure(sensor, present, last_share=1.0):
-    """Return the two channel plans, and the presses of both passes along the strip.
+    """Measure presses along the strip with two channel plans, in two passes.
 
-    In the second pass, the force falls from the correct force to its share `last_share`.
+    Parameters
+    ----------
+    sensor : SensorFile
+        The simulated strip.
+    present : tuple of str
+        Present plan of the board (six diodes), from which `passes` makes the two plans.
+    last_share : float
+        Force of the last press of the second pass, as a share of the correct force. The force
+        decreases along the pass; the recorded force is always the correct one.
+
+    Returns
+    -------
+    plans, measured : tuple
+        The two channel plans, and the presses of both passes.
     """
     plans = passes(present)
     measured = []
@@ -44,7 +57,7 @@ def blue(sensor):
 
 
 def bound_um(sensor, plan):
-    """Return the mean Cramer-Rao bound along the strip, and the largest count at full force."""
+    """Return the mean along the strip of the Cramér-Rao bound of positions, in um."""
     bound = Bound(sensor, plan, **SETTINGS)
     places_um = np.linspace(0, 85_000, 15)
     return np.mean([bound.sigma(x, FIRM_MN)[0] for x in places_um])
@@ -65,7 +78,7 @@ def test_the_chosen_plan_is_within_3_percent_of_the_best_one_that_does_not_clip(
 def test_how_hard_the_second_pass_was_pressed_does_not_matter(sensor, blue):
     uneven = choose(*measure(sensor, BLUE, last_share=0.5), FULL_SCALE)
     even = choose(*blue, FULL_SCALE)
-    # Two plans may be as good as each other; which one noise prefers is no matter.
+    # Two plans may be equally good; then noise decides which one is chosen.
     assert bound_um(sensor, uneven.plan) <= 1.03 * bound_um(sensor, even.plan)
     assert uneven.sigma_um == pytest.approx(even.sigma_um, rel=0.1)
 

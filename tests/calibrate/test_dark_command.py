@@ -17,7 +17,7 @@ class Person:
 
     def __init__(self, folder, forgets=0):
         self.held = Held()
-        self.held.press = Press(2.0, 6_000, 4.0)  # or an untouched strip is dark with the LED on
+        self.held.press = Press(2.0, 6_000, 4.0)  # untouched, the strip is always dark
         self.board = Board(LockstepLink(load(SensorFile, "always"), self.held, folder=folder))
         self.asked = []
         self._forgets = forgets

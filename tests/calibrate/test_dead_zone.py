@@ -1,4 +1,7 @@
-"""Touches begin near the dead zone: light taps are typed, and light of lamps is no touch."""
+"""A touch begins just above the dead zone: light taps are typed, and lamps cause no touch.
+
+The dead zone is the least force that gives a reading.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +24,19 @@ START_S, PERIOD_S, HELD_S, RISE_S = 3.0, 0.3, 0.15, 0.02
 
 
 def played(sensor, lines, scenario, streams=""):
-    """Yield the frames of a board with the layout `digits` for the duration of a scenario."""
+    """Play a scenario on a board with the layout `digits`; yield the board's frames.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        The simulated strip.
+    lines : sequence of str
+        Lines of its calibration.
+    scenario : ScenarioFile
+        Fingers and ambient light.
+    streams : str
+        Kinds of frames to stream, for the command ``stream``.
+    """
     with Board(LockstepLink(sensor, Scenario(scenario), seed=1)) as board:
         prepare(board, lines)
         push(board, load_layout("digits"))
@@ -63,7 +78,7 @@ def test_forty_of_forty_light_taps_are_typed(sensor, calibration, seed):
 
 @pytest.mark.parametrize(("flicker_percent", "flicker_hz"), [(0, 100), (30, 120), (100, 120)])
 def test_a_lamp_that_is_switched_on_is_no_touch(sensor, calibration, flicker_percent, flicker_hz):
-    # Without `mains_hz`, at 10 ms, the light of a lamp of 120 Hz swings.
+    # Without `mains_hz`, with an exposure of 10 ms, the flicker of 120 Hz changes the counts.
     levels = (0, 95, 0, 110, 0, 130, 0, 150)
     steps = [(5.003 * i, level) for i, level in enumerate(levels)]
     lamp = Ambient(steps=steps, flicker_percent=flicker_percent, flicker_hz=flicker_hz)

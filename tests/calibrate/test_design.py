@@ -1,4 +1,4 @@
-"""`spots design`: the resolution is that of the bound, and the simulated strip reaches it."""
+"""`spots design`: the promised resolution is the Cramér-Rao bound, and a simulated strip has it."""
 
 import json
 

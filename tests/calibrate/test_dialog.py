@@ -1,4 +1,4 @@
-"""A session talks to any dialog: a terminal, or a web UI in another thread."""
+"""Calibration sessions work with any dialog: a terminal, or a web UI in another thread."""
 
 import argparse
 import queue
@@ -18,7 +18,7 @@ OPTIONS = argparse.Namespace(plan="F3,F4,F5,F6,F7,F8", keep_settings=True)
 
 
 class Recorded:
-    """A dialog that records what it is asked to show, and raises the errors that a test sets."""
+    """A dialog that records what a session shows, and raises the errors that a test sets."""
 
     def __init__(self):
         self.said, self.wanted, self.answers = [], [], queue.Queue()

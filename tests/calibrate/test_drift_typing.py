@@ -1,4 +1,4 @@
-"""A strip that drifted and was not re-zeroed still types each key that its position hits."""
+"""Typing on a strip that has drifted and was not re-zeroed: keys still follow the positions."""
 
 from collections import Counter
 
@@ -59,9 +59,27 @@ def tap(x_mm, at_s, held_s):
 
 
 def play(sensor, lines, change, held_s=0.15, alone=0):
-    """Type `TEXT` on a drifted strip; return the typed key of each tap, and the readings.
+    """Type `TEXT` on a drifted strip.
 
-    The first `alone` taps do not overlap the following tap.
+    Parameters
+    ----------
+    sensor : SensorFile
+        The simulated strip.
+    lines : sequence of str
+        Lines of its calibration, made before the drift.
+    change : dict
+        Drift by name, see `ChangeInTime`.
+    held_s : float
+        Duration of a tap, in s.
+    alone : int
+        Number of taps at the beginning that do not overlap the following tap.
+
+    Returns
+    -------
+    typed : list of str
+        The typed key of each tap.
+    touches : list of Touch
+        All readings.
     """
     seconds = START_S + PERIOD_S * len(TEXT)
     fingers = []
@@ -105,7 +123,7 @@ def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
     typed, touches = play(sensor, calibration, DRIFTS[name])
     found = counted(typed)
     print(name, dict(found))
-    # Two touches must agree on the drift: the first one may type nothing.
+    # Two touches must agree before the drift is used, so the first touch may type nothing.
     assert counted(typed[1:], TEXT[1:]) == {"right": len(TEXT) - 1}
     assert typed[0] in ("", TEXT[0])
     if name in UNTRUSTED:
@@ -131,7 +149,7 @@ def test_a_controller_follows_a_strip_that_drifted(sensor, calibration):
 
 
 def test_a_controller_follows_slow_presses_on_a_strip_that_drifted(sensor, calibration):
-    # The first readings of a slow press are faint: their noise must not change the learned drift.
+    # The first readings of a slow press are faint: their noise must not change the measured drift.
     rise = [(0, 0), (0.2, 800), (0.4, 4000), (0.6, 4000), (0.65, 0)]
     fingers = [
         Finger(points=[(1 + i + time_s, 10.0 * (i + 1), force) for time_s, force in rise])

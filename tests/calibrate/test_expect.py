@@ -1,4 +1,4 @@
-"""Expected spectra from a calibration agree with the counts of a press, but not of two presses."""
+"""Spectra that a calibration predicts agree with one press, but not with two presses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 
 SETTLED_S, READ_S = 0.3, 0.2
-OFF = 0.03  # of the brightest channel
+OFF = 0.03  # limit of the difference, as a share of the brightest channel's count
 
 
 class Several(Held):
@@ -40,9 +40,10 @@ def strip(sensor, calibration):
 
 
 def departure(strip, calibration, *presses):
-    """Return the largest difference between counts and expected counts.
+    """Return the largest difference between measured and expected counts of a channel.
 
-    It is divided by the count of the brightest channel.
+    The difference is divided by the count of the brightest channel. `presses` are pairs of position
+    in mm and force in mN, which act at the same time.
     """
     several, board = strip
     several.held = [Press(place_mm, force_mN, 4.0) for place_mm, force_mN in presses]

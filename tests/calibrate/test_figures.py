@@ -1,4 +1,4 @@
-"""All figures are drawn from measured data; strips of the same dye share one response."""
+"""Figures of `spots characterize`, and the response of strips, which depends only on the dye."""
 
 import numpy as np
 import pytest

@@ -61,7 +61,7 @@ def test_a_file_that_is_cut_at_any_byte_is_refused(path):
     cuts = [*range(0, len(data) - 60, 97), *range(len(data) - 60, len(data) - 1)]
     for cut in cuts:
         path.write_bytes(data[:cut])
-        with pytest.raises(SpotsError, match="cut short, or is not a calibration file: copy it"):
+        with pytest.raises(SpotsError, match="cut short, or is not a calibration file: copy the"):
             file.load(path)
 
 

@@ -1,7 +1,7 @@
-"""Hysteresis and creep are found in a recording, and the board corrects forces for them.
+"""Hysteresis and creep are fitted to a recording, and the board corrects forces for them.
 
-The compensation is made of play operators and exponentials. So most tests use `power`, a material
-with other laws, see `spots_sim.silicone`.
+The compensation consists of play operators and exponentials. So that this is a real test, most
+tests use the material `power`, which follows other laws, see `spots_sim.silicone`.
 """
 
 import numpy as np
@@ -31,12 +31,15 @@ STEP_S = 0.0105
 
 
 class Strip:
-    """A strip whose readings are those of a calibrated board, computed without chip and noise."""
+    """A strip with creep and hysteresis; computes the readings of a calibrated board directly.
+
+    It simulates neither the chip nor its noise.
+    """
 
     def __init__(self, sensor, lines, model):
         self._contact, self._lines = sensor.contact, lines
         self._silicone = Silicone(model=model, **EFFECTS)
-        # As in a calibration: presses from rest with rising forces.
+        # As in a calibration: presses with rising forces, each on recovered silicone.
         forces_mN = np.geomspace(sensor.contact.threshold_mN + 5, 10_500, 60)
         memory, light = Memory(self._silicone), []
         for i, force_mN in enumerate(forces_mN):
@@ -50,7 +53,10 @@ class Strip:
         return coupling(self._contact, effective[0]) if effective else 0.0
 
     def recorded(self, loads):
-        """Return time, true force, measured force and position of each reading under the loads."""
+        """Apply loads; return time in s, true and measured force in mN, and position of readings.
+
+        The position is a share of the strip's length.
+        """
         time_s = np.arange(0, points(loads)[-1][-1][0] + 1, STEP_S)
         force_mN, place = loaded(loads, time_s)
         memory = Memory(self._silicone)
@@ -60,7 +66,10 @@ class Strip:
         return time_s, force_mN, np.round(read + (read > 0) * noise), place
 
     def compensated(self, recorded, line):
-        """Return the forces that a board computes with the calibration line of a compensation."""
+        """Return the forces in mN that a board computes with a line ``silicone`` of a calibration.
+
+        `recorded` is a result of the method `recorded`.
+        """
         compensation = Calibration([*self._lines, line]).compensation
         found = []
         for time_s, _, read, share in zip(*recorded):
@@ -71,7 +80,7 @@ class Strip:
 
 
 def off_by(line, factor):
-    """Return the line of a compensation, with the size of each effect multiplied by a factor."""
+    """Return a calibration line ``silicone`` with all effects multiplied by `factor`."""
     name, *words = line.split()
     values = [int(word) for word in words]
     values[0] = round(4096 + factor * (values[0] - 4096))
@@ -121,7 +130,7 @@ def test_the_errors_of_the_weights_are_known(strip):
     assert fitted.after_mN < fitted.before_mN / 5
     assert fitted.sigma.shape == (7,)
     assert (fitted.sigma > 0).all()
-    # Creep is significant as a whole, whatever each of its parts is.
+    # The sum of the three parts of the creep is significant; a single part may not be.
     creep = sum(int(word) for word in fitted.line.split()[-3:])
     assert creep > 3 * np.linalg.norm(fitted.sigma[-3:])
     hysteresis, sigma = fitted.hysteresis_percent
@@ -138,7 +147,7 @@ def test_an_ideal_strip_needs_no_compensation(sensor, calibration, monkeypatch):
 
 
 def test_a_short_recording_is_refused():
-    with pytest.raises(SpotsError, match="3 readings of a press are too few"):
+    with pytest.raises(SpotsError, match="3 readings during presses are too few"):
         fit_silicone([0, 1, 2], [1000] * 3, [1000] * 3, [0] * 3)
 
 
@@ -149,7 +158,7 @@ def test_the_board_and_the_host_correct_alike(sensor, calibration):
     loads = (0.5, 6000.0, 1.0, 0.5), (0.5, 3000.0, 0.3, 0.0), (0.2, 3000.0, 0.3, 0.2)
     plain = record(real, calibration, loads)
     board = record(real, [*calibration, line], loads)
-    begin = max(plain[0, 0], board[0, 0])  # the two uploads take different times
+    begin = max(plain[0, 0], board[0, 0])  # the uploads of the two calibrations differ in duration
     plain, board = (rows[:, rows[0] >= begin] for rows in (plain, board))
     assert np.array_equal(plain[0], board[0])
     compensation, host = Calibration([*calibration, line]).compensation, []

@@ -1,4 +1,4 @@
-"""The table from brightness to force: its errors are small, and have both signs."""
+"""The table that converts brightness to force: its errors are small, and have both signs."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,10 @@ from spots_sim.stage import calibrate
 
 
 def errors_mN(name):
-    """Return the force errors of a board for light without noise."""
+    """Return the errors in mN of forces that a board computes from light without noise.
+
+    `name` is a sensor file. The forces are from about 0.6 to 9.8 N, in the middle of the strip.
+    """
     sensor = load(SensorFile, name)
     decode = Decoded()
     decode.calibration = table = Calibration(calibrate(sensor))

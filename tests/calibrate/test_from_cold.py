@@ -1,4 +1,4 @@
-"""The imperfect strip (sensor file `real`) from a cold LED on, as in `spots_sim.from_cold`."""
+"""The sensor file `real`, an imperfect strip, from a cold LED on; see `spots_sim.from_cold`."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from spots_sim.from_cold import joint, typing
 
 @pytest.fixture(scope="module")
 def real():
-    """The sensor file with every effect; its LED warms twice as fast."""
+    """Sensor file `real`, with every physical effect; its LED warms up in half the time."""
     return replaced(load(SensorFile, "real"), temperature={"led_warm_up_s": 30.0})
 
 
@@ -35,6 +35,6 @@ def test_the_bound_of_a_joint_needs_an_average(real, average, least_deg, most_de
     bound = Bound(real, plan, 9, 10_000, 20, average, real.change)
     places_um = 1000 * real.length_mm * np.linspace(0.1, 0.9, 31)
     sigma_um = np.mean([bound.sigma(x_um, real.joint.force_mN)[0] for x_um in places_um])
-    # The mean absolute value of a normal distribution is sqrt(2 / pi) of its standard deviation.
+    # The mean absolute value of a normal variable is sqrt(2 / pi) times its standard deviation.
     mean_deg = np.sqrt(2 / np.pi) * sigma_um / (1000 * np.radians(real.joint.radius_mm))
     assert least_deg < mean_deg < most_deg

@@ -1,4 +1,4 @@
-"""Sessions by hand: a simulated person does what the session says, with errors and slips."""
+"""Calibration sessions by hand: a simulated person follows them, with errors and mistakes."""
 
 import argparse
 import io
@@ -25,11 +25,11 @@ from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
 
 PLAN = "F3,F4,F5,F6,F7,F8"
-PATIENCE_S = 25.0  # longer than a simulated person forgets a press, but quick to simulate
+PATIENCE_S = 25.0  # timeout of a press; longer than the delays of the simulated person
 
 
 class Room(io.StringIO):
-    """A person at a plain terminal, and the simulated stage with the strip."""
+    """A simulated person at a plain terminal, who presses the strip of a simulated board."""
 
     def __init__(self, stage, habits, seed=1):
         super().__init__()
@@ -64,7 +64,7 @@ def calibrate(room, path, kind, count, plan=PLAN):
 
 
 def errors_um(stage, made):
-    """Return the position errors of readings under 3 N at positions along the strip, in um."""
+    """Return the position errors in um of readings at 13 positions, with a force of 3 N."""
     decode = Decoded()
     decode.calibration = Calibration(made.lines)
     del stage.held.presses
@@ -77,7 +77,7 @@ def errors_um(stage, made):
 
 
 def relative_forces(stage, made):
-    """Return the measured force and the light of presses with ascending forces."""
+    """Return the measured forces and the sums of counts of presses with 1, 2, 4 and 8 N."""
     decode = Decoded()
     decode.calibration = Calibration(made.lines)
     found = []
@@ -153,7 +153,7 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     assert "9g is not a possible force of a finger: did you mean 9 N?" in said
     assert "80mm is beyond the end of the strip at 60 mm" in said
     assert "25.0 mm with" in said
-    assert said.count("is removed: its light is that of") == 1
+    assert said.count("is removed: its light fits a press at") == 1
     assert said.count("undone: ") == 1
     assert room.person.presses == 20 + 6
     assert len(Session(path).of("hand")) >= 18
@@ -199,7 +199,7 @@ def test_a_rough_session_requests_the_press_of_the_exposure_again_if_it_ended(
 
 
 class EnoughError(Exception):
-    """Ends a session early."""
+    """Raised by a test to end a session early."""
 
 
 def test_a_press_that_is_too_dark_is_asked_for_again_with_more_force(tmp_path, monkeypatch):
@@ -217,7 +217,7 @@ def test_a_press_that_is_too_dark_is_asked_for_again_with_more_force(tmp_path, m
         with pytest.raises(EnoughError):
             calibrate(room, tmp_path / "a.jsonl", "fine", 20)
     said = room.getvalue()
-    assert "198.0 mm with 0.23 N: too dark" in said
+    assert "198.0 mm with 0.23 N: the press is too dark" in said
     assert "press at 198.0 mm with about 33 g (0.32 N) and hold" in said
 
 

@@ -1,4 +1,4 @@
-"""Sessions by hand find hysteresis, creep and softening of the silicone, within 45 presses."""
+"""Calibration sessions by hand measure hysteresis, creep and softening, with at most 45 presses."""
 
 from functools import lru_cache
 
@@ -37,7 +37,10 @@ def silicone_lines(made):
 
 
 def width_mN(force_mN, read_mN):
-    """Return how much the force read in unloading exceeds that in loading, at equal true force."""
+    """Return the mean width in mN of the hysteresis loop, at equal true forces from 1 to 8 N.
+
+    The width is the difference between the measured forces in unloading and in loading.
+    """
     top, at_mN = int(force_mN.argmax()), np.linspace(1000, 8000, 15)
     up = np.interp(at_mN, force_mN[: top + 1], read_mN[: top + 1])
     down = np.interp(at_mN, force_mN[top:][::-1], read_mN[top:][::-1])
@@ -46,7 +49,10 @@ def width_mN(force_mN, read_mN):
 
 @pytest.fixture(scope="module")
 def session(sensor, tmp_path_factory):
-    """Return a function that makes a session with a material model; it returns file and result."""
+    """Return a function that runs a session on a strip with a material model.
+
+    It returns the session file, and the result of `fine`.
+    """
 
     @lru_cache
     def session(model):
@@ -63,7 +69,7 @@ def test_a_session_with_a_kitchen_scale_compensates_the_silicone(sensor, session
     assert room.person.presses <= 45
     assert error_um < 145
     (line,) = silicone_lines(made)
-    assert "± " in room.getvalue()  # the errors of the effects
+    assert "± " in room.getvalue()  # the session shows the standard errors of the effects
     plain = [other for other in made.lines if other != line]
     loops = [record(sensor, lines, LOOP) for lines in (plain, made.lines)]
     before, after = (width_mN(force, read) for _, force, read, *_ in loops)
@@ -81,7 +87,7 @@ def test_an_ideal_strip_is_not_compensated(sensor, tmp_path):
 
 
 def test_pre_stretching_is_advised_once_where_the_strip_softens(sensor, tmp_path):
-    # Forces from a scale hide the softening in some sessions: of six, that with the seed 1.
+    # Errors of the forces from a scale hide the softening in some sessions: in one of six, seed 1.
     room, _, _ = fine(strip(sensor, "spectrum", 0.0), tmp_path / "a.jsonl", Habits(), seed=2)
     said = room.getvalue()
     assert said.count("firm presses have softened the strip") == 1
@@ -89,7 +95,7 @@ def test_pre_stretching_is_advised_once_where_the_strip_softens(sensor, tmp_path
 
 
 class Lifting(Room):
-    """A person who lifts at the first change of the force, and releases the first long hold."""
+    """A person who lifts at the first change of the force, and ends the first hold too early."""
 
     lifted = early = False
 

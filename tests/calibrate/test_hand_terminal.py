@@ -16,14 +16,35 @@ from spots.calibrate.session import Session
 from spots_sim.person import Habits, Person, line_of
 
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
-# A picture in its frame, or a question below it.
+# The framed picture of a session, or a question below it.
 _SHOWN = re.compile(r"╭.*?╯|what do[^(]*\(Enter: [^)]*\) ", re.DOTALL)
 _ASKED = re.compile(r"press at [^│]*hold|without lifting[^│]*hold|release")
 ROWS, COLUMNS = 40, 120
 
 
 def calibrate_in_terminal(folder, words, length_mm, habits, seed):
-    """Run ``spots calibrate`` in a PTY; return the simulated person, exit code and output."""
+    """Run ``spots calibrate`` in a PTY, operated by a simulated person.
+
+    Parameters
+    ----------
+    folder : Path
+        Working directory of the command.
+    words : list of str
+        Arguments of the command.
+    length_mm : float
+        Length of the strip.
+    habits : Habits
+        Errors and mistakes of the person.
+    seed : int
+        Random seed of these errors.
+
+    Returns
+    -------
+    person : Person
+    exit_code : int
+    text : str
+        Output of the command.
+    """
     pipe = folder / "finger"
     os.mkfifo(pipe)
     ours, theirs = pty.openpty()

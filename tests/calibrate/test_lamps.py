@@ -1,4 +1,4 @@
-"""Lamps on the mains: their detection, and exposures that are multiples of half a mains period."""
+"""Flickering lamps: the measured mains frequency, and exposures of whole half periods of it."""
 
 import argparse
 import io
@@ -143,7 +143,21 @@ def test_force_and_position_hold_at_other_exposures(settings, exposure_us):
 
 
 def found_hz(sensor, settings="average=2", press=None, busy_us=None):
-    """Return the mains frequency that a new board finds; its settings must not change."""
+    """Return the mains frequency in Hz that is measured with a new board; 0 without flicker.
+
+    Checks that the measurement does not change the settings of the board.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated strip and lamps.
+    settings : str
+        Settings of the board, for the command ``set``.
+    press : Press, optional
+        Finger on the strip.
+    busy_us : float, optional
+        Processor time of a sample, for a slow board.
+    """
     held = Held()
     held.press = press
     with Board(LockstepLink(sensor, held, seed=1, busy_us=busy_us)) as board:

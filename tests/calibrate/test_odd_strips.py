@@ -1,4 +1,4 @@
-"""Strips whose channels decay nearly alike, and results that do not depend on the channels."""
+"""Unusual strips: channels with nearly the same decay, a long strip, a weak dye."""
 
 import numpy as np
 import pytest
@@ -65,5 +65,5 @@ def test_the_straightness_of_the_response_does_not_depend_on_the_pair(sensor, mo
 
 def test_a_light_tap_is_a_touch_on_a_long_strip():
     made = Calibration(calibrate(load(SensorFile, "long_200mm")))
-    # Its keys are wider than those of a short strip, so a tap needs no better position.
+    # The keys of a long strip are wide, so touches with less accurate positions are sufficient.
     assert made.touch_on_mN < 1500

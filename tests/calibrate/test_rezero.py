@@ -1,4 +1,4 @@
-"""Re-zero: the marks of a drifted strip are pressed again, and the calibration is corrected."""
+"""`spots rezero`: presses at the marks of a drifted strip correct its calibration."""
 
 import io
 import json
@@ -43,7 +43,7 @@ DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """A complete session with the command line: its session file and its calibration file."""
+    """Path of the session file of a complete calibration; the calibration file is beside it."""
     path = tmp_path_factory.mktemp("made") / "strip.jsonl"
     words = ["--session", str(path), "--plan", PLAN, "--port", "virtual"]
     for kind in (["position"], ["force"], ["strain", "--strain-percent", "10"]):
@@ -57,7 +57,7 @@ def made(full):
 
 
 class Drifted:
-    """A calibrated board with a strip that has changed since, and a bench to press its marks."""
+    """A calibrated board whose strip has drifted, and a `Bench` that presses its marks."""
 
     def __init__(self, sensor, made, path, presser=StagePresser, change=DRIFT):
         self.stage = Stage(sensor, seed=5)
@@ -82,9 +82,9 @@ class Drifted:
         return self.board.command("hello")["calibration"]
 
     def errors(self, force_mN=3000.0, strain=0.0):
-        """Return position errors in um, force errors in mN and the share of trusted readings.
+        """Return position errors in um, force errors in mN and shares of trusted readings.
 
-        The presses are at positions along the strip.
+        Each result has one element for each of several positions along the strip.
         """
         self.stage.release()
         self.stage.held.strain = strain
@@ -110,7 +110,7 @@ class Drifted:
 
 @pytest.fixture(scope="module")
 def rezeroed(full, sensor, tmp_path_factory):
-    """The calibration file's content after three presses of each mark of the strip `Drifted`."""
+    """Content of the calibration file after a re-zero with three presses of each mark."""
     made = file.load(full.with_suffix(".toml"))
     with Drifted(sensor, made, tmp_path_factory.mktemp("rezeroed") / "a.toml") as strip:
         return rezero(strip.bench, made, presses=3)
@@ -168,7 +168,7 @@ def test_light_common_to_all_channels_moves_the_brightness_alone(made):
 
 
 def test_tables_are_shifted_by_the_sums_of_the_channels_shifts(made):
-    # What the board computes of logs + c has to be the same place and misfit as of logs.
+    # The board must compute the same position and misfit from logs + c as from logs before.
     coefficients = np.random.default_rng(3).normal(0, [[1e-2], [2e-7], [3e-12]], (3, 6))
 
     def c(x_um):
@@ -267,7 +267,7 @@ def test_a_second_one_starts_from_the_original(made, sensor, tmp_path):
 
 
 class Stray(StagePresser):
-    """A presser that misses the mark a given number of times, from a given press on."""
+    """A presser that misses the mark in a number of successive presses, from a given press on."""
 
     at, times, off_um = 0, 1, 3000.0
 
@@ -329,7 +329,7 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_tremor_of_a_finger_does_not_refuse_a_mark_at_a_long_exposure(seed):
     real = load(SensorFile, "real")
-    # About 10 Hz, the frequency of the tremor.
+    # An exposure of 100 ms gives 10 readings per second, about the frequency of the tremor.
     with Rig(real, seed, 100_000, 1, compensated=False) as rig:
         assert age(rig, real.change, Hand(marks=3), seed).startswith("dye 1.")
 
@@ -347,7 +347,7 @@ def test_a_mark_that_is_released_too_early_is_asked_for_again(made, sensor, tmp_
             whole = type(held).presses
 
             def presses(time_s):
-                # Steady for a reading, gone before the long one ends.
+                # Steady during the short reading; lifted before the end of the long reading.
                 return [] if hasty and time_s > begun_s + 1.0 else whole(held, time_s)
 
             held.presses = presses
@@ -429,7 +429,7 @@ def test_a_file_without_marks_of_a_joint_says_what_to_do(made, sensor, tmp_path)
         rezero(strip.bench, made, joint=True)
 
 
-# ---- all or nothing
+# ---- interrupted sessions
 
 
 def test_an_interrupted_re_zero_changes_nothing(made, sensor, tmp_path):
@@ -505,7 +505,7 @@ def test_a_file_that_cannot_be_written_leaves_the_board(made, rezeroed, sensor, 
         assert strip.uses == checksum(list(made.lines))
 
 
-# ---- what does not go together
+# ---- unsuitable files, settings and strips
 
 
 def test_a_file_without_marks_says_what_to_do(made, sensor, tmp_path):
@@ -548,7 +548,7 @@ def test_the_command_re_zeroes_a_strip_that_changed_as_its_file_says(made, tmp_p
     assert [len(r.place_um) for r in file.load(path).rezeros] == [3, 1]
 
 
-# ---- the drift in words
+# ---- the description of the drift
 
 
 def named(sensor, *, marks=3, **keys):
@@ -579,7 +579,7 @@ def test_the_causes_of_a_drift_are_named(name):
     assert "dye" not in named(sensor, marks=1, dye_percent=-5)
 
 
-# ---- the laboratory
+# ---- spots characterize, and other simulations
 
 
 @pytest.mark.parametrize("change", ["phosphor", "mixed"])

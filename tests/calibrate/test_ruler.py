@@ -1,4 +1,4 @@
-"""The common error of positions from a ruler, for rounded and for Gaussian errors."""
+"""Common error of positions that were read from a ruler, with rounded and with Gaussian errors."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,19 @@ WEAK = np.where(np.arange(COUNT) % 3, 5.0, 400.0)  # a third of the presses is w
 
 
 def errors_um(draw, sigma_um, noise_um=NO_NOISE, seeds=range(60)):
-    """Return the mean error of lines through positions with errors, and the same, corrected."""
+    """Return the mean absolute error of fitted lines, before and after `common_error_um`, in um.
+
+    Parameters
+    ----------
+    draw : callable
+        ``draw(rng)`` returns the errors of the positions that were read from the ruler, in um.
+    sigma_um : float
+        Standard deviation of these errors.
+    noise_um : ndarray
+        Standard deviations of the measured positions, in um, for each press.
+    seeds : iterable of int
+        Random seeds; the result is the mean over them.
+    """
     found = []
     for seed in seeds:
         rng = np.random.default_rng(seed)

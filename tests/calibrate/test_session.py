@@ -1,4 +1,4 @@
-"""Whole calibration sessions on the virtual board: real firmware, simulated time."""
+"""Complete calibration sessions on the virtual board: real firmware, simulated time."""
 
 import argparse
 import io
@@ -48,7 +48,7 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
-    """A complete session with the command line: its session file and its calibration file."""
+    """Session file and calibration file (attributes `session`, `out`) of a complete calibration."""
     path = tmp_path_factory.mktemp("full") / "session.jsonl"
     for words in (["position"], ["force"], ["strain", "--strain-percent", 10], ["joint"]):
         assert run(*words, "--session", path) == 0
@@ -56,7 +56,7 @@ def full(tmp_path_factory):
 
 
 class Touched:
-    """A stage whose board has a given calibration file, and the readings of its presses."""
+    """A simulated board with a given calibration file, and a stage that presses its strip."""
 
     def __init__(self, sensor, path, folder=None):
         self.stage = Stage(sensor, seed=11)
@@ -74,7 +74,7 @@ class Touched:
         self.board.close()
 
     def readings(self, position_um, force_mN, count):
-        """Return pairs of a TOUCH and the SPECTRUM of the same samples."""
+        """Press the strip; return the TOUCH and the SPECTRUM frame of each of `count` readings."""
         self.stage.press(position_um, force_mN)
         begun_s = self.board.now_s() + 0.5e-6 * self.made.exposure_us
         pairs, touch = [], None
@@ -108,7 +108,7 @@ def test_touches_on_the_stretched_strip_are_where_they_are(sensor, full):
         touched.board.command(f"set strain_ppm={STRAIN_PPM}")
         positions_um = np.linspace(3000, 90_000, 7)
         errors_um = []
-        for _ in range(3):  # near the far end a dark frame alone is worth up to 100 um
+        for _ in range(3):  # at the far end, the noise of one dark frame shifts up to 100 um
             touched.board.command("dark", timeout_s=5)
             for position_um in positions_um:
                 pairs = touched.readings(position_um, 5000.0, 10)
@@ -234,7 +234,7 @@ def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
     path.write_bytes(b"".join(line for line in lines if b'"kind":"joint"' not in line))
     out.write_bytes(full.out.read_bytes())
     assert run("joint", "--places", 4, "--session", path) == 0
-    # Of the last three angles of seven, four have two already.
+    # Some of the seven angles were measured already; the session asks to turn the joint further.
     assert run("joint", "--places", 7, "--session", path) == 0
     assert (
         capsys.readouterr().out.count("degrees was measured already: turn the joint further") == 4
@@ -295,8 +295,8 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["strain"], "give --strain-percent together with 'strain'"),
-        (["position", "--strain-percent", 5], "together with 'strain'"),
+        (["strain"], "--strain-percent belong together: give both"),
+        (["position", "--strain-percent", 5], "'spots calibrate strain' and --strain-percent"),
         (["position", "--places", 5], "must be 12 or more for 'position'"),
         (["force", "--places", 5], "must be 14 or more for 'force'"),
         (["position", "--places", 0], "must be 12 or more for 'position'"),
@@ -349,7 +349,7 @@ def test_a_session_of_another_board_or_setting_is_refused(full, sensor, tmp_path
 
 
 class Wrong(StagePresser):
-    """A presser that presses the tenth position wrongly, once or always."""
+    """A presser that makes a mistake at the tenth position, one time or always."""
 
     def __init__(self, stage, mistake, times):
         super().__init__(stage)
@@ -411,7 +411,7 @@ MISTAKES = [
     (not_at_all, "no press is seen"),
     (in_a_flood_of_light, "a channel is saturated"),
     (harder_and_harder, "the light changes: hold still"),
-    (trembling, "hold still"),  # light and colour tremble; which is seen first is chance
+    (trembling, "hold still"),  # light and colour change; it is random which is noticed first
 ]
 
 
@@ -447,7 +447,7 @@ def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
                 session_of(stage, Wrong(stage, mistake, times), path, shown)
             assert len(Session(path).points) == 9
     counts = np.array([p.counts for p in Session(path).points])
-    assert (np.diff(counts.mean(axis=1)) < 0).all()  # none of the bad presses is among them
+    assert (np.diff(counts.mean(axis=1)) < 0).all()  # the bad presses were not recorded
 
 
 def test_light_that_does_not_grow_with_the_force_is_no_force(sensor, tmp_path):
@@ -465,13 +465,13 @@ def test_a_strip_whose_colour_does_not_change_is_refused(sensor, tmp_path):
     shown, _ = guide()
     with Stage(clear, seed=2) as stage:
         session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown)
-        with pytest.raises(SpotsError, match=r"is not monotone along the strip|too noisy"):
+        with pytest.raises(SpotsError, match=r"does not change steadily along the strip|too noisy"):
             session_of(stage, StagePresser(stage), tmp_path / "a.jsonl", shown, "force")
         assert stage.board.command("hello")["calibration"] is None
     assert not (tmp_path / "a.toml").exists()
 
 
-# ---- what the board holds
+# ---- the calibration that the board stores
 
 
 def test_power_lost_before_save_leaves_the_calibration_before(sensor, full):
@@ -514,11 +514,11 @@ def test_a_calibration_of_something_else_is_refused_and_the_board_keeps_its_own(
             assert touched.board.command("hello")["calibration"] == old
 
 
-# ---- a person
+# ---- a simulated person
 
 
 class Person(io.StringIO):
-    """A person who reads what is printed, presses the strip, and answers questions."""
+    """A simulated person who reads the output, presses the strip, and answers questions."""
 
     def __init__(self, held, sensor):
         super().__init__()
@@ -592,14 +592,23 @@ def test_a_terminal_shows_the_place_and_the_counts(sensor, tmp_path):
     assert "steady" in text
 
 
-# ---- the board's integers
+# ---- the integer arithmetic of the board
 
 
 def float_estimates(calibration, counts, dark):
-    """Evaluate a calibration in float64, which the integers approximate.
+    """Compute positions and forces from a calibration with floats, to check the board's integers.
 
-    Returns the estimates of every segment that the coarse contrast may select, because the integers
-    are rounded at the border of a segment.
+    At the border of two segments, rounding decides which segment the board uses. So the result is a
+    list of (position in um, force in mN) for each segment that the board may use.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The calibration.
+    counts : sequence of int
+        Six counts of a reading.
+    dark : sequence of int
+        Six sums of four dark samples.
     """
     logs = np.log2(np.asarray(counts, float) - np.asarray(dark) / 4) * 2**20
     coarse = logs @ np.array(calibration.coarse) / 2**13
@@ -654,7 +663,7 @@ def test_the_board_agrees_with_float64(sensor, full):
         for position_um in np.linspace(1000, 84_000, 12):
             for force_mN in (calibration.forces_mN[0] + 100.0, 1500.0, 9900.0):
                 for touch, spectrum in touched.readings(position_um, force_mN, 3):
-                    if not touch.touching:  # and so without a place
+                    if not touch.touching:  # without a touch, there is no position
                         continue
                     assert touch.force_mN
                     found = touch.position_um, touch.force_mN

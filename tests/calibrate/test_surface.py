@@ -1,4 +1,4 @@
-"""The fit of a session by hand estimates the errors of places and forces from the presses."""
+"""The fit of a session by hand: it also estimates the errors of given positions and forces."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_straight_channels_show_the_errors_of_a_ruler():
 
 
 def presses_by_hand(light, length_um, seed):
-    """Return 39 presses; positions are rounded by up to 0.5 mm, and forces are off by up to 5 %."""
+    """Return 39 `Presses` whose positions have errors up to 0.5 mm, and whose forces up to 5 %."""
     rng = np.random.default_rng((seed, 99))
     shares = rng.choice([0.05, 0.3, 0.7, 0.95], 39) + rng.uniform(-0.05, 0.05, 39)
     places_um = shares.clip(0, 1) * length_um
@@ -65,7 +65,7 @@ def presses_by_hand(light, length_um, seed):
 
 
 def error_um(light, surface):
-    """Return the mean absolute error of the positions that a fit gives for colours."""
+    """Return the mean absolute error in um of the positions that a fit computes from spectra."""
     at_um = np.linspace(0.05, 0.95, 19) * surface.length_um
     expected = np.log2([light.counts(x, 3000.0) for x in at_um])
     slopes = np.gradient(expected, at_um, axis=0)
@@ -83,7 +83,8 @@ def fits(sensor, seeds):
 
 
 def test_bends_agree_with_convex_curves(sensor):
-    # Without their prior, these presses have a fit with a concave F8 and errors of 89 to 132 um.
+    # Without the prior for the bends, the fit to these presses has a concave curve of F8, and
+    # errors of 89 to 132 um.
     for light, surface in fits(sensor, (4, 6, 9)):
         assert error_um(light, surface) < 75
         assert surface.sizes.bends[PLAN.index("F8")] < surface.sizes.bends[PLAN.index("F7")]

@@ -1,4 +1,4 @@
-"""A steady press becomes a reading; any other press is refused with a reason."""
+"""Presses of a calibration session: only a steady press is used, others get a reason why not."""
 
 import dataclasses
 import io
@@ -29,7 +29,7 @@ def stage(sensor):
 
 @pytest.fixture
 def bench(stage):
-    """A bench, and what it prints."""
+    """A `Bench` on a simulated board; ``bench.said()`` returns its output."""
     said = io.StringIO()
     guide = Guide(Console(file=said, width=200))
     made = Bench(stage.reader, StagePresser(stage), guide, stage.length_um, Path("a.toml"))

@@ -1,4 +1,4 @@
-"""The wheel, built once."""
+"""Fixture: the unpacked wheel of the package, built one time for all processes of a test run."""
 
 import subprocess
 import sys
@@ -19,5 +19,5 @@ def _unpacked_wheel(folder):
 
 @pytest.fixture(scope="session")
 def installed(once):
-    """The wheel's content, unpacked."""
+    """Folder with the unpacked content of the wheel."""
     return once("wheel", _unpacked_wheel) / "site"

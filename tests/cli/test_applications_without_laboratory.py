@@ -1,4 +1,4 @@
-"""Applications without the simulator installed: one sentence, exit code 2."""
+"""Applications without the simulator installed: the error is one sentence, and exit code 2."""
 
 import sys
 

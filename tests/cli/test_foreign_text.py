@@ -1,8 +1,8 @@
 """Text from devices, files and other machines cannot control the terminal.
 
-A foreign text is one that this program did not write: what a board replies, what a USB device is
-called, names and contents of files, names on a network, the environment. `SHOWN` has each source
-with each command that shows it. Every case runs on a terminal and off it.
+Foreign text comes from outside of this program: replies of a board, names of USB devices, names and
+contents of files, names on a network, environment variables. `SHOWN` lists each source with each
+command that shows it. Each case runs with a terminal and with a pipe as output.
 """
 
 import contextlib
@@ -35,24 +35,25 @@ from spots.linkage import twin_view
 from spots.outputs.devices import REST
 from spots.terminal.view import StripView
 
-# Markup, a title (OSC), a question that a terminal answers (DSR), C1, line ends, bidi, DEL. Short:
-# a reply of a board has few bytes.
+# Markup of rich, a title (OSC), a status request that a terminal answers (DSR), a C1 character,
+# line ends, bidirectional controls, DEL. Short, because the length of a board's reply is limited.
 MARK = "[red]r"
 EVIL = MARK + "[/red]\x1b]0;x\x07\x1b[6n\x9b2J\r\n\u202e\u2066\x7f"
 NAME = EVIL.replace("/", "")  # as a file or a key of Zenoh may be called
 DANGER = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-# What rich and the progress of a recording write to a terminal; `EVIL` has none of it but \r.
+# Control sequences that rich and the progress of a recording write to a terminal. `EVIL` contains
+# none of them except \r.
 OURS = re.compile(r"\x1b\[(?:[0-9;]*m|[0-9]*[AK]|\?25[lh])|\r")
 
 
 class Screen:
-    """Captures what commands of this process print, on a terminal or into a pipe."""
+    """Captures the output of commands in this process, with a terminal or a pipe as output."""
 
     def __init__(self, monkeypatch, terminal):
         self._terminal = terminal
         self._reader, writer = pty.openpty() if terminal else os.pipe()
         if terminal:
-            tty.setraw(writer)  # no \r of its own
+            tty.setraw(writer)  # the terminal then adds no \r
         self._file = open(writer, "w", encoding="utf-8", buffering=1)
         self._data = b""
         self._thread = threading.Thread(target=self._drain, daemon=True)
@@ -65,7 +66,7 @@ class Screen:
             while data := os.read(self._reader, 1 << 16):
                 self._data += data
         except OSError:
-            pass  # how a terminal ends
+            pass  # the terminal was closed
 
     @contextlib.contextmanager
     def on(self):
@@ -74,7 +75,7 @@ class Screen:
             yield
 
     def run(self, *arguments):
-        """Run a command; ignore its exit code and errors, because only its output is checked."""
+        """Run a command of `spots`; return its exit code."""
         with self.on():
             try:
                 return main([str(one) for one in arguments])
@@ -82,7 +83,7 @@ class Screen:
                 return end.code
 
     def text(self):
-        """Return all output, without the control sequences that this program itself prints."""
+        """Close the output; return its text without the control sequences of `OURS`."""
         self._file.close()
         self._thread.join(30)
         os.close(self._reader)
@@ -96,13 +97,20 @@ def screen(request, monkeypatch):
 
 
 def assert_shown(text, shown=True):
-    """Check that the output has the foreign text, and no characters that control a terminal."""
+    """Check that `text` has no characters that control a terminal, and shows the foreign text.
+
+    If `shown` is false, it must not show the foreign text.
+    """
     assert not (found := DANGER.search(text)), text[max(0, found.start() - 200) :][:300]
     assert (MARK in text) == shown, text
 
 
 class Evil(Plug):
-    """A board whose replies contain foreign text; `error` and `fault` add it to these values."""
+    """A board whose replies contain foreign text.
+
+    If `error` is true, all replies except that to ``hello`` are errors. If `fault` is true, the
+    reply to ``get`` has a fault.
+    """
 
     error = False
     fault = None
@@ -132,7 +140,7 @@ class Evil(Plug):
 
 @pytest.fixture
 def evil_board():
-    """A board that replies with foreign text, and its port."""
+    """A running `Evil` board; its attribute `name` is its port."""
     with Hub(0) as hub:
         board = Evil("evil")
         board.plug()
@@ -142,7 +150,7 @@ def evil_board():
 
 @pytest.fixture
 def evil_usb(monkeypatch):
-    """A USB device whose descriptors contain foreign text."""
+    """The only USB device of the system; its descriptors contain foreign text."""
     usb = SimpleNamespace(
         device="/dev/tty" + NAME, description=EVIL, product=EVIL, manufacturer=EVIL,
         serial_number=EVIL, vid=1, pid=2, location="1-1", interface=EVIL, hwid=EVIL, name=EVIL,
@@ -182,7 +190,7 @@ def test_what_a_board_replies(screen, evil_board, tmp_path, monkeypatch, case, w
     screen.run(*(places.get(one, one) for one in arguments))
     assert_shown(text := screen.text(), MARK in text if shown is None or wrong else shown)
     if arguments[0] == "command" and not wrong:
-        assert isinstance(json.loads(text), dict)  # and not escaped so that it is none
+        assert isinstance(json.loads(text), dict)  # the escaped text is still valid JSON
 
 
 def listed(board):
@@ -190,7 +198,7 @@ def listed(board):
 
 
 def a_session():
-    """Return the session file of a calibration of a board with a foreign name."""
+    """Return the bytes of a session file of a board whose id and diode names are foreign text."""
     of = {"board": NAME, "plan": (NAME, "F4", "F5", "F6", "F7", "F8"), "gain": 9}
     of |= {"exposure_us": 5000, "led_mA": 4, "time": NAME, "saturated": False}
     numbers = (1.0,) * 6
@@ -243,7 +251,7 @@ FILES = [
     ["record", "{}.new", "--port", "virtual", "--calibration", "{}.toml"],
     ["demo", "--sensor", "{}.toml"],
     ["demo", "--scenario", "{}.toml"],
-    ["info", "a", "{}"],  # as a shell's * gives them
+    ["info", "a", "{}"],  # file names as a shell expands *
     ["export", "a", "--to", "{}"],
     ["{}"],
     ["flash", "{}"],
@@ -275,7 +283,7 @@ def test_a_layout_of_an_odd_name(screen, tmp_path):
 def test_a_recording_of_such_a_board_under_an_odd_name(screen, evil_board, tmp_path):
     path, out = tmp_path / (NAME + ".spots"), tmp_path / (NAME + "2")
     assert screen.run("record", path, "--port", evil_board.name, "--seconds", "0.5") == 0
-    # As an earlier version, or somebody else's program, may have written them.
+    # An earlier version or another program may have written such notes.
     with path.open("ab") as file:
         file.write(note(10**7, {EVIL: EVIL}))
         text = json.dumps({"log": EVIL, EVIL: EVIL}, ensure_ascii=False).encode()
@@ -305,7 +313,7 @@ def test_the_label_of_a_drive_and_what_is_written_on_it(screen, tmp_path, about,
 
 
 def test_a_drive_of_an_odd_name_is_flashed_and_erased(screen, tmp_path, monkeypatch):
-    monkeypatch.setattr(flash, "_RETURN_S", 0.1)  # nothing comes back
+    monkeypatch.setattr(flash, "_RETURN_S", 0.1)  # the board does not reconnect
     (tmp_path / NAME).mkdir()
     about = "CircuitPython 9.2.1 on\nBoard ID:adafruit_qtpy_rp2040\nUID:1\n"
     (tmp_path / NAME / "boot_out.txt").write_text(about)
@@ -324,7 +332,7 @@ def test_a_variable_of_the_environment(screen, monkeypatch, variable):
 
 @pytest.fixture
 def network(tmp_path, monkeypatch):
-    """A Zenoh session that can publish any data."""
+    """A Zenoh session that publishes foreign data to the commands of the test."""
     net = Net(tmp_path)
     monkeypatch.setenv("ZENOH_CONFIG", str(net.leaf))
     monkeypatch.setattr("spots.remote.zenoh_session._PATIENCE_S", 60.0)

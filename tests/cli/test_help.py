@@ -1,4 +1,4 @@
-"""The command line for a newcomer: help by purpose, examples, suggestions."""
+"""Help of the command line for a new user: sorted by purpose, with examples and suggestions."""
 
 import os
 import re

@@ -22,7 +22,7 @@ from test_frames import encoded
 
 @pytest.fixture
 def port():
-    """A PTY: the path that pyserial opens, and the file descriptor behind it."""
+    """A PTY as serial port: the path that pyserial opens, and the descriptor of the other end."""
     behind, front = pty.openpty()
     tty.setraw(front)
     yield os.ttyname(front), behind
@@ -31,7 +31,7 @@ def port():
 
 
 def refused(capsys, *arguments):
-    """Run the command line, which must fail with one line; return this line."""
+    """Run ``spots`` with arguments that it must refuse with one line; return this line."""
     assert main(list(arguments)) == 2
     output = capsys.readouterr()
     assert output.out == ""

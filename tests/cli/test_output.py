@@ -14,12 +14,16 @@ from spots import SpotsError, cli
 from spots_sim import virtual
 
 FULL = Path("/dev/full")
-SHORT = [["--help"], ["keys", "check", "mini"], ["keys", "show", "mini"]]  # the last with rich
+# Commands with short output; the last one prints with rich.
+SHORT = [["--help"], ["keys", "check", "mini"], ["keys", "show", "mini"]]
 TIMEOUT_S = 120
 
 
 def said(arguments, stdout, unbuffered=""):
-    """Run the command line with a given output; return exit code and error message."""
+    """Run ``spots`` with `stdout` as standard output; return exit code and error message.
+
+    `unbuffered` is the value of PYTHONUNBUFFERED.
+    """
     run = subprocess.run(
         [sys.executable, "-m", "spots", *arguments],
         stdout=stdout,
@@ -34,7 +38,7 @@ def said(arguments, stdout, unbuffered=""):
 
 @pytest.fixture
 def closed():
-    """A pipe that nobody reads."""
+    """Writing end of a pipe whose reading end is closed."""
     reader, writer = os.pipe()
     os.close(reader)
     yield writer
@@ -128,5 +132,5 @@ def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed
 
 
 def test_a_seed_that_is_none():
-    with pytest.raises(SpotsError, match="the seed must be a whole number from 0, not -1"):
+    with pytest.raises(SpotsError, match="the seed must be a whole number of 0 or more, not -1"):
         spots.open("virtual", seed=-1)

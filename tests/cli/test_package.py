@@ -38,8 +38,9 @@ def command(installed, folder, *arguments):
 
 
 BOARD = ("--port", "virtual", "--seconds", "0.5")
-# Of the commands that test_readme.py does not run from the wheel: the exit code, the arguments,
-# and words of what it prints. No code: what a doctor finds depends on how busy the machine is.
+# Commands that test_readme.py does not run from the wheel, by name: exit code, arguments, and words
+# of the output. The exit code None is not checked: the result of `doctor` depends on the load of
+# the machine.
 RUNS = {
     "boards": (0, [], "virtual"),
     "build": (0, ["virtual"], "build/virtual"),

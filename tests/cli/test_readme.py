@@ -17,7 +17,7 @@ from packaging.requirements import Requirement
 from test_documents import ROOT, blocks, shell_lines
 
 TIMEOUT_S = 120
-# What does not end by itself, and what it prints once it runs.
+# Commands that do not end by themselves, and a text that each prints when it runs.
 ENDLESS = {
     "spots demo --page": "http://",
     "spots serve --port virtual": "http://",
@@ -29,8 +29,8 @@ ENDLESS = {
     "spots keyboard --layout mini --dry-run --port virtual": "down",
     "python": " ",
 }
-# The commands of hardware.md's list that cannot run here, and why. Further steps of the list have
-# no command: copying a .uf2 to the drive of a bootloader, wiring, painting, and udev's file.
+# Commands in the list of hardware.md that cannot run here, and why. Other steps of the list have no
+# command: copying a .uf2 file to the drive of a bootloader, wiring, painting, and the udev file.
 _NETWORK, _ROOT = "downloads from PyPI", "changes this computer, as root"
 _CHIP = "writes the flash of a real ESP32-S3"
 NEEDS_HARDWARE = {
@@ -48,9 +48,10 @@ _NO_BOARD = {"spots ports", "spots boards"}
 _PROGRAMS = {"spots", "pip", "sudo", "esptool", "mpremote", "make", "python", "python3"}
 LINES = [one for one in shell_lines("README.md") if one.startswith("spots ")]
 RECORDING = "run.spots"
-# Other programs may have the usual port; 100 ms of exposure take three times as long as 10 ms.
+# Additional options. Another program may use the usual HTTP port. With the usual exposure of
+# 100 ms, `characterize` takes three times as long as with 10 ms.
 MORE = {"serve": ["--http-port", "0"], "characterize": ["--exposure-us", "10000"]}
-# What the others print, by command.
+# Text that each other command prints, by name of the command.
 PRINTED = {
     "flash": "copy main.py",
     "command": '"exposure_us": 10000',
@@ -78,7 +79,7 @@ def _installed_by_make_demo():
         try:
             requires = importlib.metadata.requires(name) or []
         except importlib.metadata.PackageNotFoundError:
-            continue  # for another machine
+            continue  # a package for another system
         wanted += [
             need
             for need in map(Requirement, requires)
@@ -100,7 +101,10 @@ sys.meta_path.insert(0, Hide())
 
 @pytest.fixture(scope="module")
 def newcomer(tmp_path_factory, installed):
-    """A folder to work in, and an environment with the wheel and the packages of `make demo`."""
+    """Working directory, and environment variables with which Python has only certain packages.
+
+    These are the wheel, and the packages that `make demo` installs.
+    """
     folder = tmp_path_factory.mktemp("newcomer")
     packages = _installed_by_make_demo()
     hidden = {
@@ -164,13 +168,13 @@ def test_a_program_of_the_readme_runs_after_make_demo(text, newcomer):
 
 
 def steps():
-    """Return the text of hardware.md's list from bare board to key press, with its introduction."""
+    """Return the text of the section `From bare board to key press` in docs/hardware.md."""
     text = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
     return text.split("## From bare board to key press\n")[1].split("\n## ")[0]
 
 
 def walk():
-    """Return the commands of hardware.md's list, those in running text included."""
+    """Return the commands in the code blocks and in the text of this section, as keys of a dict."""
     numbers = [int(number) for number in re.findall(r"^(\d+)\. ", steps(), re.MULTILINE)]
     assert numbers == list(range(1, len(numbers) + 1))
     block = re.compile(r"^ *```(\w+)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
@@ -184,13 +188,13 @@ def walk():
 
 
 def on_a_virtual_board(line):
-    """Return a command of the list, changed for a virtual board as the list describes."""
+    """Return a command of hardware.md, changed for a virtual board as the section describes."""
     if line == "spots flash pico":
         return "spots flash virtual --dry-run"
     return line if line in _NO_BOARD or "virtual" in line else line + " --port virtual"
 
 
-# Each line once: README has some of them, and `save` comes after each change.
+# Each command runs only one time: README has some of them, and `save` is repeated in hardware.md.
 WALKED = {on_a_virtual_board(line) for line in walk() if line not in NEEDS_HARDWARE} - {*LINES}
 
 

@@ -1,4 +1,4 @@
-"""The product works without the simulator, and mentions none of the simulator's commands."""
+"""The package works without the simulator, and its help does not mention the simulator."""
 
 import os
 import re
@@ -53,7 +53,7 @@ def test_the_commands_are_the_products(spots):
 def test_no_help_names_what_is_simulated(spots, name):
     run = spots(name, "--help")
     assert run.returncode == 0, run.stderr
-    # A board of the product's own files is called so: `spots boards` lists it.
+    # Only the output of `spots boards` names the virtual board, because its files are packaged.
     for word in ("virtual", "simulat", "--sensor", "--scenario"):
         assert word not in run.stdout
 

@@ -1,4 +1,4 @@
-"""Wrong input of a newcomer: one sentence with the next step, and exit code 2."""
+"""Wrong input of a new user: one sentence with the next step, and exit code 2."""
 
 import pytest
 

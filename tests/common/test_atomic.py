@@ -1,4 +1,4 @@
-"""Files are written completely or not at all; links are not followed; nothing is left behind."""
+"""Atomic writes: a file is complete or unchanged, links are not followed, nothing else remains."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ from spots.deploy import build
 from spots_sim import figures
 from test_frames import stream
 
-# A process that is interrupted in the middle of a write: it waits where it would sync.
+# Script that waits in the middle of a write, at the sync to disk, where the test interrupts it.
 WRITER = """
 import os, sys
 from pathlib import Path
@@ -36,7 +36,7 @@ else:
 
 @pytest.fixture
 def interrupted():
-    """Return a function that starts a writer in another process, and stops it during its work."""
+    """Return a function that starts a process with `WRITER`, and waits until its write waits."""
     processes = []
 
     def start(*arguments):
@@ -58,7 +58,7 @@ def kill(process):
 
 
 def age(folder):
-    """Set the times of all temporary files in a folder to hours ago."""
+    """Make all temporary files in a folder old: set their times to 1970."""
     for path in folder.glob(".spots-*"):
         os.utime(path, (0, 0), follow_symlinks=False)
 

@@ -1,4 +1,4 @@
-"""Special, too large and too deeply nested files: each command refuses them in one sentence."""
+"""Special files, too large files and too deeply nested files: each command refuses them."""
 
 import os
 import resource
@@ -14,9 +14,9 @@ from spots.link import connect
 from spots.linkage import mounted
 from spots_sim import virtual
 
-# What a command may take; reading the file would take more.
+# Memory that a command may use; to read the file completely would need more.
 MEMORY_BYTES = 256 << 20
-# A hang, and not a slow machine: the commands are done in a fraction of it.
+# Timeout after which a command hangs. Even on a slow machine, commands need only a part of it.
 HANGS_S = 30
 
 DRAWN = """bar_mm = [100, 100, 100, 100]
@@ -70,7 +70,7 @@ def special(kind, path):
 
 @pytest.fixture
 def bounded():
-    """Limit memory and time, so that the test fails if a file is read without end."""
+    """Limit memory and time, so that the test fails if a command reads a file completely."""
 
     def hang(number, frame):
         raise AssertionError(f"not refused in {HANGS_S} s")
@@ -90,7 +90,10 @@ def bounded():
 
 @pytest.fixture
 def refused(bounded, tmp_path, monkeypatch, capfd):
-    """Return a function that runs a command with limited memory, and returns its error message."""
+    """Return a function that runs a command, which must refuse a file.
+
+    Its arguments are a key of `COMMANDS` and the path of the file; it returns the error message.
+    """
     monkeypatch.chdir(tmp_path)
     (tmp_path / "drawn.toml").write_text(DRAWN)
 

@@ -1,4 +1,4 @@
-"""A signal that ends or stops a process releases all keys; a resumed process has no touch."""
+"""Signals that end or suspend a process: it releases all keys first; a resumed one has no touch."""
 
 import contextlib
 import os
@@ -21,7 +21,7 @@ if sys.platform == "win32":
     pytest.skip("Windows has no such signals", allow_module_level=True)
 IGNORED = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTSTP)
 
-# Plays as fast as it can, so that signals come in the middle of everything.
+# Program that sends states as fast as possible, so that signals arrive at any point of the code.
 PLAYS = """
 import itertools
 from spots.outputs.open import open_gamepad, open_keyboard
@@ -35,7 +35,8 @@ with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False
             keyboard.key(7, 4 + i % 9, 3, pressed)
             keyboard.key(12, 0xE9, 0, pressed)
 """
-# Holds a key and an axis, as while a finger lies there; nothing is pressed after a stop.
+# Program that holds a key and an axis, as while a finger touches. After a suspension nothing is
+# pressed.
 HOLDS = """
 import time
 from spots.outputs.open import open_gamepad, open_keyboard
@@ -52,7 +53,7 @@ with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False
 
 
 class Devices:
-    """State of the virtual devices of a process, computed from the events of the substitute."""
+    """State of the virtual devices of a process, computed from the events that it recorded."""
 
     def __init__(self, path):
         self._path = path
@@ -71,7 +72,10 @@ class Devices:
 
 @pytest.fixture
 def start(environment, tmp_path):
-    """Return a function that starts a program in its process group, and waits until it is ready."""
+    """Return a function that starts a program in its own process group.
+
+    It waits until the program is ready, and returns the process and its `Devices`.
+    """
     with contextlib.ExitStack() as stack:
 
         def started(program, before=lambda: None):
@@ -150,7 +154,7 @@ def test_ends_at_many_moments_leave_nothing_down(start, tmp_path):
         process, devices = start(PLAYS)
         time.sleep(rng.random() * 0.05)
         process.send_signal(number)
-        process.send_signal(signal.SIGTERM)  # a second one disturbs nothing
+        process.send_signal(signal.SIGTERM)  # a second signal changes nothing
         assert process.wait(DEADLINE_S) in (-number, -signal.SIGTERM)
         assert devices.lines()[-1] == "close"
         assert not devices.held()
@@ -195,7 +199,7 @@ def test_no_signal_is_ignored_here():
 
 
 def test_nor_where_the_tests_were_started_with_signals_ignored():
-    """The signals are ignored as by nohup, or by a shell that starts a background job."""
+    """The test run starts with ignored signals, as under nohup or as a background job."""
     test = f"{__file__}::{test_no_signal_is_ignored_here.__name__}"
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", test]
     ran = subprocess.run(command, preexec_fn=ignore_signals, capture_output=True, text=True)
@@ -223,7 +227,7 @@ def test_a_console_event_of_windows_waits_until_all_is_released(monkeypatch):
         released.set()
     thread.join()
     assert found == [(True, ["down  A", "up    A"])]
-    assert not on_console_event(0, released)  # Ctrl-C has a signal
+    assert not on_console_event(0, released)  # Ctrl-C is handled by its signal
 
 
 def test_handlers_are_put_back():
@@ -244,9 +248,9 @@ def test_an_end_that_is_caught_in_the_block_is_no_end():
         assert keyboard._down
 
 
-# In a shell with job control, as people do it.
+# In an interactive shell with job control.
 
-# A tap every second. The demonstration's pauses are for people.
+# A tap every second; the demo scenario has longer pauses.
 TAPS = """
 seconds = 1.0
 [[touch]]
@@ -255,7 +259,7 @@ points = [[0.20, 42.5, 0], [0.25, 42.5, 3000], [0.75, 42.5, 3000], [0.80, 42.5, 
 
 
 class Shell:
-    """An interactive shell on its own terminal."""
+    """An interactive shell with its own terminal (PTY)."""
 
     def __init__(self, environment):
         self.pid, self._end = pty.fork()
@@ -267,7 +271,7 @@ class Shell:
         os.write(self._end, text.encode())
 
     def read(self):
-        """Read what the shell prints, so that no process blocks on a full terminal."""
+        """Read and return the output of the shell, so that no process blocks on a full terminal."""
         os.set_blocking(self._end, False)
         with contextlib.suppress(OSError):
             return os.read(self._end, 65_536)

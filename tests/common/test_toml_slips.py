@@ -48,7 +48,7 @@ KINDS = {
 
 
 def read(kind, path):
-    """Read a file of a kind as the program does, if this needs no other file."""
+    """Read a TOML file of a kind (a key of `KINDS`, ``layout`` or ``wearable``) as `spots` does."""
     if kind == "layout":
         return layout.load(path)
     if kind == "wearable":

@@ -1,4 +1,4 @@
-"""Readings to gamepad states: a touch, untrusted readings that keep the state, then rest."""
+"""Readings become gamepad states; untrusted readings keep the state, and a timeout releases all."""
 
 import itertools
 
@@ -28,9 +28,9 @@ from spots_device.decode import (
     TOUCHING,
 )
 
-LENGTH_UM = 100_000  # a per cent is a millimetre
+LENGTH_UM = 100_000  # 1 % of the length is 1 mm
 EVERY_S = 0.01
-SHARP = Smooth(min_cutoff_hz=1000, beta=1000)  # as good as none
+SHARP = Smooth(min_cutoff_hz=1000, beta=1000)  # almost no smoothing
 X = PositionAxis(min_percent=0, max_percent=100, smooth=SHARP)
 Z = ForceAxis(rest_mN=0, max_mN=1000, smooth=SHARP)
 TREMBLES = Pressed(number=1, press_mN=500, release_mN=400)
@@ -38,7 +38,7 @@ ONE, TWO = 1, 2
 
 
 class Play:
-    """A controller, a simulated clock, and the states that were sent."""
+    """A controller with a simulated clock; records the states that it sends."""
 
     def __init__(self, every_s=EVERY_S, start_us=0, **settings):
         settings = {"x": X, "z": Z, "rate_hz": 1000, **settings}
@@ -137,7 +137,7 @@ def test_doubtful_readings_hold_the_last_good_state_for_so_long_then_rest(flags)
     before, good_s = play.controller.state, play.now_s
     assert not play.controller.held
     while play.now_s < good_s + 0.085:
-        play.reading(3, 60_000, flags)  # where no finger is
+        play.reading(3, 60_000, flags)  # an untrusted position, far from the finger
         assert play.controller.state == before
         assert play.controller.held
     play.silence(0.05)

@@ -1,4 +1,4 @@
-"""A board controls a gamepad: from the scenario's finger to the kernel, on every exit path."""
+"""A board controls a gamepad: from the simulated finger to the virtual device; every exit path."""
 
 import contextlib
 import io
@@ -41,12 +41,12 @@ LENGTH_UM = 85_000
 
 
 class Cable:
-    """A link to a board in simulated time that may fail.
+    """A link to a board in simulated time, whose reads may fail.
 
     Attributes
     ----------
     fault : callable
-        Takes the bytes of each read; returns those that arrive, or raises.
+        ``fault(data)`` gets the bytes of each read. It returns the bytes that arrive, or raises.
     """
 
     def __init__(self, sensor, scenario):
@@ -84,7 +84,7 @@ class Rig:
 
 @pytest.fixture
 def rig(sensor, calibration):
-    """Return a function that makes a board with a scenario and a controller."""
+    """Return a function that creates a `Rig`: a board with a scenario, and a controller."""
     with contextlib.ExitStack() as stack:
 
         def make(scenario):
@@ -105,7 +105,7 @@ def pressing(position_mm=70.0, force_mN=5500.0):
     return held
 
 
-# What arrives.
+# Readings and losses.
 
 
 def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
@@ -115,8 +115,8 @@ def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
         figures = made.score.summary()
         assert 400 < figures["states"] < 800
         assert figures["x_rms_percent"] < 1
-        # The jump is where a touch begins, at 0.2 N. It depends on the time of the first sample
-        # in the touch: 0.7 to 3.4 % for scenarios that begin 0 to 9 ms later.
+        # The largest jump is at the begin of a touch, at 0.2 N. It depends on the time of the first
+        # sample of the touch: 0.7 to 3.4 % for scenarios that begin 0 to 9 ms later.
         assert figures["largest_unexplained_jump_percent"] < 3.5
     device = evdev.UInput.made[-1]
     pushed = [(code - 0x130 + 1, value) for kind, code, value in device.history if kind == 1]
@@ -130,7 +130,7 @@ def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
 def test_light_at_the_skin_of_an_arm_is_followed(rig):
     made = rig(Scenario(load(ScenarioFile, "arm")))
     made.play(PrintedGamepad(), 26.0)
-    assert made.score.summary()["x_rms_percent"] < 2.6  # not followed, it shifts faint touches: 2.9
+    assert made.score.summary()["x_rms_percent"] < 2.6  # 2.9 if the baseline were not tracked
     assert made.board.command("get")["baseline"] == 1
 
 
@@ -187,7 +187,7 @@ def test_nobody_on_an_imperfect_strip_sends_nothing(rig):
     assert made.states == []
 
 
-# How it ends.
+# Exit paths.
 
 ENDS = {
     "unplugged": SpotsError("the board on cable was disconnected"),
@@ -202,7 +202,7 @@ def test_everything_is_let_go_whatever_ends_it(rig, evdev, name):
     made = rig(pressing())
 
     def later(data):
-        device = evdev.UInput.made[-1]  # there is one as soon as anything is read
+        device = evdev.UInput.made[-1]  # it exists before the first read
         if len(device.history) > 30:
             assert device.known[3, 0] > 10_000
             raise ENDS[name]
@@ -237,11 +237,11 @@ def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev,
 
     watcher = SimpleNamespace(read=lambda touch, state: None, sent=unplug)
 
-    def reopen():  # the next board that starts on this machine may get the name of the port
+    def reopen():  # another board that starts on this machine may get the name of this port
         raise SpotsError("the port does not come back")
 
     board._link.reopen = reopen
-    # It is waited for; what was held is let go of long before that is over.
+    # The host waits for the board, and releases everything long before the end of this wait.
     board.patience_s = 1.0
     with pytest.raises(SpotsError, match="not come back"), board, UInputGamepad() as gamepad:
         play.play(board, controller, gamepad, 60.0, [watcher])
@@ -263,7 +263,11 @@ def test_a_gamepad_that_is_gone_ends_it_in_a_sentence(rig, evdev):
 
 @pytest.fixture
 def process(environment, tmp_path):
-    """``spots controller`` on a virtual board with a substitute gamepad, and its events."""
+    """``spots controller`` on a virtual board, with the substitute for evdev.
+
+    Yields the process, the path of the file with the gamepad's events, and the reading end of a
+    FIFO whose writing end is the handle of the gamepad.
+    """
     if sys.platform == "win32":
         pytest.skip("Windows has no such signals and no FIFO")
     events, handle = tmp_path / "events", tmp_path / "handle"
@@ -310,7 +314,7 @@ def test_a_signal_lets_go_of_everything(process, name):
 
 
 def test_a_killed_process_leaves_no_handle_of_the_device_behind(process):
-    # The kernel lets go of what a device held when its last handle is closed.
+    # The kernel releases the keys of a device when its last handle is closed.
     process, events, reader = process
     _until_pressed(process, events)
     assert os.read(reader, 1) == b"o"
@@ -320,11 +324,11 @@ def test_a_killed_process_leaves_no_handle_of_the_device_behind(process):
     assert events.read_text().splitlines()[-1] != "close"
 
 
-# The settings that a person measures.
+# Settings that are measured with a person's presses.
 
 
 class Person:
-    """A person who presses the strip of a simulated stage as requested."""
+    """A simulated person who presses the strip of a simulated board as requested."""
 
     def __init__(self, held, touches):
         self.held, self.touches, self.said = held, dict(touches), []
@@ -533,7 +537,10 @@ ANCHOR = Anchored(number=5, to_percent=25)
 
 
 def anchored_states(rig, *fingers):
-    """Move fingers on a strip with an anchor button near the sensor; return (time, state) pairs."""
+    """Move fingers on a strip whose first quarter is an anchor, a button to hold with the thumb.
+
+    Returns a list of (time in s, gamepad state).
+    """
     made = rig(Scenario(ScenarioFile(seconds=8.0, touch=list(fingers))))
     settings = msgspec.structs.replace(made.settings, button=[*made.settings.button, ANCHOR])
     made.controller = play.controller_for(made.board, settings)

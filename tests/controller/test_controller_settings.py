@@ -1,4 +1,4 @@
-"""Settings files of the controller: errors, and files that are saved and read again."""
+"""Settings files of the controller: messages for errors; saved files load again."""
 
 import pytest
 from hypothesis import given

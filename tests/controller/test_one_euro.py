@@ -28,7 +28,7 @@ def test_without_beta_a_step_is_that_of_a_first_order_low_pass():
 
 
 def test_what_passes_at_the_cutoff_is_what_a_low_pass_lets_through():
-    # So much finer than the cutoff that it is as good as continuous: 1/sqrt(2) there.
+    # The sampling rate is so high that the filter acts like a continuous one: gain 1/sqrt(2).
     dt_s = 1e-4
     sine = [math.sin(2 * math.pi * 2.0 * i * dt_s) for i in range(30_000)]
     assert max(filtered(sine, dt_s=dt_s)[-10_000:]) == pytest.approx(0.5**0.5, rel=0.01)

@@ -1,4 +1,4 @@
-"""The files for each board: compiled if possible, and without files of an earlier build."""
+"""Builds of the firmware for each board: compiled if possible, without files of earlier builds."""
 
 import json
 import re
@@ -82,7 +82,7 @@ def test_an_led_that_no_board_has_is_refused(led, tmp_path, monkeypatch):
 
 
 def traceback_on_board(folder, code):
-    """Run code on a board, and return file and function of the last line of its traceback."""
+    """Run code in MicroPython; return file and function of the last line of its traceback."""
     run = subprocess.run(
         [*micropython_command(), "-c", code], cwd=folder, capture_output=True, text=True
     )
@@ -150,7 +150,7 @@ def test_a_full_disk_leaves_the_old_build(tmp_path, full_disk):
     refused = pytest.raises(SpotsError, match=r"virtual cannot be written .*File too large")
     with full_disk(100), refused as told:
         build("virtual", tmp_path)
-    assert len(str(told.value)) < 1000  # one of the files, not all
+    assert len(str(told.value)) < 1000  # the message names one file, not all
     assert files_of(tmp_path / "virtual") == before
     assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
 
@@ -184,7 +184,7 @@ def test_the_list_of_boards(capsys):
 def test_the_package_for_mip_lists_the_firmware(tmp_path):
     package = json.loads((Path(__file__).parents[2] / "firmware" / "package.json").read_text())
     stage("virtual", tmp_path)
-    # What is in board_config.py is no two boards' alike.
+    # board_config.py differs between boards.
     wanted = set(files_of(tmp_path)) - {"board_config.py"}
     assert [target for target, _ in package["urls"]][-1] == "main.py"
     assert sorted(package["urls"]) == [[path, path] for path in sorted(wanted)]

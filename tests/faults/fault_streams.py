@@ -1,4 +1,4 @@
-"""Streams of frames, and ways to damage them, for the decoder's proof."""
+"""Streams of valid frames, which the tests of damaged streams use."""
 
 from __future__ import annotations
 
@@ -15,7 +15,17 @@ def encoded(payload: bytes) -> bytes:
 
 
 def frames(count: int, seed: int = 0, texts: bool = True) -> list[bytes]:
-    """Return frames of all kinds as a board would send them, mostly TOUCH."""
+    """Return encoded frames of four kinds as a board sends them, mostly TOUCH.
+
+    Parameters
+    ----------
+    count : int
+        Number of frames.
+    seed : int
+        Random seed of kinds and contents.
+    texts : bool
+        Whether to include SPECTRUM, KEY and TEXT frames; otherwise all frames are TOUCH.
+    """
     rng = np.random.default_rng(seed)
     made = []
     for i in range(count):

@@ -1,4 +1,4 @@
-"""Small boards behind PTYs that are unplugged and appear again under other names."""
+"""Substitutes for boards on PTYs, which can be unplugged and reconnect with other port names."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from fault_streams import encoded
 from spots_device import PROTOCOL
 
 _READING_S = 0.004
-_FINGER = 6  # readings with a finger, then as many without
+_FINGER = 6  # number of readings with a finger, and then of readings without a finger
 
 
 class Plug:
-    """A board that answers hello, get, set, stream and sync, and sends alternating touches."""
+    """A substitute for a board that answers five commands, and sends touches and pauses in turn."""
 
     def __init__(self, board_id):
         self.board_id = board_id
@@ -32,7 +32,7 @@ class Plug:
         self._pending = b""
 
     def plug(self):
-        """Switch the board on, with a port whose name differs from its last name."""
+        """Switch the board on; the name of its port differs from the previous name."""
         previous, self._end = self.name, None
         ends = []
         while self._end is None:
@@ -61,7 +61,7 @@ class Plug:
         return self._end
 
     def read(self):
-        with contextlib.suppress(OSError):  # nobody has it open
+        with contextlib.suppress(OSError):  # no program has opened the port
             *lines, self._pending = (self._pending + os.read(self._end, 4096)).split(b"\n")
             for line in lines:
                 if line.strip():
@@ -101,7 +101,7 @@ class Plug:
 
 
 class Hub:
-    """Serves plugs in a thread, and lists them as pyserial lists ports."""
+    """Runs substitutes `Plug` in a thread, and lists their ports as pyserial does."""
 
     def __init__(self, count):
         self._lock = threading.Lock()

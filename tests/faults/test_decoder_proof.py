@@ -1,10 +1,10 @@
-"""The decoder under every possible damage of one byte, and many damages of several bytes.
+"""The decoder returns no wrong frame after any damage of one byte, or after damages of some bytes.
 
 A piece of the stream is the bytes between two delimiters. Damage inside a frame changes only its
-piece. So one stream contains many damaged variants of a frame, one after the other, and at its end
-an undamaged frame, which must arrive.
+piece. So a test stream consists of many damaged variants of one frame, and an undamaged frame at
+its end, which must arrive.
 
-Run as a program, it tries a million cases of damage for each seed given.
+As a program with seeds as arguments, this file tries a million damages for each seed.
 """
 
 import sys
@@ -20,7 +20,7 @@ MULTIPLE = 200_000
 
 
 def made():
-    """Return the frames as bytes, and as decoded frames."""
+    """Return a list of encoded frames, and a list of the same frames decoded."""
     pieces = frames(COUNT)
     return pieces, [Decoder().feed(piece)[0] for piece in pieces]
 
@@ -31,7 +31,19 @@ def stream():
 
 
 def intruders(damaged, meaning, last, last_meaning):
-    """Return the frames that a decoder finds in damaged variants; the frame `last` must arrive."""
+    """Return the wrong frames that a decoder finds in damaged variants of a frame.
+
+    Parameters
+    ----------
+    damaged : bytes
+        The damaged variants.
+    meaning : Frame
+        The undamaged frame, decoded; it does not count as wrong.
+    last : bytes
+        An undamaged frame after the variants, which must arrive.
+    last_meaning : Frame
+        This frame, decoded.
+    """
     found = Decoder().feed(damaged + last)
     assert found[-1:] == [last_meaning]
     return [one for one in found[:-1] if one != meaning]
@@ -81,12 +93,12 @@ def test_every_truncation(stream):
     data = b"".join(pieces)
     ends = np.cumsum([len(piece) for piece in pieces])
     decoder, whole = Decoder(), []
-    for size in range(1, len(data) + 1):  # fed by single bytes, a stream is truncated everywhere
+    for size in range(1, len(data) + 1):  # after each byte, the decoder has a truncated stream
         whole += decoder.feed(data[size - 1 : size])
         assert len(whole) == np.searchsorted(ends, size, side="right")
     assert whole == meanings
     print(f"{len(data)} truncations tried")
-    for i in range(COUNT - 1):  # and goes on after it
+    for i in range(COUNT - 1):  # the decoder continues after a truncated frame
         variants = [pieces[i][:size] + b"\0" for size in range(len(pieces[i]) - 1)]
         assert not intruders(b"".join(variants), meanings[i], *_pair(stream, i + 1))
         for size in range(1, len(pieces[i])):
@@ -99,7 +111,10 @@ def _pair(stream, i):
 
 
 def damaged(piece, count, rng):
-    """Return `count` variants of a frame joined: 2 to 8 bytes flipped, lost, doubled, inserted."""
+    """Return `count` damaged variants of a frame in a row.
+
+    In each variant 2 to 8 bytes are changed, lost or repeated, or other bytes are inserted.
+    """
     size = len(piece) - 1  # the delimiter stays
     rows = np.tile(np.frombuffer(piece, np.uint8), (count, 1))
     where = np.argsort(rng.random((count, size)), axis=1)[:, :8]
@@ -111,7 +126,7 @@ def damaged(piece, count, rng):
     noise = rng.integers(1, 256, rows.shape, dtype=np.uint8)
     rows[way == 0] ^= noise[way == 0]
     out = np.repeat(rows.ravel(), times.ravel())
-    # What is inserted stands behind a byte, as a copy of it that is something else.
+    # An inserted byte follows a byte of the frame, and differs from it.
     first = np.cumsum(times.ravel()) - times.ravel()
     inserted = np.flatnonzero((way == 3).ravel())
     out[first[inserted] + 1] ^= noise.ravel()[inserted]
@@ -119,7 +134,7 @@ def damaged(piece, count, rng):
 
 
 def many_damages(stream, seed, multiple=MULTIPLE):
-    """Return the received frames that were never sent."""
+    """Try `multiple` damages of several bytes; return the received frames that were never sent."""
     rng = np.random.default_rng(seed)
     pieces, meanings = stream
     each = multiple // COUNT

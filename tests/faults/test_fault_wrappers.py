@@ -1,4 +1,4 @@
-"""The fault wrappers alone: what they do to bytes, transfers and a board."""
+"""The simulated faults: their effects on bytes, on I2C transfers, and on a board."""
 
 import errno
 
@@ -30,7 +30,10 @@ def faults(seed=0, seconds=60.0, **parts):
 
 
 def everything(data, damage, step=26, step_us=10_000.0):
-    """Send bytes in blocks, one every 10 ms, and return the bytes that arrive."""
+    """Send bytes in blocks of `step` bytes, one every `step_us`; return the bytes that arrive.
+
+    ``damage(block, time_us)`` returns the bytes of a block that arrive.
+    """
     pieces = [data[i : i + step] for i in range(0, len(data), step)]
     return b"".join(damage(piece, i * step_us) for i, piece in enumerate(pieces))
 
@@ -83,7 +86,7 @@ def test_bursts_of_a_rate_length_and_density_damage_so_many_bytes_in_the_mean():
     assert len(made.to_host.touched) / len(data) == pytest.approx(0.01, rel=0.15)
     assert made.ledger.counts["to_host.bursts"] == pytest.approx(600, rel=0.15)
     numbers = np.array(made.to_host.touched)
-    assert len(np.unique(numbers // (26 * 100))) < 0.4 * 3600  # close together, not spread
+    assert len(np.unique(numbers // (26 * 100))) < 0.4 * 3600  # in bursts, not distributed evenly
 
 
 def test_nothing_happens_before_its_time():
@@ -139,7 +142,10 @@ def test_a_link_is_damaged_in_both_directions():
 
 @pytest.fixture
 def wired(sensor):
-    """Return a function that makes a faulty bus with a chip, some time after power-on."""
+    """Return a function that creates a bus with faults and a chip, 1 ms after power-on.
+
+    It returns the bus and its `Faults`.
+    """
 
     def make(**parts):
         bus = I2CBus(chip(sensor, Held(), 0), SimulatedClock(1000.0))
@@ -181,7 +187,7 @@ def test_sda_is_held_until_nine_clocks(wired):
     found = failures(bus, 600)
     assert found[-1] == errno.ETIMEDOUT
     for clock in range(9):
-        assert bus.lines(1, 1) == 0, clock  # asked, and asked again: no clock
+        assert bus.lines(1, 1) == 0, clock  # this call only reads SDA, and is no clock pulse
         bus.lines(0, 1)
         bus.lines(1, 1)
     assert bus.lines(1, 1) == 1
@@ -191,7 +197,7 @@ def test_sda_is_held_until_nine_clocks(wired):
 def test_sda_is_held_for_a_time(wired):
     bus, _ = wired(i2c=BusFaults(sda_low=Moments(at_s=[0.5], last_ms=400)))
     found = np.array(failures(bus, 2000))
-    assert (found == errno.ETIMEDOUT).sum() == 8  # each takes a controller 50 ms
+    assert (found == errno.ETIMEDOUT).sum() == 8  # the timeout of an I2C controller is 50 ms
     assert found[-1] == 0
 
 

@@ -1,4 +1,4 @@
-"""The scenario `fire` with all faults, in simulated and in real time."""
+"""The scenario `fire`, which has all kinds of faults, in simulated and in real time."""
 
 import json
 import struct
@@ -23,7 +23,7 @@ def run(capsys, *arguments, command=main):
 
 @pytest.fixture(scope="module")
 def quiet_fire(tmp_path_factory):
-    """The scenario `fire` with damaged bytes only, without faults of board and bus."""
+    """Path of a scenario like `fire`, but with damaged bytes only: no faults of board and bus."""
     lines = (DATA / "scenarios" / "fire.toml").read_text().split("[faults.i2c]")
     path = tmp_path_factory.mktemp("scenarios") / "quiet.toml"
     path.write_text(lines[0] + "[[touch]]" + lines[1].split("[[touch]]", 1)[1])
@@ -52,8 +52,8 @@ def test_a_minute_of_fire_delivers_nothing_wrong_and_loses_only_what_was_touched
     for keys in ledger["keys"].values():
         assert keys["presses"] == keys["releases"] > 20
         assert keys["stuck"] == keys["down_at_the_end"] == 0
-    # The least is at a start, before the garbage of parsing is collected: 97 kB. With the FIFO's
-    # buffer, the board later has 205 kB.
+    # The least free memory is 97 kB, at a start before the garbage of parsing is collected. Later
+    # the board has 205 kB.
     assert min(ledger["memory"]["board_free_bytes"]) > 90_000
     again = run(capsys, "--hours", str(61 / 3600), "--seed", "3", command=soak_main)
     assert len(ledger["memory"].pop("host")) == len(again["memory"].pop("host")) == 2
@@ -123,7 +123,7 @@ def test_the_audit_finds_a_loss_without_damage():
     assert streams.audit(cut).lost == {"undamaged": 1}
     first = sum(map(len, streams.pieces[:4]))
     end = first + len(streams.pieces[4])
-    for at in (first - 1, first, end - 1):  # the delimiter before it counts
+    for at in (first - 1, first, end - 1):  # the delimiter before a frame belongs to the frame
         assert streams.audit(cut, [at]).lost == {"damaged": 1}
     assert streams.audit(cut, [first - 2]).lost == {"undamaged": 1}
     assert streams.audit(cut, [end]).lost == {"undamaged": 1}
@@ -232,11 +232,11 @@ class Fingers:
 
 def test_a_key_that_outlives_its_finger_by_a_second_is_stuck():
     fingers = Fingers()
-    fingers.at(60.62, 30, True)  # that finger goes at 60.74
+    fingers.at(60.62, 30, True)  # the finger of this key lifts at 60.74
     assert fingers.at(61.73) == 0
     assert fingers.at(61.75) == 1
     assert fingers.at(62.0, 30, False) == 1
-    fingers.at(120.1, 31, True)  # of the last finger of the turn before, gone at 116.32
+    fingers.at(120.1, 31, True)  # the last finger of the previous repetition lifted at 116.32
     assert fingers.at(120.2) == 2
     assert fingers.keys.down == 0
 

@@ -1,4 +1,4 @@
-"""A board that is unplugged and appears again under another name, a hundred times."""
+"""A board that is unplugged and reconnects with another port name, a hundred times."""
 
 import gc
 import itertools
@@ -33,14 +33,14 @@ DEADLINE_S = 120.0
 def hub(monkeypatch):
     with Hub(3) as hub:
         monkeypatch.setattr("spots.link.serial_link.list_ports.comports", hub.ports)
-        # The waits are of the same kind, only shorter.
+        # Shorter times between attempts to reconnect.
         monkeypatch.setattr(absence, "_REOPEN_S", 0.01)
         monkeypatch.setattr(absence, "_REOPEN_MOST_S", 0.05)
         yield hub
 
 
 class Stopping:
-    """A link whose reader gets Ctrl-C when `stopped` is set."""
+    """A link whose `read` raises KeyboardInterrupt (Ctrl-C) when the event `stopped` is set."""
 
     def __init__(self, link):
         self._link = link
@@ -100,7 +100,7 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     reader.start()
 
     def recovered_since(frames, presses, cycle):
-        # The frames of a reconnection are replies, too; only a reading shows the restart.
+        # A reconnection also gives replies; only a new reading shows that the board has restarted.
         return lambda: (
             min(watched.stats.restarts, typed.stats.restarts) >= cycle
             and watched.stats.frames > frames + 10
@@ -153,9 +153,9 @@ def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path
             end()
             there.clear()
             until(lambda: next(board.frames(0.05), None) is None and board.state == LOST)
-            kept.append(pty.openpty())  # whoever comes next gets another name
+            kept.append(pty.openpty())  # occupies the name, so that the next board has another name
             start, end = start_simulator("default", "demo", 0)
-            while start["port"] in names:  # a lower name was free, which another program had
+            while start["port"] in names:  # a name that another program has closed was free again
                 end()
                 kept.append(pty.openpty())
                 start, end = start_simulator("default", "demo", 0)
@@ -176,7 +176,7 @@ def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, monkeypa
         board.touches()
         until(lambda: next(board.frames()))
         monkeypatch.setattr("spots.link.serial_link._usb_numbers", lambda: {mine.name: None})
-        board._link._number = None  # as of a bridge without one: only the board knows it
+        board._link._number = None  # like a USB adapter without serial number
         mine.board_id = "another"
         name = mine.name
         hub.unplug()
@@ -219,7 +219,7 @@ def test_on_windows_reading_does_not_set_up_the_port_anew(monkeypatch):
     assert port.now_s() - begun_s >= 0.05
     os.write(behind, b"some")
     heard = b""
-    while heard != b"some":  # a read may come between its first byte and the others
+    while heard != b"some":  # a read may return only the first bytes
         piece = port.read(10.0)
         assert piece
         heard += piece

@@ -1,4 +1,4 @@
-"""Restarts of a board as a program sees them, with a substitute that restarts on request."""
+"""Restarts of a board and their effects on the host, with a substitute for the board."""
 
 import json
 import math
@@ -28,7 +28,7 @@ from spots_device.decode import DROPPED
 
 
 class StandIn:
-    """A link to a minimal substitute board in simulated time, with a reading every 10 ms."""
+    """A link to a minimal substitute for a board, in simulated time; a reading every 10 ms."""
 
     name = "stand-in"
 
@@ -38,17 +38,17 @@ class StandIn:
         self.streams = []
         self.asked = []
         self.deaf = set()  # commands whose replies are lost
-        self.damaged = Counter()  # number of times that a line does not arrive, by line
+        self.damaged = Counter()  # by command line: how many times it does not arrive
         self.booted_s = 0.0
         self._due = b""
         self.typing = False  # whether keys are sent all the time, as without a stream
-        self.gone = 0  # so many tries find no port
+        self.gone = 0  # number of attempts to open the port that fail
         self.tries_s = []
         self.closed = False
         self.board_id = None
         self.exposure_us = 10_000
         self.lines = []
-        self.replies = {}  # more of what is answered, by command
+        self.replies = {}  # additional items of the replies, by command
 
     def now_s(self):
         return self.time_s
@@ -86,11 +86,11 @@ class StandIn:
         self.streams, self.sequence, self.booted_s = [], 0, self.time_s
 
     def complain(self):
-        """Send a log line, as a board may do at its start."""
+        """Send a log line with an error, as a board may do at its start."""
         self._due += self._frame(3, b'{"log": "error", "text": "stored settings are not used"}')
 
     def lose(self, frames):
-        """Skip as many sequence numbers as if `frames` frames were lost."""
+        """Skip `frames` sequence numbers, as if so many frames were lost."""
         self.sequence = (self.sequence + frames) % 65_536
 
     def close(self):
@@ -216,7 +216,7 @@ def test_replies_that_are_lost_cost_time_and_count_no_restart_twice():
     link.deaf = {"sync"}
     assert list(board.frames(3.0)) == []
     assert link.asked.count("sync") > 3
-    link.deaf = {"stream"}  # it streams, though nobody hears that it does
+    link.deaf = {"stream"}  # the board streams, but its reply to the command is lost
     assert len(reading(board, 20)) == 20
     assert board.stats.restarts == 1
     link.deaf = set()
@@ -280,7 +280,7 @@ def test_a_board_that_comes_back_with_longer_exposures_is_given_their_time():
     link.restart()
     link.gone, link.exposure_us = 3, 1_000_000
     reading(board, 20)
-    link.streams = None  # silent
+    link.streams = None  # sends nothing
     list(board.frames(2.5))
     assert board.state == CONNECTED
     list(board.frames(1.0))
@@ -465,7 +465,7 @@ def test_readings_that_a_program_does_not_take_are_counted_and_flagged(monkeypat
 
 
 class Drifting(StandIn):
-    """A board whose clock runs fast, with a reading every second, behind a slow link."""
+    """A substitute board with a fast clock, a reading every second, and a slow link."""
 
     def __init__(self, ppm):
         super().__init__(0)

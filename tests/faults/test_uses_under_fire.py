@@ -1,7 +1,7 @@
-"""Keys and controller with all faults: no press without a finger, and no stuck key.
+"""Keys and game controller during all kinds of faults: no press without a finger, no stuck key.
 
-Two key engines run in parallel: that of the board, whose reports leave over USB, and that of the
-host, which gets only the frames that have passed the damaged link.
+Two key engines run in parallel: that of the board, which sends USB reports, and that of the host,
+which gets only the frames that arrive undamaged.
 """
 
 import numpy as np
@@ -24,12 +24,12 @@ from spots_sim.scenario import Scenario
 SECONDS = 60.0
 DIGITS = list(range(30, 40))
 LENGTH_UM = 85_000
-SEEN_S = 0.1  # what lasts longer has to be seen
+SEEN_S = 0.1  # longer touches must cause a key press
 LATE_S = 0.06
 
 
 class Timed:
-    """Key events with their times of arrival."""
+    """A keyboard that records key events with their times."""
 
     def __init__(self, now_s):
         self._now_s = now_s
@@ -40,7 +40,7 @@ class Timed:
 
 
 class Run:
-    """A minute of the scenario `fire`."""
+    """One minute of the scenario `fire` on a virtual board; records all key events and states."""
 
     def __init__(self, sensor, calibration, seed, folder):
         file = load(ScenarioFile, "fire")
@@ -53,8 +53,8 @@ class Run:
         with Board(FaultyLink(link, faults)) as board:
             prepare(board, calibration)
             push(board, load_layout("digits"))
-            board.command("stream off")  # or `frames` starts all
-            board.command("reboot")  # to be a USB keyboard
+            board.command("stream off")  # without this command, `frames` would start all streams
+            board.command("reboot")  # the board becomes a USB keyboard at its start
             for _ in board.frames(1.0):
                 pass
             prepare(board, calibration)
@@ -99,7 +99,7 @@ def run(request, sensor, calibration, tmp_path_factory):
 
 
 def under(run, now_s):
-    """Return the keys that fingers touch at about the time `now_s`."""
+    """Return the keys (characters) that fingers touch at `now_s` or up to `LATE_S` before it."""
     moments = np.arange(now_s - LATE_S, now_s + 0.005, 0.005)
     found = set()
     for moment in moments:
@@ -144,7 +144,7 @@ def seen(events_s, touch):
 
 
 def test_every_press_is_seen_on_the_host_and_on_the_board(run):
-    """Each press is longer than the longest burst, and not completely inside a brown-out."""
+    """Each touch is longer than the longest burst of damage, and not completely in a brown-out."""
     presses_s = [now_s for now_s, _, pressed in run.host.events if pressed]
     reports_s = [now_s for now_s, usage in run.reports if usage]
     played = [

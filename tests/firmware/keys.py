@@ -1,4 +1,4 @@
-"""A keypad in CPython, which gets a reading every 10 ms and records its events."""
+"""Runs the firmware's keypad in CPython, with a reading every 10 ms, and records its events."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from spots_device.keypad import Keypad
 from spots_device.layout import KEYBOARD, LIMITS, Layout, action
 
 LENGTH_UM = 100_000
-DECAY = 289  # of the default dye
+DECAY = 289  # attribute `Calibration.decay` of the default strip
 READING_MS = 10
 
 
 def letter(usage, modifiers=0):
-    """Return the action of a keyboard key."""
+    """Return the action (int) that presses the keyboard key `usage`."""
     return action(KEYBOARD, usage, modifiers)
 
 
 def key(low, high, tap=0, double=0, hold=0, firm=0, minus=0, plus=0):
-    """Return the line of a key."""
+    """Return the line ``key`` of a layout, see `spots_device.layout`."""
     return f"key {low} {high} {tap} {double} {hold} {firm} {minus} {plus}"
 
 
@@ -39,7 +39,7 @@ class Desk:
         self.events = []
         self.modifiers = []
         self.rests = 0
-        self.now_ms = (TICKS * 1024 // 1000) - 300  # about to wrap
+        self.now_ms = (TICKS * 1024 // 1000) - 300  # the ticks wrap after 300 ms
         self.pad = Keypad(self)
         self.pad.set_layout(Layout(lines), number(length_um), number(decay))
         self.lift(60)
@@ -53,42 +53,42 @@ class Desk:
         self.rests += 1
 
     def read(self, flags, x_um=0, force_mN=0):
-        """Process one reading."""
+        """Give the keypad a reading with position in um and force in mN; advance the time."""
         t = self._number(self.now_ms * 1000 // 1024 % TICKS)
         number = self._number
-        # 0.4 counts a millinewton, as on the default strip.
+        # 0.4 counts for each millinewton, as on the default strip.
         brightness = round(math.log2(max(0.4 * int(force_mN), 1)) * (1 << 20))
         self.pad.take(number(flags), number(x_um), number(force_mN), number(brightness), t)
         self.pad.tick(t)
         self.now_ms += READING_MS
 
     def press(self, x_mm, milliseconds=60, force_mN=1000, flags=TOUCHING):
-        """Hold a finger at a position."""
+        """Press at a position for a time; the finger then still touches."""
         for _ in range(milliseconds // READING_MS):
             self.read(flags, int(1000 * x_mm), force_mN)
 
     def slide(self, from_mm, to_mm, milliseconds):
-        """Slide a finger that already touches."""
+        """Slide a finger that already touches; the finger then still touches."""
         steps = milliseconds // READING_MS
         for i in range(steps):
             self.press(from_mm + (to_mm - from_mm) * (i + 1) / steps, READING_MS)
 
     def lift(self, milliseconds=60):
-        """Lift the finger, and wait."""
+        """Lift the finger, and wait for a time."""
         for _ in range(milliseconds // READING_MS):
             self.read(TOO_DARK)
 
     def tap(self, x_mm, milliseconds=60, gap_ms=60, **options):
-        """Press, lift, and wait."""
+        """Press for `milliseconds`, lift, and wait for `gap_ms`."""
         self.press(x_mm, milliseconds, **options)
         self.lift(gap_ms)
 
 
 def clicks(*usages):
-    """Return the events of keys that are pressed and released one after the other."""
+    """Return the events (usage, pressed) of keys that are typed one after the other."""
     return [event for usage in usages for event in ((usage, True), (usage, False))]
 
 
 def limit(name):
-    """Return the default value of a limit."""
+    """Return the default value of a statement in `layout.LIMITS`."""
     return LIMITS[name][2]

@@ -1,7 +1,8 @@
-"""Times of the samples of several strips on a slow loop: all within 20 us one second after a start.
+"""Times of the samples of several strips: errors below 20 us, one second after the start.
 
-The loop is a model of `several.SeveralApp` on a Pico, with the real choice of the next strip. The
-chips are ideal except for their oscillators. `tests/board/test_two_strips.py` tests a whole board.
+The tests use a model of the loop of `several.SeveralApp` on a Pico, with the firmware's choice of
+the next strip. The chips are ideal except for their oscillators. `tests/board/test_two_strips.py`
+tests a whole board.
 """
 
 import math
@@ -15,9 +16,9 @@ from spots_device.aligned import AlignedPacing
 from spots_device.several import _AHEAD_US, SeveralApp
 
 LATCH_US = 75  # START, two addresses and a register number at 400 kHz
-LEVEL_US = 147  # read of a byte: level of the FIFO, or ASTATUS
-READ_US = 124  # read of samples, without their bytes
-SAMPLE_US = 270  # the bytes of a sample
+LEVEL_US = 147  # transfer of one byte: level of the FIFO, or ASTATUS
+READ_US = 124  # overhead of the transfer of samples
+SAMPLE_US = 270  # part of this transfer for the bytes of a sample
 # Processor time of a pass and of a sample of a pressed strip, see data/cpus.toml.
 PASS_US = 465
 TAKE_US = 1_120
@@ -27,7 +28,7 @@ SETTLED_US = 1_000_000
 
 
 class Strip:
-    """A chip that samples every `period_us`, with a drift in ppm/s, and the board's state of it."""
+    """A chip that samples periodically, with a drift in ppm/s, and the board's `AlignedPacing`."""
 
     def __init__(self, now, nominal_us, percent, first_us, ppm_per_s=0):
         self.pacing = AlignedPacing(SmallClock)
@@ -47,7 +48,7 @@ class Strip:
 
 
 class Loop:
-    """The loop of a board, whose processor time is that of a Pico."""
+    """The loop of a board with several strips, with the processor time of a Pico."""
 
     def __init__(self, strips, seed=0, now=WRAP - 700_000.0):
         self.strips, self.now, self.random = strips(now), now, random.Random(seed)

@@ -1,4 +1,4 @@
-"""The application around the sample path: memory that runs out, and a sensor that returns."""
+"""The firmware's application: commands, lack of memory, failed transfers, and a lost sensor."""
 
 import json
 
@@ -43,7 +43,7 @@ class Usb:
 
 
 class Host(canned.Serial):
-    """A substitute port, on which a host sends lines and reads the replies."""
+    """Substitute for a serial port, through which a test sends lines and reads the replies."""
 
     def __init__(self):
         super().__init__()
@@ -57,7 +57,7 @@ class Host(canned.Serial):
 
 
 class Board:
-    """The application with a substitute sensor, and a host that sends commands."""
+    """The firmware's application with a substitute for the sensor's bus, and a `Host`."""
 
     def __init__(self, settings=(), usb=None, calibration=()):
         self.host = Host()
@@ -68,7 +68,7 @@ class Board:
             self.command("set " + word)
 
     def command(self, line):
-        """Send a line; return the first reply."""
+        """Send a command line; return the first reply, or None without a reply."""
         del self.replies[:]
         self.host.sent = line.encode() + b"\n"
         while self.host.sent:
@@ -76,14 +76,14 @@ class Board:
         return self.replies[0] if self.replies else None
 
     def lose(self):
-        """Unplug the sensor and let the board notice."""
+        """Unplug the sensor, and run the board until it detects this fault."""
         self._registers = self.bus.read_into
         self.bus.read_into = self._refuse
         while not self.app.reconnect.fault:
             self.app.step()
 
     def find(self):
-        """Plug the sensor in again, and let the board take samples."""
+        """Plug the sensor in again, and run the board until it has a sample."""
         self.bus.read_into = self._registers
         while self.app.reconnect.fault:
             self.app.step()
@@ -98,14 +98,14 @@ def store(tmp_path, monkeypatch):
 
 
 class FailingBus(canned.Bus):
-    """A bus on which one transfer fails.
+    """A `canned.Bus` on which one transfer fails.
 
     Parameters
     ----------
     clock : canned.Clock
         Clock of the board.
     transfers : int
-        Number of transfers before the failure; 0 or less afterwards.
+        Number of transfers before the failure. It counts down; 0 or less after the failure.
     """
 
     def __init__(self, clock, transfers):
@@ -179,7 +179,7 @@ def test_a_search_without_memory_leaves_room_for_the_next_one(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(Search, "__init__", full)
         assert "no memory is left" in board.command("auto")["error"]
-    assert board.command("dark") is None  # answered when it is done
+    assert board.command("dark") is None  # the reply comes after the dark frame
     while not board.replies:
         board.app.step()
     assert board.replies[0]["re"] == "dark"
@@ -239,7 +239,7 @@ def test_a_reply_without_memory_does_not_end_the_loop(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(json, "dumps", scarce)
         board.command("get")
-    assert board.host.frames > frames  # an answer, not silence
+    assert board.host.frames > frames  # the board replies in spite of the lack of memory
     assert b"no memory" in bytes(board.host.last[: board.host.size])
 
 
@@ -268,7 +268,7 @@ def test_commands_leave_most_of_their_garbage_for_a_later_collection(monkeypatch
     board.command("cal begin")
     begun = len(collections)
     board.command("cal x 1 2 3 4")
-    assert len(collections) > begun  # what is kept must not be scattered over the heap
+    assert len(collections) > begun  # uploaded lines must not be scattered over the heap
     begun = len(collections)
     board.app.use_calibration(LINES)
-    assert len(collections) == begun + 1  # parsing makes more garbage than all these commands
+    assert len(collections) == begun + 1  # parsing produces more garbage than all these commands

@@ -71,7 +71,7 @@ def test_between_two_strains_everything_goes_in_straight_lines():
 
 @pytest.mark.parametrize("strain_ppm", [-1, 100_001])
 def test_a_strain_beyond_the_known_ones_is_refused(strain_ppm):
-    with pytest.raises(CalibrationError, match="covers 0 to 100000"):
+    with pytest.raises(CalibrationError, match="strain_ppm from 0 to 100000"):
         Calibration(GOOD, strain_ppm)
 
 

@@ -1,4 +1,4 @@
-"""The compensation of hysteresis and creep: exact, within 31 bits, off without its line."""
+"""The compensation of hysteresis and creep: exact, within 31 bits, off without ``silicone``."""
 
 import math
 
@@ -14,7 +14,11 @@ ONE = 4096
 
 
 def compensation(gain=ONE, play=(300, 0), creep=(1000, 0)):
-    """Return a compensation with a single play operator and a single part of the creep."""
+    """Return a compensation with only one play operator and one part of the creep.
+
+    `gain`, and the second values of `play` and `creep`, are in Q12. The first value of `play` is
+    the operator's half width in mN, that of `creep` its time constant in ms.
+    """
     return Compensation((gain, play[0], 0, 0, play[1], 0, 0, creep[0], 1, 1, creep[1], 0, 0))
 
 

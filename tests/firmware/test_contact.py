@@ -1,4 +1,4 @@
-"""Readings become touches: noise gives no touch, one finger gives one, two fingers give two."""
+"""Readings become touches: noise causes no touch, and each finger causes one touch."""
 
 import math
 
@@ -67,7 +67,7 @@ def test_a_lift_is_believed_after_a_time_and_a_bounce_is_none():
 
 
 def test_a_lift_lasts_since_the_last_reading_of_the_finger():
-    # Each reading is of the 10 ms before its end: two readings without light are a lift of 20 ms.
+    # A reading measures the last 10 ms, so two readings without light are a lift of 20 ms.
     desk = Desk(*THREE, "release_ms 15")
     desk.press(10)
     desk.lift(10)
@@ -124,7 +124,7 @@ def test_a_quick_second_tap_may_miss_its_key_by_a_little():
     desk.tap(32.9 + 0.2)
     desk.tap(33 - slack_mm + 0.1)
     desk.lift(1000)
-    desk.tap(33 - slack_mm + 0.1)  # between the keys, and no second tap
+    desk.tap(33 - slack_mm + 0.1)  # between the keys, so this is not a second tap
     assert desk.events == clicks(B, B)
 
 
@@ -178,7 +178,10 @@ def test_without_a_limit_a_finger_may_rest():
 
 
 def blend(first, second):
-    """Return the position where the light of two fingers (position in mm, force in mN) appears."""
+    """Return the position in mm and the force in mN that a reading of two fingers has.
+
+    `first` and `second` are (position in mm, force in mN). The equations are those of `second`.
+    """
     (a_mm, a_mN), (b_mm, b_mN) = first, second
     nepers = DECAY / 2**24 * 1000 * math.log(2) * (b_mm - a_mm)
     share = 1 / (1 + a_mN / b_mN * math.exp(nepers))
@@ -187,7 +190,7 @@ def blend(first, second):
 
 
 def together(desk, first, second, milliseconds, flags=TOUCHING):
-    """Hold two fingers (position in mm, force in mN), whose light appears between them."""
+    """Press with two fingers (position in mm, force in mN) for a time; see `blend`."""
     x_mm, force_mN = blend(first, second)
     desk.press(x_mm, milliseconds, force_mN, flags)
 
@@ -196,7 +199,10 @@ ROLLED = [(A, True), (C, True), (A, False), (C, False)]
 
 
 def rollover(desk, doubt=0):
-    """Press a second finger before the first one leaves; return the second finger's position."""
+    """Press with a second finger before the first one lifts; return the second position in mm.
+
+    `doubt` are additional flags of the readings of both fingers.
+    """
     # The spectrum of two fingers far from each other does not fit one press.
     a_mm, b_mm = (10, 80) if doubt else (28, 74)
     desk.press(a_mm, 60)
@@ -324,7 +330,7 @@ def test_a_third_finger_presses_its_key_again_when_it_comes_again():
 
 
 def test_a_finger_that_begins_softly_on_a_weak_dye_is_one_finger():
-    # The position of the soft reading is 1.1 mm off: half the decay, twice the noise.
+    # The first, soft reading has an error of 1.1 mm: half the decay causes twice the noise.
     desk = Desk(*THREE, length_um=85_000, decay=DECAY // 2)
     desk.press(77.8, 10, 144, flags=0)
     desk.press(72.7, 10, 1050)
@@ -336,7 +342,7 @@ def test_a_finger_that_begins_softly_on_a_weak_dye_is_one_finger():
 
 
 def test_two_estimates_within_8_ms_do_not_confirm_each_other(monkeypatch):
-    # While the first finger lifts and the second one comes, two estimates can be equal by chance.
+    # While the first finger lifts and the second one arrives, two estimates can be equal by chance.
     monkeypatch.setattr(keys, "READING_MS", 5)
     desk = Desk(*THREE)
     desk.press(50, 60)
@@ -346,7 +352,7 @@ def test_two_estimates_within_8_ms_do_not_confirm_each_other(monkeypatch):
 
 
 def test_on_a_drifted_strip_no_key_between_two_fingers_is_pressed():
-    # The spectrum of each finger does not fit one press, but that of both does.
+    # The spectrum of a single finger does not fit one press, but that of two fingers does.
     desk = Desk(*THREE)
     desk.press(85, 60, flags=TOUCHING | MISFIT | TOO_DARK)
     for force_mN in (400, 800, 1000):
@@ -367,7 +373,7 @@ def test_of_two_fingers_that_lift_at_once_no_key_between_them_is_pressed():
 
 
 def change(desk, at_mm, *forces_mN):
-    """Hold two fingers, whose forces in mN change with each reading."""
+    """Press with two fingers at the positions `at_mm`; each pair of forces in mN is a reading."""
     for first_mN, second_mN in forces_mN:
         together(desk, (at_mm[0], first_mN), (at_mm[1], second_mN), 10)
 
@@ -391,7 +397,7 @@ def test_a_second_finger_that_leaves_before_it_was_alone_is_typed():
 
 
 class Contacts:
-    """Contacts of a desk's fingers, as in CONTACT frames: number, state and position in mm."""
+    """Records CONTACT frames as (number of the finger, state, position in mm)."""
 
     def __init__(self, desk):
         self.sent = []

@@ -1,4 +1,4 @@
-"""The dark frame: a mean of windows, which restarts if the light has changed."""
+"""The dark frame: a mean of dark windows, which restarts if the ambient light has changed."""
 
 import random
 from array import array
@@ -30,7 +30,10 @@ def Dark():
 
 
 def window(dark, counts):
-    """Take a dark window of these counts, or of the counts that a function returns per sample."""
+    """Take a dark window; return its number of samples.
+
+    `counts` are the six counts of each sample, or a function that returns them for each sample.
+    """
     dark.begin(EXPOSURE_US)
     samples = 1
     while not dark.add(counts() if callable(counts) else counts):
@@ -147,7 +150,7 @@ def test_a_check_is_one_window_and_keeps_the_mean(dark_every):
     window(dark, [5] * 6)
     dark.schedule(EXPOSURE_US, dark_every)
     if dark_every:
-        window(dark, [9] * 6)  # a single sample, which the check discards
+        window(dark, [9] * 6)  # a single dark sample, which the next window must not include
     dark.state[WANTED] = CHECK
     assert window(dark, [6] * 6) == _WINDOW_SAMPLES
     assert mean(dark) == [5.5] * 6
@@ -197,7 +200,7 @@ def test_a_pressed_strip_takes_single_dark_samples_if_told():
         state[IDLE_US] = 0
         blinks = 0
         for _ in range(40):
-            state[IDLE_US] = state[ODD_US] = 0  # as if touched by one finger
+            state[IDLE_US] = state[ODD_US] = 0  # as during the touch of one finger
             blinks += board.run(0.5)
         assert least <= blinks <= most
 

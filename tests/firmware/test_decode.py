@@ -1,4 +1,4 @@
-"""Dot products, tables and flags: exact, within 31 bits, never a wrong position."""
+"""Decoding of readings: exact dot products and tables, within 31 bits; no wrong position."""
 
 import itertools
 from fractions import Fraction
@@ -157,7 +157,7 @@ def test_a_misfit_that_every_press_has_is_untrusted_but_good_for_a_key(decoder, 
     assert seen == [KEY] * 8
 
 
-FAINT = [count * 8 // 100 for count in LIT]  # a touch, but too noisy to show a drift
+FAINT = [count * 8 // 100 for count in LIT]  # a touch that is too noisy to measure a drift
 
 
 def test_a_faint_reading_does_not_change_the_drift(decoder):
@@ -166,7 +166,7 @@ def test_a_faint_reading_does_not_change_the_drift(decoder):
         for _ in range(8):
             decoder.update(LIT, 1, NO_DARK, 0)
         decoder.update(NO_DARK, 1, NO_DARK, 0)
-    shifted(decoder, 60)  # the noise of a faint reading
+    shifted(decoder, 60)  # as much as the noise of a faint reading
     for _ in range(8):
         decoder.update(FAINT, 1, NO_DARK, 0)
         assert decoder.flags == decode.TOUCHING
@@ -207,7 +207,7 @@ def test_a_misfit_too_large_for_a_drift_is_good_for_nothing(decoder):
         decoder.update(NO_DARK, 1, NO_DARK, 0)
 
 
-WEAK = [count * 30 // 100 for count in LIT]
+WEAK = [count * 35 // 100 for count in LIT]
 
 
 def test_light_that_fits_no_press_begins_a_touch_at_four_times_the_force(decoder):
@@ -265,7 +265,7 @@ def test_without_a_calibration_nothing_is_claimed():
 def test_touch_has_hysteresis(decoder, calibration):
     begin, end = decoder.calibration.touch_on_mN, decoder.calibration.touch_off_mN
     seen = []
-    shares = list(range(60, 2, -1))  # of a firm press, in 1/100
+    shares = list(range(60, 2, -1))  # light as a percentage of that of a firm press
     for share in shares + shares[::-1]:
         decoder.update([count * share // 100 for count in LIT], 1, NO_DARK, 0)
         seen.append((decoder.force_mN, bool(decoder.flags & decode.TOUCHING)))

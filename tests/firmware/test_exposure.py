@@ -21,7 +21,7 @@ def test_the_registers_come_nearest_and_are_allowed(exposure_us):
 
 
 @given(st.integers(exposure.MIN_US, exposure.MAX_US))
-@example(546_562)  # rounded up, more than three cycles can be
+@example(546_562)  # is rounded up to more than three cycles allow
 @example(910_937)
 def test_the_nearest_exposure_is_its_own_nearest(exposure_us):
     actual_us = exposure.actual_us(*exposure.registers(exposure_us))
@@ -37,7 +37,7 @@ def test_no_current_is_not_the_largest_current():
 
 
 class Strip:
-    """Light of a strip for a search; the gain steps are not exact powers of two."""
+    """Simulated light for the search of settings; the gain steps are not exact powers of two."""
 
     GAIN = (0.5, 1, 2, 4.1, 8, 16, 32, 64, 128, 253, 496)
 

@@ -1,4 +1,4 @@
-"""The baseline follows the untouched strip's light: slowly if it grows, quickly if it falls."""
+"""The baseline follows the light of the untouched strip: slowly up, quickly down."""
 
 from spots_device.decode import DARK, FLOOR, FOLLOWS, IDLE_US, REST, SAMPLES, SHIFT, SUMS, Decode
 from spots_device.kernel import SETTLED_US, _follow
@@ -7,9 +7,22 @@ Q = 10  # from counts in Q12 to sums over four samples
 
 
 def followed(level, start=0, dark=4, readings=1, at_once=False):
-    """Return the baseline after some readings with sums of `level` counts in every channel.
+    """Return the baseline after some readings with the same light.
 
-    `start` is the baseline before, `dark` the dark frame; all are sums over four samples.
+    All light is a sum of counts over four samples, equal in all channels.
+
+    Parameters
+    ----------
+    level : int
+        Light of the readings.
+    start : int
+        Baseline before the readings.
+    dark : int
+        Dark frame.
+    readings : int
+        Number of readings.
+    at_once : bool
+        Whether each reading becomes the baseline immediately.
     """
     state = Decode().state
     state[SAMPLES], state[SHIFT], state[IDLE_US] = 1, Q, SETTLED_US

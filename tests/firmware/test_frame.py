@@ -1,4 +1,4 @@
-"""Frames of the firmware, compared with independent encoders and the bytes of the protocol."""
+"""Frames of the firmware: compared with other encoders, and with the bytes in docs/protocol.md."""
 
 import struct
 import zlib
@@ -106,7 +106,7 @@ def test_a_dropped_frame_is_counted_numbered_and_flagged():
     port.takes = True
     made.touch(0, reading(flags=0))
     made.touch(0, reading(flags=0))
-    # A delimiter ends whatever of the dropped frame got through.
+    # A delimiter ends the part of the dropped frame that may have arrived.
     assert [sent[0] == 0 for sent in port.sent] == [False, True, False]
     payloads = [cobs.decode(sent.strip(b"\0")) for sent in port.sent]
     assert [struct.unpack_from("<H", p, 1)[0] for p in payloads] == [0, 2, 3]

@@ -1,4 +1,4 @@
-"""Readings move a gamepad's axes, in 31-bit integers."""
+"""Readings move the axes of a gamepad; all integers fit 31 bits."""
 
 import pytest
 from hypothesis import given

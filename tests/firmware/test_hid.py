@@ -1,4 +1,4 @@
-"""Reports reach the host completely, once and in order, or not at all; no key stays pressed."""
+"""USB reports: the host gets each report at most one time and in order; no key stays pressed."""
 
 import importlib
 import sys
@@ -27,7 +27,7 @@ SHIFT, ALT = 2, 4
 
 
 class Host:
-    """Accepts or refuses reports as the test sets it, and stores the accepted ones."""
+    """A USB host that refuses reports when the test says so, and stores the accepted reports."""
 
     def __init__(self, takes=True):
         self.takes = takes
@@ -56,7 +56,7 @@ def report(*usages, modifiers=0):
 
 
 def pressed(reports):
-    """Return, for each report, the set of pressed keys."""
+    """Return the set of pressed keys in each keyboard report."""
     return [frozenset(one[2:]) - {0} for one in reports]
 
 
@@ -102,7 +102,7 @@ def test_the_last_media_key_counts():
     keys = ConsumerReports(host.send)
     keys.key(0xE9, True)
     keys.key(0x1B5, True)
-    keys.key(0xE9, False)  # it is up already
+    keys.key(0xE9, False)  # this key is released already
     keys.key(0x1B5, False)
     drain(keys.outbox)
     assert host.got == [b"\xe9\0", b"\xb5\x01", b"\0\0"]
@@ -297,7 +297,7 @@ def test_a_gamepad_lets_go_and_begins_again():
 
 
 def items(descriptor):
-    """Return a report descriptor's short items: type and tag, value."""
+    """Return the short items of a report descriptor as (type and tag, value)."""
     found, at = [], 0
     while at < len(descriptor):
         size = (0, 1, 2, 4)[descriptor[at] & 3]
@@ -309,7 +309,10 @@ def items(descriptor):
 
 
 def bits(descriptor, wanted):
-    """Return how many bits of reports a descriptor describes: 0x80 input, 0x90 output."""
+    """Return the number of bits in the reports of a descriptor.
+
+    `wanted` is 0x80 for input reports, 0x90 for output reports.
+    """
     size = count = total = 0
     for tag, value in items(descriptor):
         size = value if tag == 0x74 else size
@@ -335,7 +338,7 @@ def test_a_report_id_stands_inside_the_collection():
 
 @pytest.fixture
 def adafruit_keyboard(monkeypatch):
-    """The module of Adafruit's keyboard, whose reports are known to work with hosts."""
+    """Module `adafruit_hid.keyboard`, whose reports are known to work with computers."""
     usb_hid = SimpleNamespace(Device=None)
     monkeypatch.setitem(sys.modules, "usb_hid", usb_hid)
     return importlib.import_module("adafruit_hid.keyboard")
@@ -347,7 +350,7 @@ def test_a_keyboard_reports_what_adafruits_does(adafruit_keyboard):
         usage_page=1, usage=6, send_report=lambda report: theirs.append(bytes(report))
     )
     peer = adafruit_keyboard.Keyboard([device])
-    theirs.clear()  # it begins with a release
+    theirs.clear()  # Adafruit's keyboard sends a release report at its start
     keys, host = keyboard()
     shift = adafruit_keyboard.Keycode.LEFT_SHIFT
     peer.press(A)

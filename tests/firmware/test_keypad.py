@@ -1,4 +1,4 @@
-"""Touches on keys give the actions of the layout, and no key stays pressed."""
+"""Touches on keys cause the actions of the layout, and no key stays pressed."""
 
 import pytest
 from hypothesis import given, settings
@@ -27,7 +27,10 @@ PLAIN = key(500, 1000, letter(B))
 
 
 def one(*keys, **statements):
-    """Return a desk whose layout has one layer."""
+    """Return a `Desk` with a layout of one layer with these keys.
+
+    `statements` are further statements of the layout, such as ``firm_ms=80``.
+    """
     lines = [f"{name} {value}" for name, value in statements.items()]
     return Desk(*lines, "layer 0 0", *keys)
 
@@ -53,7 +56,7 @@ def test_between_keys_there_is_none():
         desk.tap(x_mm)
     assert desk.events == []
     desk.press(50)
-    desk.slide(50, 70, 200)  # which is where it was meant to go
+    desk.slide(50, 70, 200)  # the touch began between two keys, and reaches a key
     desk.slide(70, 20, 200)
     desk.lift()
     assert desk.events == clicks(B)
@@ -139,7 +142,7 @@ def test_a_firm_press_is_another_level_decided_when_it_gets_firm():
     desk.tap(50, 40)
     assert desk.events == clicks(D, A)
     desk.press(50, limit("firm_ms") + 40)
-    desk.press(50, 100, force_mN=9000)  # too late: it has been typed
+    desk.press(50, 100, force_mN=9000)  # too late for a firm press: the tap was typed already
     assert desk.events[4:] == [(A, True)]
 
 
@@ -216,7 +219,7 @@ def test_a_layer_that_stays_until_it_is_switched_off():
 def test_a_layer_while_its_key_is_held():
     desk = layers(MOMENTARY)
     desk.press(20, 100)
-    desk.press(80, 100)  # the next finger is there when the first one leaves
+    desk.press(80, 100)  # the next finger already touches when the first one lifts
     desk.lift()
     desk.tap(80)
     desk.tap(20)
@@ -348,16 +351,16 @@ def test_whatever_comes_no_key_is_doubled_or_stays_in_integers_of_31_bits(flavou
 
 @st.composite
 def taps(draw):
-    """Return random taps on ten keys: position, force, duration and unsteadiness of each."""
+    """Return random taps on ten keys, as tuples of the values that are listed here."""
     hands = st.tuples(
         st.integers(0, 9),
-        st.floats(0.12, 0.88),  # where on the key
-        st.integers(600, 9_000),  # how hard
-        st.integers(0, 3),  # readings on the way to full force, and back
+        st.floats(0.12, 0.88),  # position on the key, as a share of its width
+        st.integers(600, 9_000),  # force in mN
+        st.integers(0, 3),  # readings while the force rises, and while it falls
         st.integers(3, 30),  # readings at full force
-        st.integers(5, 60),  # readings until the next one
-        st.integers(-250, 250),  # how the place of a single reading may be off, um
-        st.booleans(),  # whether the first reading, with little light, is doubted
+        st.integers(5, 60),  # readings until the next tap
+        st.integers(-250, 250),  # position error of a single reading, um
+        st.booleans(),  # whether the first reading, with little light, is untrusted
     )
     return draw(st.lists(hands, min_size=1, max_size=12))
 
@@ -456,7 +459,7 @@ THREE_KEYS = (
 
 
 def two_fingers(*lines):
-    """Return a desk with a finger at 10 mm, and a second one at 80 mm that presses its key."""
+    """Return a `Desk` with a finger at 10 mm, and a second finger at 80 mm that presses a key."""
     desk = Desk(*lines)
     desk.press(10)
     assert desk.pad.second(80_000, 2_000, 0)

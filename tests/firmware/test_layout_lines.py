@@ -1,4 +1,4 @@
-"""A layout is accepted if it is completely valid, or refused with a sentence."""
+"""Layouts on a board: only completely valid layouts are accepted; errors are a sentence."""
 
 import pytest
 from hypothesis import given

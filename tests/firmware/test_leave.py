@@ -1,4 +1,4 @@
-"""Ctrl-C at any moment, even twice: no key stays pressed, and Ctrl-C works afterwards."""
+"""Ctrl-C at any moment, even two times: no key stays pressed, and Ctrl-C works afterwards."""
 
 import sys
 
@@ -14,7 +14,7 @@ REFUSALS = 3
 
 
 class Usb:
-    """A keyboard's endpoint that is full for the first offers of a release."""
+    """Substitute for a USB keyboard: refuses a number of release reports, stores other reports."""
 
     def __init__(self):
         self.got = []
@@ -32,10 +32,10 @@ class Usb:
 
 
 class Interrupts:
-    """Raises KeyboardInterrupt at the given events of the firmware's code, counted from `arm` on.
+    """Raises KeyboardInterrupt at events of the firmware's code with given numbers.
 
-    Events are executed lines; in the functions that protect other functions from interrupts, every
-    bytecode is an event.
+    Events are counted after the call of `arm`. An event is an executed line; in functions that
+    protect other functions from interrupts, it is an executed bytecode.
     """
 
     GUARDS = ("run", "_leave")
@@ -69,12 +69,16 @@ class Interrupts:
 
 @pytest.fixture(autouse=True)
 def _no_collection(monkeypatch):
-    """Skip the garbage collection at a start, which takes most of the time of such a test."""
+    """Skip the garbage collection at a start, which would take most of the time of these tests."""
     monkeypatch.setattr(app_module.gc, "collect", lambda: None)
 
 
 def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
-    """Interrupt a board while a key is pressed; return its USB, and the interrupts raised."""
+    """End the loop of a board by an error while a key is pressed, and interrupt its exit.
+
+    `at` are the numbers of events at which the exit is interrupted. Returns the `Usb` and the
+    `Interrupts`.
+    """
     monkeypatch.chdir(tmp_path)
     if not (tmp_path / "settings.txt").exists():
         app_module.save_lines("settings.txt", ["keys=1"])

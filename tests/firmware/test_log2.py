@@ -1,4 +1,4 @@
-"""log2 in Q20: within one unit over every argument, inside 31 bits."""
+"""log2 in Q20: error of at most one unit for every argument, integers within 31 bits."""
 
 import math
 
@@ -19,7 +19,7 @@ def test_every_16_bit_count_is_within_one_unit():
 
 
 def test_samples_up_to_24_bits_are_within_one_unit():
-    # 4999 is prime: every phase of the table's steps comes up.
+    # 4999 is prime, so the arguments are at all positions between two entries of the table.
     assert max(error_units(n) for n in range(1 << 16, log2.LIMIT + 1, 4999)) <= 1
     assert max(error_units(n) for n in range(log2.LIMIT - 5000, log2.LIMIT + 1)) <= 1
 

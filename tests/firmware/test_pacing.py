@@ -1,4 +1,4 @@
-"""The schedule of polls: no sample is missed or read twice, and few polls are early."""
+"""The schedule of polls: no sample is missed or read two times, and few polls are early."""
 
 import random
 
@@ -13,28 +13,28 @@ LATCH_US = 75  # from the beginning of a poll to the moment at which the chip la
 
 
 class Run:
-    """A sensor that samples every `true_us`, polled when `Pacing` says so."""
+    """A simulated sensor that samples every `true_us`, and is polled at the times of `Pacing`."""
 
     def __init__(self, nominal_us, true_us, started_us=WRAP - 50_000, first_us=15_000):
         self.pacing = Pacing(SmallClock)
         self.now = started_us
         self.true_us = true_us
         self.origin = self.now + first_us
-        self.taken = 0  # index of the sample read last, as the sensor counts
+        self.taken = 0  # number of the last sample that was read, counted by the sensor
         self.polls = 0
-        self.samples = []  # (index, error of its stamp in us)
+        self.samples = []  # (number, error of its estimated time in us)
         self.slacks_us = []
         self.pacing.start(SmallInt(self.now % WRAP), nominal_us)
 
     def restart(self, nominal_us, true_us):
-        """Continue with another sample period, on the same oscillator."""
+        """Restart the sensor with other periods in us: nominal, and true; same oscillator."""
         self.true_us, self.taken, self.samples = true_us, 0, []
         self.origin = self.now + 15_000
         self.learn()
         self.pacing.start(SmallInt(self.now % WRAP), nominal_us)
 
     def learn(self):
-        """Update the oscillator's deviation, in integers of any size."""
+        """Update the oscillator's deviation as `Pacing.learn`, with integers of any size."""
         pacing = self.pacing
         pacing.lasted_us, pacing.longest_us = int(pacing.lasted_us), int(pacing.longest_us)
         pacing.learn()
@@ -100,7 +100,7 @@ def test_a_stall_loses_samples_but_never_misdates_one():
         run.poll(late_us=rng.choice([0] * 50 + [500, 2_000, 9_000, 15_000, 200_000]))
     indices = [index for index, _ in run.samples]
     assert len(set(indices)) == len(indices)
-    # Two stalls in a row look like a slow loop, whose samples are used with a slack.
+    # Two stalls in a row look like a slow loop, whose samples are used although they are uncertain.
     coarse = [slack > 2000 for slack in run.slacks_us]
     assert sum(coarse) < 0.15 * len(coarse)
     for (_, error), slack_us in zip(run.samples, run.slacks_us):
@@ -111,7 +111,7 @@ def test_a_stall_loses_samples_but_never_misdates_one():
 def test_a_drifting_oscillator_is_followed():
     run = Run(10_000, 10_000)
     for step in range(20_000):
-        if step % 100 == 0:  # a warming chip: 0.5 % over the run, without a jump in phase
+        if step % 100 == 0:  # a warming chip: 0.5 % during the test, without a jump of the phase
             true_us = 10_000 - step / 400
             run.origin += run.taken * (run.true_us - true_us)
             run.true_us = true_us
@@ -136,7 +136,7 @@ def test_a_loop_of_any_speed_reads_what_it_can_and_counts_the_rest(
         run.poll()
         run.now += used_us - BURST_US - CLEAR_US if run.taken > taken else vain_us
     ended = run.samples[-1][0]
-    # A loop near its limit cannot but ask in vain now and then.
+    # A loop that is almost too slow cannot avoid a few early polls.
     vain = (BURST_US + vain_us) / true_us if used_us < 2 * true_us else 0
     least = 1 / (max(1, used_us / true_us) + vain)
     assert len(run.samples) >= 0.9 * least * ended
@@ -150,7 +150,7 @@ def test_a_loop_of_any_speed_reads_what_it_can_and_counts_the_rest(
 def test_what_the_chip_made_was_taken_or_missed(nominal_us, busy_us, error_percent):
     rate = 1 + error_percent / 100
     run = Run(10_000, 10_000 * rate)
-    while len(run.samples) < 100:  # here the loop is fast enough to learn the chip's own time
+    while len(run.samples) < 100:  # the loop is fast enough to measure the period of the chip
         run.poll()
     run.restart(nominal_us, nominal_us * rate)
     rng = random.Random(1)

@@ -19,15 +19,16 @@ from spots_sim.optics import Optics
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
-    """Let `solve` keep the `SmallInt` values of its results: an array would convert them."""
+    """Let `solve` store its results in a list, because an array would convert `SmallInt` to int."""
     monkeypatch.setattr(locate_module, "_solved", [0] * 4)
 
 
 @pytest.fixture(scope="module")
 def feel(sensor, calibration):
-    """Return a function from fingers (position in mm, share of full contact) to a reading.
+    """Return a function that computes a reading of fingers, and returns it.
 
-    Without a random generator, the reading has no noise and very little rounding.
+    A finger is (position in mm, share of full contact). Without the random generator `noise`, the
+    reading has no noise and very little rounding.
     """
     calibration = Calibration(calibration)
     optics, made = Optics(sensor), calibration.conditions
@@ -96,8 +97,8 @@ def test_the_second_finger_is_found_within_a_part_of_a_key(feel, first_mm, ratio
 
 
 FIRM = 0.416  # share of full contact at 3 N
-# Smallest standard deviation of a second finger in mm, from one sample of 10 ms and from five, if
-# the light of the first one is unknown.
+# Least possible standard deviation of the second finger's position in mm, by number of samples of
+# 10 ms, if the light of the first finger is unknown.
 BOUND_MM = {1: 1.8, 5: 0.8}
 
 

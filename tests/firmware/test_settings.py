@@ -1,4 +1,4 @@
-"""Settings change completely or not at all; a save survives a power cut at every step."""
+"""Settings: a change is atomic; a save survives a power cut at every step."""
 
 import os
 from types import SimpleNamespace
@@ -148,7 +148,7 @@ class Flash:
     def open(self, path, mode="r"):
         if mode == "r":
             return open(path)
-        self.step()  # from here on the file is empty
+        self.step()  # after this step the file is empty
         return Writer(self, path)
 
     def change(self, operation):
@@ -176,7 +176,7 @@ class Writer:
 
 
 def store(monkeypatch, path, lines, steps):
-    """Save lines with power for a number of steps; return whether the save was completed."""
+    """Save lines; cut the power after a number of steps. Return whether the save was complete."""
     flash = Flash(steps)
     with monkeypatch.context() as patch:
         patch.setattr(settings, "open", flash.open, raising=False)
@@ -212,7 +212,7 @@ def test_a_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new(tmp_path, monkeyp
         lasted = store(monkeypatch, str(path), ["three"], steps)
         found = loaded(path)
         assert found == ["three"] if lasted else found in (known, ["three"])
-        # Power fails once more, in the save that the user tries next.
+        # The power fails again, during the next save.
         store(monkeypatch, str(path), ["four"], steps // 2)
         assert loaded(path) in (found, ["four"])
         steps += 1

@@ -1,4 +1,4 @@
-"""The ticks of CircuitPython's clock are small integers on a board with 32 bits."""
+"""The ticks of the clock on CircuitPython are small integers, also on a 32-bit board."""
 
 import ast
 from pathlib import Path
@@ -13,7 +13,10 @@ SOURCE = Path(spots_device.runtime.__file__).parent / "circuitpython.py"
 
 
 def clock_at(us):
-    """Return CircuitPython's clock at a time in us; its module can be imported only on a board."""
+    """Return the class `MonotonicClock` of the firmware for CircuitPython, at a time in us.
+
+    The class is executed from the source, because its module can be imported only on a board.
+    """
     body = [
         node
         for node in ast.parse(SOURCE.read_text()).body

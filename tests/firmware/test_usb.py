@@ -1,4 +1,4 @@
-"""The USB modules of both runtimes, on substitutes for both USB stacks."""
+"""The firmware's USB modules for MicroPython and CircuitPython, on substitutes for USB stacks."""
 
 import importlib
 import os
@@ -22,7 +22,11 @@ GET_DESCRIPTOR, GET_REPORT, SET_REPORT = b"\x81\x06", b"\xa1\x01", b"\x21\x09"
 
 
 def fresh(monkeypatch, name, **modules):
-    """Import a new copy of a firmware module, with these substitutes for runtime modules."""
+    """Import a new copy of the module `name` of `spots_device.runtime`.
+
+    `modules` are substitutes for modules of the runtime: name to dict of attributes; ``__`` in a
+    name stands for a dot.
+    """
     for module, content in modules.items():
         stand_in = ModuleType(module)
         vars(stand_in).update(content)
@@ -34,15 +38,16 @@ def fresh(monkeypatch, name, **modules):
 
 @pytest.fixture(autouse=True)
 def ticks(monkeypatch):
-    """MicroPython's functions of `time`, which CPython does not have."""
+    """Add functions of MicroPython's `time` to CPython's module; the ticks are always 0."""
     for name in ("ticks_us", "ticks_diff"):
         monkeypatch.setattr(time, name, lambda *_: 0, raising=False)
 
 
 class Substitute:
-    """A USB host behind what usb-device-hid 0.1 to 0.2 do, where the firmware can notice it.
+    """Substitute for the library usb-device-hid, version 0.1 or 0.2, and for a USB host.
 
-    0.2 reads the interval of the endpoint from a parameter that 0.1 refuses; both default to 8 ms.
+    Version 0.2 takes the interval of the endpoint from a parameter that 0.1 refuses. The default of
+    both is 8 ms.
 
     Parameters
     ----------
@@ -91,7 +96,7 @@ class Substitute:
                     return False
                 if host.error:
                     raise host.error
-                self.pending = report_data  # the stack keeps no copy
+                self.pending = report_data  # like the USB stack, this makes no copy
                 return host.accepted
 
         self.module = fresh(
@@ -121,7 +126,7 @@ class Substitute:
             interface.open = True
 
     def poll(self):
-        """Return the report that waits at the first interface, as the host's poll does."""
+        """Poll the first interface as the host: return the waiting report, and remove it."""
         report, self._interfaces[0].pending = bytes(self._interfaces[0].pending), None
         return report
 
@@ -132,12 +137,12 @@ class Substitute:
 
 
 class Descriptor:
-    """The part of a configuration descriptor that one interface writes, as usb-device makes it.
+    """Substitute for `Descriptor` of usb-device: an interface writes its USB descriptors into it.
 
     Parameters
     ----------
     b : bytearray or None
-        Where to write; None only measures.
+        Buffer to write into; None to count the bytes only.
     """
 
     def __init__(self, b):
@@ -151,7 +156,7 @@ class Descriptor:
 
 
 class Published:
-    """A USB host behind the published files of usb-device and usb-device-hid.
+    """Substitute for a USB host, below the published files of usb-device and usb-device-hid.
 
     Parameters
     ----------
@@ -160,7 +165,7 @@ class Published:
     """
 
     class USBDevice:
-        """``machine.USBDevice``, the part of MicroPython below the library."""
+        """Substitute for ``machine.USBDevice``, the part of MicroPython below the library."""
 
         BUILTIN_DEFAULT = SimpleNamespace(
             itf_max=2,
@@ -234,7 +239,7 @@ class Published:
 
 
 def of_type(kind, configuration):
-    """Return the descriptors of a type in a configuration."""
+    """Return the descriptors of a type (``bDescriptorType``) in a USB configuration."""
     found = []
     while configuration:
         if configuration[1] == kind:
@@ -274,7 +279,7 @@ def test_micropython_lets_the_host_poll_every_millisecond(host):
 
 def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(host):
     send = host.module.open_interfaces(["keyboard"], None)["keyboard"]
-    assert not send(REPORT)  # no host yet
+    assert not send(REPORT)  # no USB host is connected
     host.plug()
     assert send(REPORT)
     assert not send(OTHER)
@@ -315,10 +320,10 @@ def test_micropython_shows_the_hosts_leds(host):
 
 
 class Port:
-    """stdin and stdout of a board whose port is always writable, and waits if nobody reads."""
+    """stdin and stdout of a board whose port is always writable, and blocks if no host reads."""
 
     def __init__(self):
-        self.us = (1 << 30) - 1000  # about to wrap
+        self.us = (1 << 30) - 1000  # the ticks wrap after 1 ms
         self.read_from, self.heard, self.got, self.waits = True, b"", 0, 0
         self.claims_all = False
         self.lasts_us, self.sent = 0, b""
@@ -344,7 +349,7 @@ class Port:
 
 @pytest.fixture
 def serial(monkeypatch):
-    """MicroPython's serial port, and what is behind it."""
+    """The firmware's `StdioSerial`, and the substitute `Port` that it uses."""
     constants = {"const": lambda value: value}
     module = fresh(monkeypatch, "micropython", micropython=constants, machine={})
     port, turn = Port(), 1 << 30
@@ -363,7 +368,7 @@ def test_micropython_waits_ever_more_rarely_for_a_host_that_does_not_read(serial
     ours, port = serial
     assert ours.write(b"x", 1)
     port.read_from = False
-    for _ in range(60_000):  # ten minutes and the waits
+    for _ in range(60_000):  # ten minutes, plus the time of blocked writes
         port.us += 10_000
         assert not ours.write(b"x", 1)
     assert 8 <= port.waits <= 18
@@ -376,13 +381,13 @@ def test_micropython_waits_ever_more_rarely_for_a_host_that_does_not_read(serial
 
 def test_micropython_counts_what_a_port_took_but_never_sent(serial):
     ours, port = serial
-    port.claims_all = True  # as MicroPython's does, whatever became of the bytes
+    port.claims_all = True  # like MicroPython's port, which also returns the size of dropped bytes
     clock = SimpleNamespace(ticks_us=lambda: 0, ticks_diff=lambda end, start: end - start)
     framer = Framer(ours, Time32(clock))
     framer.text(b"{}")
     assert framer.dropped == 0
     port.read_from = False
-    for lost in (1, 2):  # the second one within the pause
+    for lost in (1, 2):  # the second frame is sent within the pause
         framer.text(b"{}")
         assert framer.dropped == lost
     port.read_from, port.heard = True, b"?"
@@ -405,7 +410,7 @@ def test_micropython_answers_a_host_that_says_something_at_once(serial):
 
 def test_micropython_sends_every_reply_however_slow_its_writes_are(serial):
     ours, port = serial
-    port.lasts_us = 300_000  # another process runs meanwhile; the host reads all the time
+    port.lasts_us = 300_000  # writes are slow for another reason; the host reads all the time
     framer = Framer(ours, Time32(SimpleNamespace(ticks_us=lambda: 0, ticks_diff=lambda *_: 0)))
     decoder = Decoder()
     for i in range(20):
@@ -475,7 +480,7 @@ def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
         usb._show_leds(leds)
         assert (Pin.made.level == level) == lit
-    module.MachineUsb(SimpleNamespace())._show_leds(2)  # a board without one
+    module.MachineUsb(SimpleNamespace())._show_leds(2)  # a board without an LED
 
 
 @pytest.mark.parametrize("error", [OSError, RuntimeError])
@@ -505,10 +510,10 @@ class Device:
 
 
 class CircuitPython:
-    """Clock, connection and endpoint of a board with CircuitPython."""
+    """Substitute for clock, USB connection and USB endpoint of a board with CircuitPython."""
 
     def __init__(self):
-        self.ticks = (1 << 29) - 30  # about to wrap
+        self.ticks = (1 << 29) - 30  # the ticks wrap after 30 ms
         self.got = []
         self.leds = []
         self.full = False
@@ -597,7 +602,7 @@ def test_circuitpython_does_not_wait_for_a_host_that_is_asleep_or_gone(sends):
 def test_circuitpython_waits_once_a_minute_for_a_host_that_does_not_ask(sends):
     by_name, world = sends
     world.full = True
-    for second in range(600):  # ten minutes and the waits
+    for second in range(600):  # ten minutes, plus the time of blocked reports
         world.ticks += 1000
         assert not by_name["keyboard"](REPORT)
         assert world.waits <= 1 + second // 60
@@ -617,7 +622,7 @@ def test_circuitpython_tries_a_host_again_that_sets_the_keyboards_leds(sends):
     keyboard.received = b"\2"
     assert by_name["keyboard"](REPORT)
     keyboard.received = b"\0"
-    assert not by_name["gamepad"](OTHER)  # the endpoint still needs its time
+    assert not by_name["gamepad"](OTHER)  # too early after the last report of the shared endpoint
     assert not by_name["keyboard"](OTHER)
     world.ticks += 10
     assert by_name["gamepad"](OTHER)
@@ -686,4 +691,4 @@ def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
         usb._show_leds(leds)
         assert (Wire.made.value == bool(level)) == lit
-    module.CircuitUsb(SimpleNamespace())._show_leds(2)  # a board without one
+    module.CircuitUsb(SimpleNamespace())._show_leds(2)  # a board without an LED

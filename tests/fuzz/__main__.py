@@ -29,7 +29,7 @@ _FOUND = 1
 
 
 def main() -> int:
-    """Fuzz one target; without a name, list all targets."""
+    """Fuzz one target, or list all targets if no name is given; return the exit code."""
     parser = argparse.ArgumentParser(prog="fuzz", description=__doc__)
     parser.add_argument("target", nargs="?", choices=TARGETS, metavar="TARGET")
     parser.add_argument("--seconds", type=int, default=60)
@@ -73,7 +73,10 @@ def _engine(target: str, *arguments) -> str:
 
 
 def _keep(target: str, least: Path) -> None:
-    """Replace the stored inputs of a target by the smallest inputs in the folder `least`."""
+    """Replace the stored inputs of a target that fuzzing found.
+
+    The new ones are the shortest inputs in the folder `least`, up to the limits of number and size.
+    """
     known = kept.named(target).values()
     room_files, room_bytes = FILES_MAX - len(known), BYTES_MAX - sum(map(len, known))
     chosen = []

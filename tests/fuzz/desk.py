@@ -17,10 +17,10 @@ from spots_device.contact import TICKS
 from spots_device.decode import MISFIT, TOO_DARK, TOUCHING
 from spots_device.settings import checksum
 
-# More lines test nothing new, and are slow.
+# Largest number of command lines for a board: more lines test nothing new, and take time.
 LINES_MAX = 40
 _WRAP = 1 << 30
-_SETTLE_STEPS = 100  # a search over all gains and a dark frame end within so many samples
+_SETTLE_STEPS = 100  # a search over all gains, or a dark frame, needs fewer loop passes
 _COUNTS = (900, 1200, 2000, 2500, 3000, 1500)
 _LENGTH_UM = 85_000
 
@@ -28,7 +28,10 @@ _STORE = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 
 
 def _own_app():
-    """Return a private copy of the firmware's module `app`, with its own files and without gc."""
+    """Return a separate copy of the firmware's module `app`.
+
+    It stores files in a folder of its own, and collects no garbage.
+    """
     spec = importlib.util.find_spec("spots_device.app")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -71,7 +74,7 @@ class _Serial:
 
 
 class _Sensor:
-    """Substitute for `as7341.AS7341`; counts grow with gain and exposure, and saturate."""
+    """Substitute for `as7341.AS7341`; its counts grow with gain and exposure up to full scale."""
 
     def __init__(self, clock):
         self._clock = clock
@@ -134,7 +137,7 @@ class Board:
         self.said()
 
     def hear(self, data):
-        """Send bytes to the board, and run the board until it has read all of them."""
+        """Send bytes to the board, and run the board until it has read all bytes."""
         self._serial.heard += data
         self.app.step()
         while self._serial.heard:
@@ -162,7 +165,7 @@ class Board:
                 return
 
     def state(self):
-        """Return everything that a command can change."""
+        """Return all settings, streams, calibration lines and layout lines, for comparison."""
         app = self.app
         return (
             dict(app.settings.values),
@@ -174,7 +177,7 @@ class Board:
 
 
 class Fingers:
-    """Receives the events of a keypad; `down` contains the pressed keys."""
+    """Receiver of a keypad's events, which also plays fingers; `down` contains the pressed keys."""
 
     def __init__(self):
         self.down = set()
@@ -213,7 +216,10 @@ def shrink(calibration):
 
 
 def play_controller(controller, settings):
-    """Feed a controller with readings of two seconds, and check its states."""
+    """Give a controller the readings of two seconds; check that its states are in range.
+
+    `controller` is the class, `settings` its settings.
+    """
     made = controller(settings, _LENGTH_UM)
     rng = random.Random(0)
     for i in range(200):

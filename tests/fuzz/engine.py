@@ -1,4 +1,4 @@
-"""Runs atheris in one process; arguments: name of a target, then arguments of libFuzzer."""
+"""Runs the fuzzer atheris; arguments: name of a target, then arguments of libFuzzer."""
 
 import sys
 from pathlib import Path
@@ -11,7 +11,7 @@ target = sys.argv.pop(1)
 with atheris.instrument_imports(include=["spots", "spots_device", "tomllib"]):
     import targets
 
-# For a merge, libFuzzer starts this program again by its first argument, through a shell.
+# To merge inputs, libFuzzer starts this program again with a shell, by the name in argv[0].
 sys.argv[0] = f"{sys.executable} {__file__} {target}"
 atheris.Setup(sys.argv, lambda data: targets.run(target, data))
 atheris.Fuzz()

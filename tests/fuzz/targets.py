@@ -60,7 +60,7 @@ _SOME_TIMES_S = (0.0, 0.3, 12.5, 1e6)
 
 @contextlib.contextmanager
 def _refusing():
-    """Accept a SpotsError whose text is one printable line."""
+    """Ignore a SpotsError in a `with` block if its text is one printable line."""
     try:
         yield
     except SpotsError as error:
@@ -73,7 +73,10 @@ def _check_line(text: str) -> None:
 
 
 def _stream(data: bytes) -> bytes:
-    """Return the bytes; if they start with ``=``, encode each line (CR LF) as a frame."""
+    """Return a stream of bytes: `data`, or frames if `data` starts with ``=``.
+
+    In the second case each following line, ended by CR LF, is the payload of a frame.
+    """
     if not data.startswith(_SEALED):
         return data
     told = data[1:].replace(b"PROTOCOL", b"%d" % PROTOCOL)
@@ -121,7 +124,7 @@ def commands(data: bytes) -> None:
 
 
 def calibration(data: bytes) -> None:
-    """Calibration on a board: if it is accepted, no computed number exceeds 31 bits."""
+    """Calibration on a board: with a valid one, no computed number exceeds 31 bits."""
     lines = _text(data).split("\n")
     for strain_ppm in (0, 50_000):
         try:
@@ -140,7 +143,7 @@ def calibration(data: bytes) -> None:
 
 
 def layout_lines(data: bytes) -> None:
-    """Layout on a board: if it is accepted, each pressed key is released."""
+    """Layout on a board: with a valid one, each pressed key is released."""
     try:
         made = Layout(_text(data).split("\n"))
     except LayoutError:
@@ -271,7 +274,7 @@ def controller_toml(data: bytes) -> None:
 
 
 def wearable_toml(data: bytes) -> None:
-    """File with the keys of gestures: read, or refused with an error."""
+    """File that assigns keys to gestures: a valid one is read."""
     with _refusing():
         wearable.Mapping(_file("wearable.toml", data))
 
@@ -402,6 +405,6 @@ TARGETS = {
 
 
 def run(name: str, data: bytes) -> None:
-    """Run a target with bytes, and discard its output."""
+    """Run the target `name` with bytes, and discard its output."""
     with contextlib.redirect_stdout(io.StringIO()):
         TARGETS[name](data)

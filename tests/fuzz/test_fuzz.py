@@ -1,4 +1,4 @@
-"""Runs each target with its stored inputs, and with inputs that hypothesis makes from them."""
+"""Runs each fuzz target with stored inputs, and with inputs that hypothesis makes from them."""
 
 import pytest
 from hypothesis import given, settings
@@ -25,7 +25,7 @@ def test_what_was_kept(name):
 
 @st.composite
 def changed(draw, inputs):
-    """Return pieces of several inputs, joined by random bytes."""
+    """Return random pieces of several stored inputs, joined by random bytes."""
     data = b""
     for _ in range(draw(st.integers(1, 3))):
         whole = draw(st.sampled_from(inputs))

@@ -1,4 +1,4 @@
-"""Layout files are compiled to the lines of a board; errors name line and remedy."""
+"""Layout files: compiled to the lines that a board stores; errors name the line and the remedy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Programs that press keys: on every exit path no key stays pressed."""
+"""Programs that press keys on this computer: no key stays pressed, on every exit path."""
 
 import json
 from types import SimpleNamespace
@@ -26,7 +26,7 @@ from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
 from spots_sim.typist import TypedText, Typist, typing
 
-HELD_S = 2.0  # a finger comes down on the key 5 at this time, and stays
+HELD_S = 2.0  # a finger touches the key 5 from this time on
 HELD = ScenarioFile(
     seconds=60,
     touch=[Finger(points=[(HELD_S, 38.0, 0), (HELD_S + 0.02, 38.0, 1500), (50, 38.0, 1500)])],
@@ -34,7 +34,7 @@ HELD = ScenarioFile(
 
 
 class Computer(Keyboard):
-    """A keyboard that records its events, and may fail at its first key."""
+    """Substitute for this computer's keyboard: records key events, or fails at the first one."""
 
     def __init__(self, fails=None):
         super().__init__()
@@ -49,7 +49,7 @@ class Computer(Keyboard):
 
 @pytest.fixture
 def board(sensor, calibration):
-    """A board with a finger that touches the strip and does not leave."""
+    """A calibrated board with a finger that touches the strip and does not lift."""
     with Board(LockstepLink(sensor, Scenario(HELD), 0)) as made:
         prepare(made, calibration)
         yield made
@@ -64,7 +64,7 @@ def test_a_finger_types_and_the_end_of_the_time_lets_go(board):
 
 @pytest.mark.parametrize("end", [SpotsError("unplugged"), KeyboardInterrupt(), ValueError()])
 def test_whatever_ends_it_lets_go(board, monkeypatch, end):
-    """The board is unplugged, Ctrl-C is pressed, or the program has a fault."""
+    """The pressed key is released if the board is unplugged, at Ctrl-C, and at a defect."""
     touches = board.touches
 
     def ended(seconds):
@@ -118,7 +118,7 @@ def test_a_finger_that_comes_while_the_board_is_silent_is_a_new_one():
     assert computer.typed.text == "5"
     engine.tick(6.0)
     for i in range(30):
-        read(6.0 + 0.01 * i, 1, 1500)  # this one was there before, and was let go of
+        read(6.0 + 0.01 * i, 1, 1500)  # the same finger, whose key was released
     assert computer.typed.presses == 1
     assert not computer.typed.down
 
@@ -141,7 +141,7 @@ WAITING = """[tuning]
 
 
 class Strip:
-    """A key engine that gets the readings of a finger."""
+    """A key engine on the host that gets the readings of a simulated finger."""
 
     def __init__(self, tmp_path):
         path = tmp_path / "waiting.toml"
@@ -179,12 +179,15 @@ class Strip:
 @pytest.mark.parametrize("lifted", [True, False])
 @pytest.mark.parametrize("seconds", [0.4, 600, 4294.9])  # the last one: the board's clock wraps
 def test_silence_forgets_what_a_touch_would_have_pressed(tmp_path, ticking, key, lifted, seconds):
-    """This holds for any duration, also if `tick` was not called meanwhile."""
+    """After a time without readings, a pending tap or hold presses no key.
+
+    This is also true if `tick` was not called during this time.
+    """
     strip = Strip(tmp_path)
     strip.press(key)
     if lifted:
         strip.lift()
-        strip.press(0)  # a tap that waits for a second one, after what the key before it did
+        strip.press(0)  # a tap on a key that waits for a double tap
         strip.lift()
     pressed = strip.computer.typed.presses
     strip.silence(seconds, ticking and seconds < 1000)
@@ -295,7 +298,7 @@ def test_a_dry_run_prints_the_keys(capsys):
     )
 
 
-# Worn.
+# Worn strips, on an arm.
 
 
 def gestures_of(sensor, calibration, fingers, seconds, on_gesture=lambda one: None, **scenario):
@@ -357,7 +360,7 @@ def test_every_gesture_on_an_arm_that_moves_and_sweats(sensor, calibration, seed
 
 
 def test_a_held_press_is_never_taken_for_the_untouched_strip(sensor, calibration):
-    """The press lasts longer than any change of the baseline; light leaks and the arm bends."""
+    """The press lasts longer than any change of the baseline; light leaks, and the arm bends."""
     held = Finger(points=[(2.0, 40.0, 0), (2.1, 40.0, 2500), (14.0, 42.0, 2900), (14.1, 42.0, 0)])
     leak = [(0.0, 0.0, 30.0), (15.0, 0.01, 30.0)]
     found = gestures_of(

@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Strip(StandIn):
-    """A substitute board that sends the streams it is asked for, and keys; one sample per read."""
+    """A substitute board that sends the requested streams, and KEY frames; one sample per read."""
 
     keys = 0
 
@@ -97,7 +97,7 @@ def test_iterators_end_in_time(strip):
 
 
 def test_keys_come_from_a_board_whose_keys_are_on_and_else_a_sentence_does(strip):
-    with pytest.raises(SpotsError, match="send the command 'keys on'"):
+    with pytest.raises(SpotsError, match="run 'spots command keys on'"):
         strip[1].keys()
     link = Typing()
     keys = take(Board(link).keys(), 3)
@@ -214,7 +214,7 @@ def test_touches_in_asyncio_end_in_time_and_are_cancelled(strip):
 
     async def listen():
         assert len([touch async for touch in board.atouches(seconds=1.0)]) > 90
-        link.streams = []  # no more readings: it waits
+        link.streams = []  # no more readings: the host waits for them
         link.deaf = {"sync"}
         board.patience_s = math.inf
 

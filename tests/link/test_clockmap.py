@@ -35,9 +35,9 @@ def test_the_truth_lies_within_the_uncertainty(offset_s, trips):
 
 def test_two_lopsided_round_trips_together_beat_each_alone():
     clock = ClockMap()
-    clock.round_trip(0.000, 10_000, 0.011)  # slow out, fast back
+    clock.round_trip(0.000, 10_000, 0.011)  # slow command, fast reply
     assert clock.uncertainty_s == pytest.approx(0.0055)
-    clock.round_trip(0.999, 1_000_000, 1.010)  # fast out, slow back
+    clock.round_trip(0.999, 1_000_000, 1.010)  # fast command, slow reply
     assert clock.uncertainty_s == pytest.approx(0.001)
     assert clock.host_s(500_000, 1.0) == pytest.approx(0.5, abs=0.0011)
 
@@ -55,7 +55,7 @@ def test_a_board_that_nobody_read_for_long_has_the_right_time(pause_s, waited_s)
 
     trip(2000.0)
     assert told(2000.0 + 1e-3) == pytest.approx(offset_s + 2000.0, abs=0.01)
-    if waited_s < pause_s < 4000.0:  # what came first is still in a buffer
+    if waited_s < pause_s < 4000.0:  # a reading from before the pause may still be in a buffer
         assert told(2001.0, waited_s) == pytest.approx(offset_s + 2001.0, abs=0.01)
     now_s = 2000.0 + pause_s
     assert told(now_s, min(waited_s, 1.0)) == pytest.approx(offset_s + now_s, abs=0.01)

@@ -1,4 +1,4 @@
-"""A board with invalid replies is refused in one sentence."""
+"""Boards with invalid replies: the host refuses them with one sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""If all readings of a strip are untrusted, every application reports it within a second."""
+"""All readings of a strip are untrusted: each application reports this within a second."""
 
 import io
 import re
@@ -26,9 +26,9 @@ from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Scenario
 from spots_sim.stage import Stage
 
-TWO_S = 2.0  # two fingers come down at this time, and stay
+TWO_S = 2.0  # two fingers touch from this time on
 WITHIN_S = 1.0
-BEGUN_S = 0.1  # until both are down and no reading fits one press
+BEGUN_S = 0.1  # time until both fingers touch firmly, and no reading fits one press
 TWO = ScenarioFile(
     seconds=60,
     touch=[

@@ -1,4 +1,4 @@
-"""A strip as an encoder: angle, velocity by the board's clock, standard error, backlash."""
+"""A strip as a joint encoder: angle, velocity from the board's times, standard error, backlash."""
 
 from __future__ import annotations
 
@@ -32,7 +32,23 @@ def touch(position_um, i=0, flags=decode.TOUCHING, time_s=None, start_us=0):
 
 
 def played(joint, angles_deg, noise_deg=0.0, seed=0, encoder=None, **options):
-    """Turn a joint with backlash through angles, and return the encoder's angles."""
+    """Turn a joint with backlash through angles; return the results of `Encoder.take`.
+
+    Parameters
+    ----------
+    joint : Joint
+        Joint with its backlash.
+    angles_deg : sequence of float
+        Angles, one for each reading.
+    noise_deg : float
+        Standard deviation of the measured angles.
+    seed : int
+        Random seed of the noise.
+    encoder : Encoder, optional
+        Encoder to use instead of a new one.
+    options
+        Options of `touch`, for each reading.
+    """
     rng = np.random.default_rng(seed)
     encoder = encoder or Encoder(joint)
     at, half = angles_deg[0], joint.backlash_deg / 2
@@ -61,7 +77,7 @@ def test_a_reading_that_is_not_to_be_trusted_is_no_angle(flags):
 
 @pytest.mark.parametrize("start_us", [0, 2**32 - 200_000])
 def test_the_speed_is_by_the_boards_clock(start_us):
-    # The host's times jitter, and the board's wrap; neither is seen in the speed.
+    # The jitter of the host's times and the wrap of the board's times have no effect on the speed.
     encoder, first_s = Encoder(JOINT), math.inf
     for i in range(20):
         jitter_s = 0.01 * (-1) ** i
@@ -93,7 +109,7 @@ def test_the_speeds_error_is_that_of_its_scatter():
     sigmas = np.array([angle.velocity_sigma_rad_s for angle in still])
     assert speeds.std() == pytest.approx(sigmas.mean(), rel=0.1)
     fast = played(JOINT, 5.0 * np.arange(20), noise_deg=0.03)[-1]
-    assert fast.velocity_sigma_rad_s > 4 * sigmas.mean()  # 3 readings, not 8
+    assert fast.velocity_sigma_rad_s > 4 * sigmas.mean()  # computed from 3 readings, not from 8
     angles = np.array([angle.angle_rad for angle in still])
     assert angles.std() == pytest.approx(np.mean([a.sigma_rad for a in still]), rel=0.05)
 
@@ -119,7 +135,7 @@ def test_the_play_is_taken_out_in_both_directions(step_deg):
     truth = np.concatenate([up, up[::-1], up])
     told = played(PLAY, truth, noise_deg=0.03)
     error = np.degrees([angle.angle_rad for angle in told]) - truth
-    # While the play is being taken up, and a slow movement is not yet out of the noise, none knows.
+    # Not checked are the angles while the joint crosses its backlash, or moves less than the noise.
     taking_deg = 0.5 + 8 * step_deg + 0.4
     turn = np.abs(np.arange(3 * steps)[:, None] - np.array([0, steps, 2 * steps])).min(axis=1)
     known = turn * step_deg > taking_deg

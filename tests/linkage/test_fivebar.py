@@ -1,4 +1,4 @@
-"""The five-bar linkage: Eqs. 3 and 4, their inverse, limits, Jacobian."""
+"""Kinematics of the five-bar linkage: Eqs. 3 and 4 of the paper, inverse, limits, Jacobian."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_there_and_back_within_a_nanometre_over_the_workspace(linkage):
     assert np.ma.filled(abs(theta[0]), 0).max() <= np.pi
     back = linkage.forward(*theta)
     off = np.hypot(back[0] - x, back[1] - y)
-    assert off.count() == theta[0].count()  # nothing got lost on the way
+    assert off.count() == theta[0].count()  # no point became masked
     assert off.max() < NM
 
 
@@ -62,7 +62,7 @@ def elbows_apart_mm(linkage, theta1, theta2):
 @pytest.mark.parametrize("linkage", LINKAGES, ids=repr)
 @pytest.mark.parametrize("inside_mm", [0.0, 1e-6, 1e-3])
 def test_there_and_back_within_a_micrometre_at_the_limits(linkage, inside_mm):
-    # From places well within, outwards until the next step is beyond a limit.
+    # From points inside the limits, outwards until the next step exceeds a limit.
     x, y = grid(linkage, 11.0)
     fit = linkage.inverse_limits(x, y) == Limit.NONE
     x, y = x[fit], y[fit]
@@ -80,7 +80,7 @@ def test_there_and_back_within_a_micrometre_at_the_limits(linkage, inside_mm):
         back = linkage.forward(*theta)
         off = np.hypot(back[0] - px, back[1] - py)
         if inside_mm < UM:
-            # Where the elbows meet the terminal may be anywhere: no arithmetic brings it back.
+            # If the elbows meet, the angles do not determine the end point.
             off = off[elbows_apart_mm(linkage, *theta) > 1]
         assert off.count() == len(off)
         assert np.ma.filled(off, 0).max(initial=0) < (NM if inside_mm >= UM else UM)
@@ -95,12 +95,12 @@ def test_the_angles_are_those_of_the_papers_equations(bar, base, way, share):
     x, y = 2 * bar * share * math.cos(way), 2 * bar * share * math.sin(way)
     assume(math.hypot(base - x, y) < 1.999 * bar and base < 3.9 * bar)
     assume(math.hypot(base - x, y) > 0.01)
-    # pi / 2 less the direction, which arctan y / x is only to the right of the joint.
+    # pi / 2 minus the direction; arctan(y / x) is the direction only to the right of the joint.
     first = math.pi / 2 - math.atan2(y, x) - math.acos(math.hypot(x, y) / (2 * bar))
     second = math.pi / 2 - math.atan2(y, base - x) - math.acos(math.hypot(base - x, y) / (2 * bar))
     near, far = Linkage(bar, base, "near"), Linkage(bar, base)
     fits = [one for one in (near, far) if one.inverse_limits(x, y) == Limit.NONE]
-    assert fits  # one of the assemblies gets there, in whatever quadrant
+    assert fits  # one of the two assemblies reaches the point, in each quadrant
     for one in fits:
         theta = one.inverse(x, y)
         for told, paper in zip(theta, (first, second)):
@@ -133,7 +133,7 @@ def test_a_root_finder_that_knows_only_the_bars_agrees(arguments, theta1, theta2
 
 
 def test_the_simulators_geometry_agrees():
-    # It crosses circles where Eqs. 3 and 4 take arc cosines; neither knows the other.
+    # The simulator intersects circles, and Eqs. 3 and 4 use arc cosines. They share no code.
     file, sensor = load(LinkageFile, "default"), load(SensorFile, "default")
     mechanism = Mechanism(file, sensor)
     linkage = Linkage(mechanism.bar_mm, mechanism.base_mm)
@@ -167,7 +167,7 @@ def test_where_it_cannot_be_it_says_why(place, limit):
     theta1, theta2 = linkage.inverse(x, y)
     assert theta1.mask.tolist() == theta2.mask.tolist() == [False, True]
     assert linkage.inverse_limits(x, y).tolist() == [0, limit]
-    assert np.isnan(theta1.data[1])  # who drops the mask gets no number
+    assert np.isnan(theta1.data[1])  # without its mask, the value is NaN
 
 
 def test_on_a_joint_the_angle_may_be_any():
@@ -195,7 +195,7 @@ def test_angles_that_do_not_close_say_why(linkage, theta, limit):
 
 def test_in_line_the_jacobian_is_refused():
     linkage = Linkage(100, 80)
-    # Elbows 200 mm apart, on one level.
+    # The elbows are 200 mm apart, at the same height.
     theta = -math.asin(0.6), -math.asin(0.6)
     assert linkage.forward(*theta) == pytest.approx((40, 80), abs=1e-4)
     with pytest.raises(LimitError, match="in line"):

@@ -1,4 +1,4 @@
-"""Kinematic calibration finds the parameters, and names those that it cannot separate."""
+"""Kinematic calibration finds the parameters, or names those that the points do not determine."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_the_standard_errors_are_those_of_the_scatter():
     ratios = np.sqrt(np.mean(np.square(off), axis=0))
     assert ratios.min() > 0.6
     assert ratios.max() < 1.5
-    assert errors["frame_scale"] == 0  # it was not free
+    assert errors["frame_scale"] == 0  # this parameter was fixed
 
 
 def test_places_that_are_wrong_are_named_and_do_not_pull():
@@ -87,13 +87,13 @@ def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
     assert set(group) == {*kinematics.LENGTHS, "frame_scale"}
     assert found.rank == len(found.names) - 1
     assert found.condition > 1e6
-    # Their ratios are found, and so is the mounting.
+    # The ratios of the lengths are found, and also the mounting.
     ratios = np.array(found.linkage.bar_mm) / found.linkage.base_mm
     assert ratios == pytest.approx(np.array(TRUE.bar_mm) / TRUE.base_mm, rel=3e-3)
     assert found.standard_errors["gain1"] < 2e-3
     assert found.standard_errors["bar1_mm"] > 1
     assert "do not determine bar1_mm, bar2_mm" in found.report()
-    # With one of them given all others follow.
+    # If one length is given, the points determine all other lengths.
     free = [name for name in kinematics.NAMES if name != "base_mm"]
     start = Linkage(100, TRUE.base_mm)
     given = kinematics.calibrate(angles, *seen, start, free=free, **SIGMAS, **MEANT)
@@ -102,7 +102,7 @@ def test_a_picture_of_unknown_scale_does_not_tell_the_lengths():
 
 
 def test_a_joint_that_never_turned_tells_no_gain():
-    # Terminals on the circle about an elbow that stands.
+    # End points on a circle around an elbow that does not move.
     theta2 = np.linspace(-1.4, 0.2, 40)
     theta1 = np.full(40, -0.5)
     keep = TRUE.forward_limits(theta1, theta2) == Limit.NONE

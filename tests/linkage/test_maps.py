@@ -1,4 +1,4 @@
-"""The linkage's pictures and its document."""
+"""Figures of a simulated linkage, and the figures and numbers in docs/fivebar.md."""
 
 from __future__ import annotations
 

@@ -29,9 +29,9 @@ EXPOSURE_US = 30_000
 
 @pytest.fixture(scope="module")
 def arm(sensor, tmp_path_factory):
-    """Linkage file of two strips on one board, the mechanism, and a function that opens the board.
+    """Linkage file, motion of a five-bar linkage, and a function that opens its board.
 
-    The calibrations are in the opposite order of the joints.
+    The board has two strips: the first joint turns strip 1, the second joint turns strip 0.
     """
     folder = tmp_path_factory.mktemp("arm")
     strip = calibrated(sensor, 0, EXPOSURE_US)
@@ -89,7 +89,7 @@ def test_a_reading_of_a_third_sensor_is_refused_in_one_sentence():
 
 
 class Shown(PageState):
-    """Records that a position of the end point was shown."""
+    """A `PageState` that records that a position of the end point was shown."""
 
     def __init__(self):
         super().__init__()

@@ -1,4 +1,4 @@
-"""The digital twin: from two encoders to the end point, and its error with the real firmware."""
+"""The digital twin of a linkage: end point from two encoders, and its error with real firmware."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def files():
 
 @pytest.fixture(scope="module")
 def short(files):
-    """A path with the first letter only."""
+    """Sensor file, linkage file, and a path file that has only the first letter."""
     sensor, linkage, path = files
     return sensor, linkage, msgspec.structs.replace(path, stroke=path.stroke[:1])
 
@@ -44,7 +44,7 @@ def twin(joint=JOINT, linkage=LINKAGE):
 
 
 def at(theta_rad, time_s):
-    """Return a reading of a joint at an angle."""
+    """Return the reading of a joint with the angle `theta_rad` at `time_s`."""
     position_um = (math.degrees(theta_rad) + 20) / 0.002
     return reading(position_um, time_s / 0.03, time_s=time_s)
 
@@ -52,12 +52,12 @@ def at(theta_rad, time_s):
 def test_a_terminal_is_that_of_one_moment():
     found = []
     one = twin()
-    # Joints that turn evenly, read at other moments.
+    # Both joints turn with constant speed, and are read at different times.
     for i in range(20):
         for joint, time_s in ((0, 0.03 * i), (1, 0.03 * i + 0.011)):
             theta = -0.3 + 0.5 * time_s if joint == 0 else -0.6 - 0.2 * time_s
             found += one.take(joint, at(theta, time_s))
-    assert len(found) == 38  # of every reading but the very first and last
+    assert len(found) == 38  # one for each reading except the first and the last one
     assert list(one.trail) == found
     for terminal in found:
         t = terminal.time_s
@@ -106,7 +106,7 @@ def test_over_a_gap_nothing_is_told():
     one.take(0, at(-0.3, 0.0))
     assert len(one.take(1, at(-0.6, 0.0))) == 1
     assert one.take(1, at(-0.6, 0.03)) == []
-    assert one.take(0, at(-0.3, 1.5)) == []  # where joint 1 was at 0.03 nobody knows
+    assert one.take(0, at(-0.3, 1.5)) == []  # the angle of joint 1 at 0.03 s is unknown
     assert len(one.take(1, at(-0.6, 1.5))) == 1
     dark = at(-0.3, 1.6)._replace(flags=0)
     assert one.take(0, dark) == []
@@ -117,7 +117,7 @@ def test_it_makes_no_difference_which_joint_is_heard_first():
     read = [(joint, at(-0.3 - 0.3 * joint + 0.5 * s, s)) for joint, s in moments]
     in_time = sorted(read, key=lambda pair: pair[1].time_s)
     expected = list(twin().follow(in_time))
-    # Of each reading that the other joint's first and last ones enclose, one after the other.
+    # For each reading between the first and the last reading of the other joint, in order.
     assert [terminal.time_s for terminal in expected] == sorted(
         s for _, s in moments if 0.011 <= s <= 0.011 + 0.07 * 7
     )
@@ -161,13 +161,13 @@ def test_sust_is_followed(run, files):
     assert 60 < figures["rate_hz"] < 70  # two boards at 30 ms
     assert figures["error_mm"]["mean"] < 0.1
     assert figures["error_mm"]["max"] < 0.4
-    # What the twin says of its own error leaves out that of each board's dark frame and of each
-    # calibration, which last for a run: of 16 runs with other noise one had 2.03 times as much.
+    # The expected error does not include the errors of dark frames and calibrations, which are
+    # constant during a run. In one of 16 runs with other noise, the ratio was 2.03.
     assert 0.7 < figures["error_mm"]["rms"] / figures["expected_rms_mm"] < 2
 
 
 def test_the_subtle_vibrations_are_in_the_twin(files):
-    # The same path without a tremor differs from the twin by more than the tremor's own error.
+    # The twin differs more from the same path without the tremor than from the true path.
     sensor, linkage, path = files
     path = msgspec.structs.replace(path, stroke=path.stroke[5:6], tremor_mm=0.3, tremor_hz=3.0)
     run = survey.follow(sensor, linkage, path)
@@ -200,10 +200,10 @@ def test_the_workspace_is_within_the_papers_deviation_and_a_calibration_finds_th
     sensor, linkage, _ = files
     found = survey.survey(sensor, linkage, pitch_mm=16.0)
     assert len(found.x_mm) > 60
-    assert found.drawn.max_mm > 1.5  # what it is all about
+    assert found.drawn.max_mm > 1.5  # the nominal lengths cause a large error
     assert found.given.max_mm <= 0.64
     assert found.calibrated.max_mm <= 0.25
-    # Little worse than the encoders allow.
+    # Not much more than the errors that the encoders cause.
     assert found.given.max_mm < 1.5 * found.expected_max_mm
     assert found.calibrated.mean_mm < 1.5 * found.expected_mean_mm
     assert found.kinematics.unidentified == found.kinematics.outliers == ()

@@ -1,4 +1,4 @@
-"""The digital twin of boards: live, recorded, restarted; its linkage file; the command's output."""
+"""`spots twin` with live and recorded boards, restarts, linkage files, and its output."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ BROWN_OUT = FaultsFile(power=PowerFaults(brown_outs=Moments(at_s=[4.0], last_ms=
 
 
 class Machine:
-    """A simulated linkage on its path, whose boards are on the ports named 0 and 1.
+    """A simulated linkage that moves along a path; its boards are on the ports ``0`` and ``1``.
 
     Attributes
     ----------
     arm : Path
-        Its linkage file, with the true lengths.
+        Linkage file with the true lengths.
     """
 
     def __init__(self, sensor, folder):
@@ -152,7 +152,7 @@ def test_a_board_that_refuses_after_a_restart_is_asked_again_for_a_while():
 
 @pytest.mark.parametrize("ports", [("0", "1"), ()])
 def test_the_example_of_a_twin(ports, machine, capsys, monkeypatch):
-    # As long as somebody looks on: the boards' clocks go on without end.
+    # The example runs for ever, so the test limits it to 3 s.
     source = twin_source.Source
     monkeypatch.setattr(source, "follow", lambda it: it.twin.follow(it.readings(3.0)))
     monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
@@ -162,7 +162,7 @@ def test_the_example_of_a_twin(ports, machine, capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     told = np.array([[float(word) for word in line.split()[:2]] for line in lines])
     assert len(told) > 10
-    # On the path, wherever a busy machine found it.
+    # The points are on the path, at times that depend on the load of the machine.
     for of_axis, path_mm in zip(told.T, (machine.motion.x_mm, machine.motion.y_mm)):
         assert of_axis.min() > path_mm.min() - 1
         assert of_axis.max() < path_mm.max() + 1
@@ -364,7 +364,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
         (["--port", "recording:a", "--port", "1"], "only one --port is a recording"),
         (["--port", "recording:nope", "--port", "recording:nope"], "there is no file nope"),
         (["--port", "recording:a", "--measure", "p.csv"], "--measure needs real boards"),
-        (["--port", "virtual"], "arm.toml describes a linkage with real boards: leave out"),
+        (["--port", "virtual"], "arm.toml is the file of a linkage with real boards: leave"),
         (
             ["--port", "0", "--port", "1", "--picture", "a.png"],
             "--picture shows a simulated linkage",

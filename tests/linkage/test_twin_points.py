@@ -1,4 +1,4 @@
-"""From measured positions of the end point to a linkage file, with the command line."""
+"""`spots twin` makes a linkage file from measured positions of the end point."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ offset_deg = -108
 
 @pytest.fixture
 def files(tmp_path):
-    """Nominal linkage file, and points measured on the true linkage, one of which is wrong."""
+    """Folder with a nominal linkage file, and with points of the true linkage in points.csv.
+
+    One of the points is wrong.
+    """
     (tmp_path / "drawn.toml").write_text(DRAWN)
     angles, seen = places(40, noise=1.0)
     seen[:, 7] += 3.0
@@ -62,10 +65,10 @@ def test_points_become_a_linkage_file(files, capsys):
     assert arm.base_mm == pytest.approx(FOUND["base_mm"], abs=0.2)
     assert arm.offset_rad == pytest.approx((FOUND["offset1_rad"], FOUND["offset2_rad"]), abs=0.01)
     assert arm.gain == pytest.approx((FOUND["gain1"], FOUND["gain2"]), abs=0.005)
-    # Named from where the file is.
+    # Paths are relative to the folder of the linkage file.
     assert [joint.calibration for joint in arm.joint] == ["../strips/a.toml", "../strips/b.toml"]
     assert "# bar1_mm " in out.read_text()
-    # It gives the terminal's place, but for where the grid lies.
+    # The file gives the correct end points, except for the position of the measuring grid.
     angles, seen = places(20, seed=5)
     theta = [o + g * a for o, g, a in zip(arm.offset_rad, arm.gain, angles)]
     x_mm, y_mm = arm.linkage.forward(*theta)
@@ -106,7 +109,7 @@ def test_a_folder_is_no_linkage_file(files, capsys):
 
 def test_what_points_cannot_tell_is_named(files, capsys):
     rows = (files / "points.csv").read_text().splitlines()
-    # All on one line of equal angle: joint 1 hardly turned.
+    # Only points with nearly the same angle of joint 1.
     kept = [rows[0]]
     for row in rows[1:]:
         cells = row.split(",")
@@ -150,7 +153,7 @@ def test_points_are_measured_one_by_one(tmp_path):
     angles_deg = [40.0, 55.0]
 
     def readings(seconds):
-        for joint in (0, 1):  # from before the question, when the linkage stood elsewhere
+        for joint in (0, 1):  # readings from before the question, at another end point
             yield joint, reading(10_000, 0, time_s=0.99)
         for i in range(20):
             for joint, angle in enumerate(angles_deg):
@@ -177,11 +180,11 @@ def test_points_are_measured_one_by_one(tmp_path):
     with open(points, newline="") as file:
         rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
     assert [row["x_mm"] for row in rows] == [40, 42]
-    # By the joints' own calibrations, whatever the mounting.
+    # The angles come from the calibrations of the joints; the mounting has no effect.
     assert [row["joint1_deg"] for row in rows] == pytest.approx([40, 42], abs=0.001)
     assert [row["joint2_deg"] for row in rows] == pytest.approx([55, 57], abs=0.001)
     assert rows[0]["sigma1_deg"] == pytest.approx(JOINT.resolution_deg / math.sqrt(20), abs=1e-5)
-    # A table that an editor left without its last line end goes on in a line of its own.
+    # If the table has no line end at its end, the next point still gets its own line.
     points.write_bytes(points.read_bytes().rstrip())
     assert measure("44 151") == 3
     table, lines = twin_points._read(points)

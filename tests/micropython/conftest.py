@@ -1,9 +1,9 @@
 """Fixtures that run the scripts of this folder in MicroPython.
 
-There are two real MicroPythons, with words of 64 and of 32 bits, and CPython for comparison. Each
-gets the firmware's package and the same scripts, unchanged, in its own folder. The 64-bit one also
-runs the sample path as machine code; the 32-bit one is WebAssembly, for which no machine code can
-be made.
+There are two builds of MicroPython, with words of 64 and of 32 bits, and CPython for comparison.
+Each gets the firmware's package and the same scripts, unchanged, in its own folder. The 64-bit
+build also runs the sample path as machine code. The 32-bit build is WebAssembly, for which
+MicroPython cannot compile machine code.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ HERE = Path(__file__).parent
 WASM = HERE.parent / "wasm"
 WASM_PACKAGE = WASM / "node_modules" / "@micropython" / "micropython-webassembly-pyscript"
 TIMEOUT_S = 60
-# About what an RP2040 leaves to a program; twice that where a word is twice as long. The unix port
-# stops there, WebAssembly's heap only begins with it and grows.
+# About the heap of a program on an RP2040; twice as much where words are twice as long. The unix
+# port cannot exceed this size; the heap of WebAssembly starts with it and grows.
 HEAP_32_BYTES = 192 * 1024
 HEAP_64_BYTES = 2 * HEAP_32_BYTES
 
@@ -47,7 +47,7 @@ class Machine:
         shutil.copy(canned.__file__, folder)
 
     def slip(self, module: str, code: str) -> None:
-        """Append code to one of the firmware's modules, for this interpreter only."""
+        """Append code to a module of this interpreter's copy of the firmware, such as a defect."""
         path = self.folder / "spots_device" / f"{module}.py"
         path.write_text(path.read_text(encoding="utf-8") + code, encoding="utf-8")
 
@@ -78,7 +78,7 @@ class Machine:
         try:
             said, complained = process.communicate(timeout=TIMEOUT_S)
         except BaseException:
-            # The commands are launchers: to end one alone would leave the machine running.
+            # The command starts the interpreter as a child process, so the whole group is killed.
             os.killpg(process.pid, signal.SIGKILL)
             process.communicate()
             raise
@@ -91,7 +91,7 @@ class Machine:
 
 
 class CPython(Machine):
-    """The reference for all other machines; runs each script once and stores its output."""
+    """CPython, the reference for the other interpreters; caches the output of each run."""
 
     def __init__(self, folder: Path):
         super().__init__(folder)
@@ -110,7 +110,8 @@ class CPython(Machine):
 
 class Unix64(Machine):
     def command(self, script: str) -> list[str]:
-        # As on a board. The scripts that compare arithmetic import constants, which this removes.
+        # Constants are replaced by their values, as on a board. The other scripts import these
+        # constants, so their modules are not changed.
         if script == "sample_path":
             inline(self.folder / "spots_device")
             shorten(self.folder / "spots_device")
@@ -135,23 +136,23 @@ class Wasm32(Machine):
 
 @pytest.fixture(params=[Unix64, Wasm32, Viper64], ids=["unix64", "wasm32", "viper64"])
 def machine(request, tmp_path):
-    """A MicroPython."""
+    """A `Machine` with MicroPython: each test runs with 64-bit and with 32-bit words."""
     return request.param(tmp_path / "micropython")
 
 
 @pytest.fixture
 def viper64(tmp_path):
-    """A MicroPython with the sample path as machine code."""
+    """A `Machine` with MicroPython of 64 bits, and the sample path as machine code."""
     return Viper64(tmp_path / "micropython")
 
 
 @pytest.fixture
 def machine_bits(machine):
-    """Bits of a machine's words."""
+    """Word size of `machine` in bits: 32 or 64."""
     return 32 if isinstance(machine, Wasm32) else 64
 
 
 @pytest.fixture(scope="session")
 def cpython(tmp_path_factory):
-    """CPython."""
+    """A `Machine` with CPython."""
     return CPython(tmp_path_factory.mktemp("cpython"))

@@ -1,7 +1,8 @@
 """The firmware's arithmetic in a real MicroPython: same integers as in CPython, no allocation.
 
-Each trial runs while the heap is locked: in the 32-bit machine it ends in MemoryError as soon as
-one value passes 31 bits. Arguments go to the ends of what calibration and chip allow.
+A trial is a function of scripts/trials.py that computes many cases. It runs while the heap is
+locked. In the 32-bit build, an integer of more than 31 bits then raises MemoryError. The arguments
+include the smallest and largest values that calibration and chip allow.
 """
 
 import itertools
@@ -48,8 +49,8 @@ CHANNELS = 6
 LOG_MAX = 24 * ONE
 SMALL_MIN, SMALL_MAX = -(1 << 30), (1 << 30) - 1
 TICKS = 1 << 30
-# No contrast and no brightness lies farther out than this: weights that add up to 8 in
-# absolute value, times the largest logarithm, less that of 64 samples of 4.
+# Largest absolute value of contrast and brightness: weights whose absolute values add up to 8,
+# times the largest logarithm, minus the logarithm of 64 * 4 samples.
 READING_MAX = 5 * LOG_MAX
 
 
@@ -74,14 +75,14 @@ def compare(machine, cpython):
 def test_log2(compare, rng):
     edges = {(1 << bits) + near for bits in range(25) for near in (-1, 0, 1)}
     edges |= {LIMIT + 2, SMALL_MAX}
-    # At most 2048 cases: the list of more is a block that the heap of a board may not have.
+    # At most 2048 cases: a longer list may need a larger block than the heap of a board has free.
     drawn = {rng.randint(1, LIMIT) for _ in range(950)}
     drawn |= {int(2 ** rng.uniform(0, 24)) for _ in range(950)}
     compare("log2", sorted((edges | drawn) - {0}))
 
 
 def weights_of(rng, total):
-    """Return six weights that add up to `total` and have the largest legal sum without signs."""
+    """Return six random weights that add up to `total`, with the largest valid absolute sum."""
     positive = (WEIGHT_SUM_MAX + total) // 2
     signs = rng.sample([1, 1, 1, -1, -1, -1], CHANNELS)
     weights = [0] * CHANNELS
@@ -96,7 +97,7 @@ def weights_of(rng, total):
 
 
 def a_table(rng, knots):
-    """Return knots and values of a table with the largest steps that a calibration may have."""
+    """Return random knots and values of a table, with the largest valid steps."""
     at = [-rng.randint(0, 1 << 26)]
     values = [rng.randint(-(1 << 20), 1 << 20)]
     direction = rng.choice((1, -1))
@@ -119,7 +120,7 @@ LIMIT_TABLES = {
 
 
 def accepted(calibration, knots, values):
-    """Whether a calibration may contain this table."""
+    """Return whether a calibration is valid with a table of these knots and values."""
     tables = ("segment ", "strain ", "from ", "x ")
     lines = [line for line in calibration if not line.startswith(tables)]
     lines += ["segment 0 0 0 0 0 0 8192 0 0 0 0 0", "strain 0", "from 0"]
@@ -132,7 +133,7 @@ def accepted(calibration, knots, values):
 
 
 def readings(rng, knots):
-    """Return arguments of a table to test: at the knots, next to them, between and beyond them."""
+    """Return arguments for a look-up in a table: at its knots, next to, between and beyond them."""
     some = rng.sample(knots, min(len(knots), 5))
     found = [knot + near for knot in some for near in (-1, 0, 1)]
     found += [rng.randint(knots[0], knots[-1]) for _ in range(20 - len(found))]
@@ -159,7 +160,7 @@ FULL = 65_535
 
 
 def a_column(rng, at, least, most):
-    """Return values at these knots with the largest changes that a calibration may have."""
+    """Return random values at the knots `at`, from `least` to `most`, with large valid steps."""
     values = [rng.randint(least, most)]
     for a, b in itertools.pairwise(at):
         farthest = SMALL_MAX // (b - a) - 1
@@ -169,7 +170,10 @@ def a_column(rng, at, least, most):
 
 
 def a_calibration(rng):
-    """Return random tables that a calibration may have, with the largest possible weights."""
+    """Return random weights, bounds and tables that are valid, with the largest possible weights.
+
+    The five results are the arguments of `calibration.pack`.
+    """
     weights, tables = [], []
     for knots in rng.sample(range(2, 40), rng.randint(1, 5)):
         contrasts, positions = a_table(rng, knots)
@@ -185,13 +189,16 @@ def a_calibration(rng):
 
 
 def some_limits(rng, tables):
-    """Return the forces at which a touch begins and ends, and the largest drift."""
+    """Return random limits: forces at which a touch begins and ends, and largest drift (Q12)."""
     off, on = sorted(rng.sample(range(1, max(3, *(force for _, force, _ in tables[-1]))), 2))
     return on, off, rng.choice((0, 1 << 12, 1 << 27))
 
 
 def a_reading(rng):
-    """Return samples, sums of lit and of dark counts (some too dark), and flags of a reading."""
+    """Return a random reading: number of samples, sums of counts, dark sums, and flags.
+
+    Some readings are too dark.
+    """
     samples = rng.choice((1, 1, 2, 63, 64))
     brightest = int(2 ** rng.uniform(1, 16))
     lit = [rng.choice((rng.randint(1, brightest), brightest, FULL)) for _ in range(CHANNELS)]
@@ -206,9 +213,9 @@ def test_estimate(compare, rng):
     cases = []
     for i in range(6):
         tables = a_calibration(rng)
-        held = a_reading(rng)  # for some time, so that a drift is learnt
+        held = a_reading(rng)  # repeated often, so that the drift is computed from it
         readings = [rng.choice((held, held, a_reading(rng))) for _ in range(40)]
-        # Small limits, so that light which fits no press is checked before it begins a touch.
+        # With small limits, light that fits no press is checked before it begins a touch.
         limits = some_limits(rng, tables) if i < 3 else (2, 1, 0)
         checked = rng.choice((0, 1)), rng.choice((0, 10_000))
         if i > 3:
@@ -248,8 +255,9 @@ def test_power(compare, rng):
 
 
 def two_fingers(rng):
-    """Return a reading of two fingers, plausible or impossible: four elements of the state of a
-    tracker, and the other arguments of `locate.estimate`.
+    """Return a random reading of two fingers, which may be impossible.
+
+    It consists of four elements of a tracker's state, and the other arguments of `locate.estimate`.
     """
     length_um = rng.choice((30_000, 85_000, 600_000))
     decay = rng.choice((1, 150, 289, 600, 1000))
@@ -279,7 +287,7 @@ def test_a_finger_that_rests(compare, rng):
         x_um, force_mN, t = (
             rng.randint(*ends) for ends in ((-2000, 85_000), (300, 5000), (0, TICKS))
         )
-        # Each value lets the finger rest, or, seldom, does not.
+        # With most values the finger rests; with a few values it does not.
         near = partial(one_of, rng, rng.choice((0, 0.1, 0.2, 0.3)))
 
         s[contact_state.X_UM] = x_um + near(rng.randint(-449, 449), rng.choice((-450, 450, 9000)))
@@ -298,7 +306,7 @@ def test_a_finger_that_rests(compare, rng):
         s[contact_state.T_NOW] = t % contact_state.TICKS
         flags = near(rng.choice((1, 9, 21, 29, 33)), rng.choice((0, 3, 5, 17, 65, 129, 255)))
         cases.append([flags, *s])
-    for some in (cases[::2], cases[1::2]):  # the results of all would not fit the heap
+    for some in (cases[::2], cases[1::2]):  # the heap has no room for the results of all cases
         compare("rest", some, width=1 + contact_state.SIZE)
 
 
@@ -428,12 +436,13 @@ def test_keypad(compare, rng):
     compare("keypad", cases, width=3 * 150)
 
 
-# The next sequence, a size, and the longest frame: COBS adds a byte and one for each 254.
+# Results of a case: next sequence number, size, and the longest frame. COBS adds one byte, and one
+# more for each 254 bytes.
 WIDTH = 2 + HEADER_SIZE + TEXT_MAX + CRC_SIZE + 4
 
 
 def messages(rng):
-    """Return frame bodies with critical lengths, from bodies without zeros to only zeros."""
+    """Yield frame bodies with critical lengths: without zero bytes, and with many zero bytes."""
     ends = [0, 1, 2, 24, 253, 254, 255, 256, 508]
     for length in [end - HEADER_SIZE - CRC_SIZE for end in ends[3:]] + ends[:3] + [TEXT_MAX]:
         yield [rng.randint(1, 255) for _ in range(length)]
@@ -442,7 +451,7 @@ def messages(rng):
 
 def test_frame(compare, rng):
     every = list(messages(rng))
-    for part in range(3):  # the results of all would not fit the heap
+    for part in range(3):  # the heap has no room for the results of all cases
         compare("frame", every[part::3], width=WIDTH)
 
 

@@ -1,7 +1,7 @@
-"""A sensor that returns: the loop continues without garbage on the heap.
+"""A lost sensor that answers again: the loop then continues without garbage on the heap.
 
-Each allocation searches the heap for a free block, so garbage that is left behind slows the loop
-down as long as nobody sends a command.
+Each allocation searches the heap for a free block. So garbage slows the loop down until the next
+command, which collects garbage.
 """
 
 from bench.firmware import for_canned_board

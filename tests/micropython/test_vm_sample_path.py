@@ -1,7 +1,7 @@
 """The whole loop in a real MicroPython, from registers to framed bytes, while the heap is locked.
 
-What would allocate ends in MemoryError; what comes out must be, byte for byte, what CPython makes
-of the same scenes.
+An allocation raises MemoryError. The sent bytes must be the same as in CPython for the same scenes.
+A scene is the light on the sensor and the state of the board for some time, see `scene`.
 """
 
 import pytest
@@ -23,7 +23,7 @@ from spots_device.exposure import MAX_US
 from spots_device.fingers import CONFIRMED, DOWN, PROVISIONAL, UP
 from spots_device.layout import KEYBOARD, action
 
-# Presses of the default sensor at its two ends, and what more and less light would give.
+# Counts of presses at the two ends of the default sensor's strip, and of more and less light.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
 FEEBLE = [count // 3 for count in FAR]
 TWO_FINGERS = [(near + far) // 2 for near, far in zip(NEAR, FAR)]
@@ -32,12 +32,28 @@ NONE, FULL = [0] * 6, [65_535] * 6
 UNEVEN = [65_535, 1] * 3
 
 UNCALIBRATED, REAL, LEAST, LARGEST, SOFT = range(5)
-DARK_WINDOW_MS = 150  # more than one takes, at 10 ms a sample
-DARK_FRAME_MS = 750  # sixteen of them
+DARK_WINDOW_MS = 150  # longer than a dark window, at 10 ms a sample
+DARK_FRAME_MS = 750  # longer than a dark frame of 16 windows
 
 
 def scene(flags, lit, calibration=REAL, lasts_ms=60, average=1, **other):
-    """Return a scene for the script, and the flags that its last reading must have."""
+    """Return a scene for the script, and the flags that its last reading must have.
+
+    Parameters
+    ----------
+    flags : int
+        These flags.
+    lit : list of int
+        Six counts with the LED on.
+    calibration : int
+        Index of the calibration to use.
+    lasts_ms : int
+        Duration in ms of the board's clock.
+    average : int
+        Samples in a reading.
+    other
+        Other items of the scene, see `play` in scripts/sample_path.py.
+    """
     usual = {"dark": DARK, "request_dark": False, "saturated": False}
     usual |= {"port_takes": True, "stall_us": 0}
     made = {"lit": lit, "calibration": calibration, "lasts_ms": lasts_ms, "average": average}
@@ -84,10 +100,10 @@ AFTER_A_GAP = {
     "a stall of minutes",
     "a stall of minutes again",
     "a finger that never left meanwhile",
-    "nobody for long",  # the first of its run: the sensor had to be started
+    "nobody for long",  # the first scene of its run, which also starts the sensor
 }
 
-# All that a finger can mean, so that each path of the engine is taken by some scene.
+# A layout with all kinds of actions, so that the scenes run each path of the key engine.
 LAYOUT = [
     "stuck_ms 5000",
     "layer %d %d" % (action(KEYBOARD, 4), action(KEYBOARD, 5)),
@@ -96,7 +112,7 @@ LAYOUT = [
     "key 700 1000 %d 0 0 0 %d %d" % tuple(action(KEYBOARD, usage) for usage in (10, 11, 12)),
 ]
 
-# An exposure and an average as long as they get.
+# Scenes for the longest exposure and the largest average.
 LONG_SCENES = {
     "nobody for long": scene(TOO_DARK, DARK, lasts_ms=125_000),
     "a finger for longer": scene(TOUCHING, NEAR, average=64, lasts_ms=75_000),
@@ -108,7 +124,11 @@ SILICONE = "silicone 4200 300 1000 3000 500 100 80 40 400 40000 200 80 20"
 
 
 def farthest(calibration, largest):
-    """Return a calibration with the largest weights and the farthest tables that are allowed."""
+    """Return a calibration with the largest valid weights and numbers.
+
+    If `largest` is true, the arguments of its tables are as large as possible, else as small as
+    possible.
+    """
     kept = [line for line in calibration if line.split()[0] in ("board", "plan", "made", "touch")]
     kept += ["coarse 32768 -32768 0 0 0 0", "fit -32768 32768 0 0 0 0"]
     kept += ["segment 32768 -32768 0 0 0 0 36864 -28672 0 0 0 0"]
@@ -150,7 +170,10 @@ def given_long(given):
 
 
 def frames_of(lines, scenes):
-    """Return, by scene, its readings and its spectra."""
+    """Return the TOUCH and the SPECTRUM frames of each scene, as a dict by name of the scene.
+
+    `lines` has the sent bytes of each scene in hexadecimal.
+    """
     decoder = Decoder()
     frames = {name: decoder.feed(bytes.fromhex(line)) for name, line in zip(scenes, lines)}
     assert decoder.stats.bad_crc == 0
@@ -259,7 +282,7 @@ def test_every_scene_is_what_its_name_says(frames, name):
     assert bool(readings[0].flags & DROPPED) == (name in AFTER_A_GAP)
 
 
-# Same results, on a detour by what the loop must not have.
+# A defect for the tests: the results are the same, but the loop allocates memory.
 DETOUR = """
 _process = process
 def process(state, tables, counts, flags, head, payload, encoded):

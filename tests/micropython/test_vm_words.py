@@ -1,4 +1,4 @@
-"""The two MicroPythons of the tests have small integers of different width."""
+"""The two builds of MicroPython have small integers of different sizes."""
 
 
 def test_a_small_integer_is_one_bit_and_its_sign_short_of_a_word(machine, machine_bits):

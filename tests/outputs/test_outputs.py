@@ -1,4 +1,4 @@
-"""Keyboards and gamepads of a computer: every pressed key is released on every exit path."""
+"""Virtual keyboards and gamepads: each pressed key is released, on every exit path."""
 
 import os
 import sys
@@ -47,7 +47,7 @@ def press(device):
 
 
 def ended(device, end):
-    """Press a key or button, then end the device's block by an exception."""
+    """Press a key or button of a device, then raise the exception `end` in its `with` block."""
     try:
         with device:
             press(device)
@@ -56,7 +56,7 @@ def ended(device, end):
         pass
 
 
-# The rules of all keyboards, on the one that prints.
+# Behaviour of all keyboards, tested with `PrintedKeyboard`.
 
 
 def test_a_line_tells_the_name_of_a_key_that_goes_down_or_up(printed, lines):
@@ -200,7 +200,7 @@ def test_without_evdev_a_sentence_says_what_to_install(monkeypatch):
         UInputKeyboard()
 
 
-# Where there is none, the summary at the end of the tests says so.
+# Without /dev/uinput these tests do not exist, and the summary at the end of the run reports it.
 if os.access("/dev/uinput", os.W_OK):
 
     def test_a_real_uinput_keyboard_is_read_back():
@@ -272,7 +272,7 @@ def test_without_pynput_a_sentence_says_what_to_install(monkeypatch):
         DesktopKeyboard()
 
 
-# Which one.
+# Choice of the device.
 
 
 def test_a_dry_run_prints_on_every_system(capsys):

@@ -1,4 +1,4 @@
-"""The table of keys, compared with other tables."""
+"""The table of key names and HID usages, compared with the tables of other projects."""
 
 import runpy
 from importlib.util import find_spec
@@ -24,7 +24,7 @@ def test_the_keyboard_is_complete():
 
 
 def adafruit(module, table):
-    # By its path: the package wants CircuitPython's USB.
+    # Executed by its path, because an import of the package needs CircuitPython's usb_hid.
     path = Path(find_spec("adafruit_hid").origin).with_name(module)
     return {k: v for k, v in vars(runpy.run_path(str(path))[table]).items() if k.isupper()}
 

@@ -1,4 +1,4 @@
-"""A recording of real firmware in simulated time, and the frames that it must contain."""
+"""Fixtures: a recording of the real firmware in simulated time, and the frames in it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Seen(NamedTuple):
 
 @pytest.fixture(scope="session")
 def opened(sensor, calibration):
-    """Return a function that opens a calibrated board which plays the demo's scenario."""
+    """Return a function that opens a calibrated board with the scenario `demo`."""
     boards = []
 
     def open_board():
@@ -39,7 +39,7 @@ def opened(sensor, calibration):
 
 @pytest.fixture(scope="session")
 def seen(opened, tmp_path_factory):
-    """A recording of two seconds of readings, spectra, keys and contacts, and its frames."""
+    """A `Seen`: a recording of two seconds with all kinds of frames, and these frames."""
     path = tmp_path_factory.mktemp("seen") / "run.spots"
     board, frames, handed_s = opened(), [], []
     with board.record(path):

@@ -1,4 +1,4 @@
-"""A process that records and reports its frames, to be killed by a test."""
+"""A process that records and reports the number of its frames; a test kills it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FRAMES = 1 << 16
 
 
 def pieces():
-    """Yield the frames of a recording without end, 1 to 4 at a time, like reads of a busy link."""
+    """Yield blocks of 1 to 4 frames, like reads of a link; far more than a test needs."""
     i = 0
     while i < FRAMES:
         size = 1 + i % 4
@@ -18,7 +18,10 @@ def pieces():
 
 
 def run(path, told):
-    """Record without end; send the number of delivered frames after each read."""
+    """Record until the process is killed.
+
+    After each read, send the number of frames delivered up to then over the pipe `told`.
+    """
     tap = recorder(path, pieces(), step_s=0.003, rotate_bytes=3000)
     handed = 0
     while True:

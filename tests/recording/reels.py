@@ -1,4 +1,4 @@
-"""Links that deliver given bytes, and recordings of them."""
+"""Links that deliver prepared bytes, and recorders of these links."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ INFO = {
 
 
 class ScriptedLink:
-    """A link that delivers given blocks of bytes, each `step_s` after the previous one."""
+    """A link that delivers prepared blocks of bytes, each `step_s` after the previous one."""
 
     name = "script"
 
@@ -51,7 +51,7 @@ class ScriptedLink:
 
 
 class Recorded:
-    """A link, and the recorder of all bytes that are read from it."""
+    """A link with a recorder of all bytes that are read from it."""
 
     def __init__(self, link, path, describe, **options):
         self._link = link
@@ -77,9 +77,20 @@ def clock():
 
 
 def recorder(path, pieces, step_s=0.01, known=None, **options):
-    """Return a recorder of a link that delivers blocks of bytes.
+    """Return a `Recorded` link that delivers blocks of bytes.
 
-    `known` is the clock map whose state is recorded.
+    Parameters
+    ----------
+    path : Path
+        File of the recording.
+    pieces : iterable of bytes
+        Blocks, one for each read.
+    step_s : float
+        Time between two blocks.
+    known : ClockMap, optional
+        Conversion from board time to host time, whose state is recorded.
+    options
+        Options of the recorder, such as ``rotate_bytes``.
     """
     known = known or clock()
 
@@ -90,9 +101,9 @@ def recorder(path, pieces, step_s=0.01, known=None, **options):
 
 
 def record(path, pieces, step_s=0.01, **options):
-    """Record blocks of bytes.
+    """Record blocks of bytes; return the frames in them, and the statistics of the decoder.
 
-    Return the frames that a decoder finds in them, and its statistics.
+    The parameters are those of `recorder`.
     """
     pieces = list(pieces)
     decoder, known, frames = Decoder(), clock(), []
@@ -108,7 +119,7 @@ def replayed(path):
 
 
 def cut(data, sizes):
-    """Cut bytes into blocks of these sizes; the last block has the rest."""
+    """Yield blocks of `data` with these sizes, and a last block with the remaining bytes."""
     at = 0
     for size in sizes:
         yield data[at : at + size]

@@ -1,4 +1,4 @@
-"""The examples, on a board in simulated time."""
+"""The scripts in examples/, on a board in simulated time."""
 
 import os
 import runpy
@@ -21,7 +21,11 @@ matplotlib.use("Agg")
 
 @pytest.fixture
 def run(opened, monkeypatch):
-    """Return a function that runs an example for two seconds of simulated time."""
+    """Return a function that runs an example for two seconds of simulated time.
+
+    Its arguments are the name of the script, and the arguments of its command line. It returns the
+    global variables of the script.
+    """
 
     def run(name, *arguments):
         board = opened()
@@ -47,7 +51,7 @@ def test_read_touches_prints_readings(run, capsys):
 
 
 def test_the_gripper_closes_with_the_force_and_opens_in_the_end(run, capsys):
-    run("gripper.py")  # without a port a board is simulated, here and below
+    run("gripper.py")  # without a port argument, each example uses the port `virtual`
     words = [line.split() for line in capsys.readouterr().out.splitlines()]
     openings_mm = [float(word[2]) for word in words]
     assert len(openings_mm) > 10
@@ -68,7 +72,7 @@ def test_record_and_plot_records_and_plots(run, tmp_path):
 
 
 NAMES = sorted(path.name for path in EXAMPLES.glob("*.py"))
-FIRST = {"record_and_plot.py": "run.spots"}  # what an example needs, before a port
+FIRST = {"record_and_plot.py": "run.spots"}  # argument of an example before the port
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -21,7 +21,7 @@ from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
 
 DATA = Path(__file__).parents[1] / "data" / "0.1.0"
-# As 0.1.0 itself read these files.
+# Contents of these files as version 0.1.0 has read them.
 EXPECTED = json.loads((DATA / "expected.json").read_text())
 RUN = DATA / "run.spots"
 
@@ -80,20 +80,20 @@ def test_a_session_has_all_its_points():
 
 
 def forces(lines):
-    """Return brightnesses (Q20) and forces in mN of a calibration's lines."""
+    """Return the lines ``f`` of a calibration: brightness (Q20 of log2) and force in mN, (2, n)."""
     return np.array([line.split()[1:3] for line in lines if line.startswith("f ")], float).T
 
 
 def test_a_session_gives_the_same_positions_and_balanced_forces(tmp_path):
     session = tmp_path / "calibration.jsonl"
     session.write_bytes((DATA / "calibration.jsonl").read_bytes())
-    # Nothing is left to press: the session is fitted as it is.
+    # All presses are in the session already, so the command only fits them.
     for kind, places in (("position", "12"), ("force", "14")):
         command = ["calibrate", kind, "--port", "virtual", "--session", str(session)]
         assert main([*command, "--places", places]) == 0
     again = calibration_file.load(tmp_path / "calibration.toml").lines
     before = EXPECTED["calibration"]["lines"]
-    # Since 0.2.0 the knots of the force are balanced, and a touch begins at a smaller force.
+    # Version 0.2.0 changed the knots of the force, and the force at which a touch begins.
     assert [line for line in again if line.split()[0] not in ("touch", "f")] == [
         line for line in before if line.split()[0] not in ("touch", "f")
     ]
@@ -105,7 +105,7 @@ def test_a_recording_is_summarised_as_before(capsys, monkeypatch):
     monkeypatch.chdir(DATA)
     assert main(["info", "run.spots", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["frames"].pop("contact") == 0  # an older recording has none
+    assert found["frames"].pop("contact") == 0  # version 0.1.0 had no CONTACT frames
     for later in ("decay", "relative_force"):  # its firmware did not report these
         assert found["header"]["info"].pop(later) is None
     assert found == EXPECTED["info"]

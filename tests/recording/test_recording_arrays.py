@@ -1,4 +1,4 @@
-"""Arrays of a recording equal its frames to the last bit, even in damaged files."""
+"""Arrays of a recording equal its frames exactly, also in damaged files."""
 
 import dataclasses
 import random
@@ -41,7 +41,7 @@ def key(sequence, t_us):
 
 @pytest.mark.parametrize("size", _SIZES)
 def test_arrays_of_real_firmware(seen, size):
-    assert check(seen.path, size) >= len(seen.frames)  # replies are there, too
+    assert check(seen.path, size) >= len(seen.frames)  # the recording also has replies
     assert check(seen.path, size) >= len(seen.frames)
     got = spots.read_arrays(seen.path)
     assert min(map(len, got.tables)) > 0

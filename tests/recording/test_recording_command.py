@@ -22,7 +22,7 @@ from test_frames import stream
 
 @pytest.fixture
 def fast(opened, monkeypatch):
-    """A board in simulated time is what the command line opens."""
+    """Board in simulated time, which the command line opens for any port."""
     board = opened()
     board.close = lambda: None
     monkeypatch.setattr(cli.arguments, "open_board", lambda options: board)
@@ -51,7 +51,7 @@ def test_record_then_replay_shows_what_monitor_shows(fast, tmp_path, capsys):
     assert 4 <= len(lines) <= 7
     started_s = recording.header.host_s
     assert set(lines) <= {plain(one, started_s) for one in frames if isinstance(one, Touch)}
-    # Where between two taps of the demonstration it begins and ends, nobody says.
+    # The recording begins and ends at unknown times between the taps of the scenario.
     assert any(" mm" in line for line in lines)
     assert any("no touch" in line for line in lines)
     assert cli.main(["monitor", "--port", f"recording:{path}", "--seconds", "0.1"]) == 0
@@ -116,7 +116,7 @@ def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path, full_disk):
     frames, recording = replayed(tmp_path / "run.spots")
     assert len(frames) > 10
     assert not recording.complete
-    assert tap.read(1)  # the link goes on, the recording does not
+    assert tap.read(1)  # the link continues after the end of the recording
     tap.stop()
     assert recording.size == (tmp_path / "run.spots").stat().st_size
 
@@ -141,7 +141,7 @@ def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_
     capsys.readouterr()
     fast.command("cal clear")
     error = refused(capsys, "record", tmp_path / "b.spots", *arguments)
-    assert "the file has calibration" in error
+    assert "the calibration file has calibration" in error
     assert "the board uses none" in error
 
 

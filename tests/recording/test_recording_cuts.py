@@ -1,4 +1,4 @@
-"""Cut and damaged recordings: all complete frames are read, and no wrong one."""
+"""Cut and damaged recordings: all complete frames are read, and no wrong frame."""
 
 import contextlib
 import itertools
@@ -35,7 +35,7 @@ def key(sequence):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """A recording of touches and keys: its bytes, its frames, and the end of each frame."""
+    """Bytes of a recording of TOUCH and KEY frames, these frames, and the index of their ends."""
     path = tmp_path_factory.mktemp("whole") / "whole.spots"
     pieces = [key(i) if i % 3 else touch(i) for i in range(_FRAMES)]
     frames, _ = record(path, pieces, step_s=0.002)
@@ -62,13 +62,13 @@ def test_cut_at_every_byte_the_whole_frames_are_there(whole, tmp_path):
         assert recording.stats.bad_crc == 0
         assert recording.cut_bytes == size - 1 - data.rfind(b"\0", 0, size)
         assert recording.complete == (size == len(data))
-    assert 0 < header_ends < ends[0] / 2  # one of two copies is enough
+    assert 0 < header_ends < ends[0] / 2  # one of the two copies of the header is enough
 
 
 def test_a_stop_in_another_thread_waits_for_the_frame_in_work(tmp_path):
     path, stops = tmp_path / "run.spots", []
 
-    def describe():  # the recorder asks for it in the middle of a write
+    def describe():  # the recorder calls this in the middle of a write
         for stop in stops:
             stop.start()
             stop.join(0.2)  # without a lock, the recording has ended by then
@@ -86,7 +86,7 @@ def test_a_stop_in_another_thread_waits_for_the_frame_in_work(tmp_path):
 
 @contextlib.contextmanager
 def ctrl_c_at_line(count):
-    """Raise KeyboardInterrupt before the recorder executes its `count`-th line."""
+    """Raise KeyboardInterrupt before the recorder executes its line number `count` in the block."""
     left = [count]
 
     def line(frame, event, argument):
@@ -111,7 +111,7 @@ def ctrl_c_at_line(count):
 def test_ctrl_c_at_any_line_of_the_recorder_leaves_a_recording_with_an_end(tmp_path, rotate_bytes):
     pieces = [key(0), key(1), b"\x55" * 400, b"\0", key(2), b"".join(map(key, range(3, 9))), key(9)]
     for i in itertools.count(1):
-        path = tmp_path / str(i) / "a.spots"  # the parts of a set are looked for in its folder
+        path = tmp_path / str(i) / "a.spots"  # in its own folder, with all parts of the set
         path.parent.mkdir()
         tap = recorder(path, pieces, step_s=0.002, rotate_bytes=rotate_bytes)
         handed, interrupted = b"", False
@@ -126,7 +126,7 @@ def test_ctrl_c_at_any_line_of_the_recorder_leaves_a_recording_with_an_end(tmp_p
         assert recording.complete, i
         assert [frame.sequence for frame in frames] == list(range(len(frames)))
         read = len(Decoder().feed(handed))
-        assert read <= len(frames) <= read + 6, i  # a piece may be written and not handed on yet
+        assert read <= len(frames) <= read + 6, i  # a block is written before it is delivered
         if not interrupted:
             break
     assert i > 100
@@ -134,8 +134,8 @@ def test_ctrl_c_at_any_line_of_the_recorder_leaves_a_recording_with_an_end(tmp_p
 
 
 def test_a_killed_recorder_keeps_all_that_it_handed_on(tmp_path, monkeypatch):
-    # A fork server has everything imported, so that a process to kill costs milliseconds. It finds
-    # modules by its environment alone.
+    # A fork server has imported all modules, so that each new process starts in milliseconds. It
+    # finds the modules only by PYTHONPATH.
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["kills"])
@@ -163,7 +163,7 @@ def test_a_killed_recorder_keeps_all_that_it_handed_on(tmp_path, monkeypatch):
         told_of += handed
         inside += len(recording.paths) > 1
     print(f"{_KILLS} kills at random moments: of {told_of} frames handed on, 0 were missing")
-    assert inside > _KILLS / 10  # kills around a change of files, too
+    assert inside > _KILLS / 10  # includes kills near a change to the next file
 
 
 damages = st.lists(
@@ -225,7 +225,7 @@ def test_every_flipped_byte_of_the_header_is_made_good_by_its_copy(tmp_path):
 
 
 def test_what_a_live_board_says_is_never_a_note(tmp_path):
-    # A byte of damage in a frame costs that frame; the times of the others stay.
+    # A damaged byte destroys only its frame; the times of the other frames do not change.
     frames, _ = record(tmp_path / "a.spots", [touch(0), b"\x0f" + touch(1), touch(2)])
     assert [frame.sequence for frame in frames] == [0, 2]
     assert Recording(tmp_path / "a.spots").header.part == 0

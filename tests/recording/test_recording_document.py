@@ -1,4 +1,4 @@
-"""The statements of docs/recording.md about the file format."""
+"""docs/recording.md: its statements about the file format are correct."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""MCAP, CSV and NumPy files contain the numbers of the recording."""
+"""`spots export`: MCAP, CSV and NumPy files contain the numbers of the recording."""
 
 import csv
 import json
@@ -22,7 +22,7 @@ KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "contact": Contact, "
 
 @pytest.fixture(scope="module")
 def truth(seen):
-    """Rows by kind of frame: attribute names and values, directly from the frames."""
+    """Expected rows of the exported tables: a list of dicts for each kind of frame."""
     recording = spots.Recording(seen.path)
     begun_s = recording.header.host_s
     tables = {name: [] for name in KINDS}
@@ -46,7 +46,7 @@ def check(row, wanted):
         other = wanted[RENAMED.get(name, name)]
         if name in TIMES:
             assert value == pytest.approx(other, abs=1e-9)
-        elif other != other:  # not known: a file has what the board sent
+        elif other != other:  # NaN, an unknown value: the file has the number that the board sent
             assert value == 0 or not wanted.get("touching", True), name
         else:
             assert value == other, name

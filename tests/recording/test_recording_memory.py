@@ -1,4 +1,4 @@
-"""The memory of a command on a recording does not grow with the recording."""
+"""Memory of the commands that read recordings: it does not grow with the length."""
 
 import itertools
 import json
@@ -11,12 +11,13 @@ import pytest
 from reels import record
 from test_frames import encoded, touch
 
-SHORT, TIMES = 4000, 4  # the short one, too, fills a block of what is read and of what is written
-PAIRS = 3  # of a reading and a spectrum, between two texts
+SHORT, TIMES = 4000, 4  # the short recording also fills at least one block of reading and writing
+PAIRS = 3  # pairs of a reading and a spectrum between two texts
 GROWS_AT_MOST_KIB = 2 * 1024
 SUMMARY_GROWS_AT_MOST_KIB = 1500  # the long recording has 2700 KiB more
-# Both in one process, and its own peak: of a child, getrusage would count the parent's pages before
-# exec. The first command has loaded all that the second one needs.
+# Both recordings are read in one process, which measures its own peak: for a child process,
+# getrusage would include the parent's memory before exec. The first command has imported all
+# modules that the second one needs.
 RUN = """
 import sys
 from spots.cli import main
@@ -28,7 +29,7 @@ for path in sys.argv[1:3]:
 
 
 def pieces(count):
-    """Yield reads of some readings and spectra, and a text."""
+    """Yield `count` blocks of bytes: pairs of a TOUCH and a SPECTRUM frame, and a TEXT frame."""
     numbers = itertools.count()
     for i in range(count):
         frames = []
@@ -51,7 +52,7 @@ def recordings(tmp_path_factory):
 
 
 def growth_kib(folder, command, *options):
-    """Return how much more memory a command needs for a long recording than for a short one."""
+    """Return the additional memory in KiB of a command for a long instead of a short recording."""
     paths = folder / "short.spots", folder / "long.spots"
     done = subprocess.run(
         [sys.executable, "-c", RUN, *paths, command, *options],

@@ -97,7 +97,7 @@ def test_a_plain_decoder_reads_a_recording(seen):
 
 
 class Time:
-    """Time that passes only in sleep."""
+    """Substitute for the module `time`: its clock advances only in `sleep`."""
 
     def __init__(self):
         self.now_s = 0.0

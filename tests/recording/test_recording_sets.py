@@ -1,4 +1,4 @@
-"""Rotation: each file of a set is a recording of its own, and together they are one."""
+"""Rotation of recordings: each file of a set is readable alone; all files are one recording."""
 
 import struct
 import time
@@ -20,7 +20,7 @@ def at(seconds, sequence):
 
 @pytest.fixture
 def rotated(tmp_path):
-    """Path of a rotated recording in which the board's time wraps, and the frames in it."""
+    """Path of a recording with several files, in which the board's time wraps, and its frames."""
     path = tmp_path / "run.spots"
     seen, _ = spread(path, [at(1000 * i, i) for i in range(200)])
     return path, seen
@@ -77,7 +77,7 @@ def test_a_file_that_breaks_off_within_a_set_costs_its_rest_alone(rotated):
     second = Recording(path).paths[1]
     inside = len(replayed(second)[0])
     second.write_bytes(second.read_bytes()[:-1])
-    assert replayed(path)[0] == seen  # but for the delimiter it is whole
+    assert replayed(path)[0] == seen  # only the last delimiter is missing
     second.write_bytes(second.read_bytes()[:-1])
     got, recording = replayed(path)
     assert len(got) == len(seen) - 1
@@ -91,12 +91,12 @@ def test_a_set_never_writes_over_a_file(tmp_path):
     path = tmp_path / "run.spots"
     other = tmp_path / "run-001.spots"
     tap = recorder(path, stream(200), rotate_bytes=1600)
-    other.write_text("mine")  # somebody made it meanwhile
+    other.write_text("mine")  # another program creates this file during the recording
     refusal = r"run-001.spots exists: choose another name"
     with pytest.raises(spots.SpotsError, match=refusal):
         all(tap.read(1) for _ in range(200))
     assert other.read_text() == "mine"
-    assert tap.read(1)  # the link is as good as before
+    assert tap.read(1)  # the link still works
     assert 10 < len(replayed(path)[0]) < 100
 
 

@@ -1,4 +1,4 @@
-"""The simulated I2C of CircuitPython reports the same errors as the real one."""
+"""The simulated `busio.I2C` raises the same errors as that of the real CircuitPython."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Both drivers read the same counts from the same sensor under the same press."""
+"""The firmware's driver and Adafruit's driver read equal counts from one sensor with a press."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_without_noise_every_count_is_the_same(sensor, plan, exposure_us, gains,
 
 
 def test_the_presses_tell_channels_presses_and_gains_apart(sensor):
-    # Equal counts would be no evidence if most of them were 0 or full scale.
+    # Equal counts would show nothing if most of them were 0 or full scale.
     read = their_counts(noiseless(sensor), 10_000, (4, 7, 10), PRESSES, samples=1)
     counts = [int(c[0]) for reading in read.values() for d, c in reading.items() if d != "NIR"]
     assert sum(10 < count < 3597 for count in counts) > 0.7 * len(counts)
@@ -64,7 +64,7 @@ def test_the_presses_tell_channels_presses_and_gains_apart(sensor):
 
 @pytest.fixture(scope="module")
 def noisy(sensor):
-    """The counts of both drivers for both plans, with the noise of the default sensor."""
+    """Counts of the firmware for two plans of diodes, and of Adafruit's driver, with noise."""
     conditions = {"exposure_us": 10_000, "gains": (8, 9), "presses": PRESSES, "samples": 40}
     ours = {}
     for plan in (LOW, HIGH):
@@ -91,7 +91,7 @@ def test_no_ratio_is_left_over_all_counts(noisy):
         for diode in reading
         if 500 < reading[diode].mean() < 3597
     ]
-    # The LED's own noise is common to the channels of a sample and leaves some 50 ppm a case.
+    # The noise of the LED is common to all channels of a sample; it leaves about 50 ppm in a case.
     assert len(ratios) > 20
     assert np.mean(ratios) == pytest.approx(1, abs=200e-6)
 
@@ -130,7 +130,7 @@ def test_the_referee_reads_each_diode_under_its_own_name():
 
 
 def swap(monkeypatch, one, other):
-    """Wire a pair of the chip's photodiodes the wrong way round."""
+    """Exchange the connections of two photodiodes of the simulated chip."""
     pixels = as7341.PIXELS_OF
     first, second = pixels[one], pixels[other]
     monkeypatch.setitem(pixels, one, second)

@@ -1,4 +1,4 @@
-"""Our channel of a multiplexer against Adafruit's library: the same bytes on the bus."""
+"""A channel of the multiplexer TCA9548A: the same bytes on the bus as with Adafruit's library."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SENSOR = 0x39
 
 
 class Recorder:
-    """A ``busio.I2C`` that records all transfers."""
+    """Substitute for ``busio.I2C`` that records all transfers."""
 
     def __init__(self, *pins, frequency=None):
         self.transfers = []
@@ -47,7 +47,7 @@ class Recorder:
 
 @pytest.fixture
 def ours(monkeypatch):
-    """The module of the firmware for CircuitPython."""
+    """The firmware's module `multiplexer_circuitpython`, with the substitute for busio."""
     busio = types.ModuleType("busio")
     busio.I2C = Recorder
     monkeypatch.setitem(sys.modules, "busio", busio)
@@ -76,7 +76,7 @@ def test_the_channels_send_the_bytes_of_adafruits_library(ours, numbers):
     channels = [ours.I2CChannel(number).open("SCL", "SDA", 400_000) for number in numbers]
     use(channels)
     (bus,) = ours._buses
-    # The library also switches all channels off after each transfer, which costs 50 us.
+    # Adafruit's library also switches all channels off after each transfer, which takes 50 us.
     expected = [one for one in theirs.transfers if one != (0x70, b"\x00")]
     assert bus.i2c.transfers == expected
     assert (0x70, bytes((1 << numbers[0],))) in expected

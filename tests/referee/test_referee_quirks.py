@@ -1,4 +1,4 @@
-"""For all behaviours that the documents leave open, each sample is read exactly once."""
+"""Behaviours that the chip's documents leave open: with each, every sample is read one time."""
 
 from __future__ import annotations
 

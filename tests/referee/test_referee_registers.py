@@ -1,4 +1,4 @@
-"""Register values that one driver writes are read by the other driver."""
+"""The firmware's driver and Adafruit's driver: each reads the register values of the other."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ ADDRESS = 0x39
 
 
 class Onlooker(adafruit_as7341.AS7341):
-    """Adafruit's driver on a chip that the other driver has set up: it only reads."""
+    """Adafruit's driver without its set-up, on a chip that the firmware's driver has set up."""
 
     def initialize(self):
         pass
 
 
 class Ammeter:
-    """A light whose counts with the LED on equal the LED current in mA, at gain 128x.
+    """Simulated light: at gain 128x, the counts with the LED on equal the LED current in mA.
 
-    The published driver begins with this gain.
+    Adafruit's driver starts with this gain.
     """
 
     def collect(self, start_us, end_us, led_mA):

@@ -1,4 +1,4 @@
-"""Two drivers on one simulated sensor: this firmware's, and Adafruit's unmodified driver."""
+"""Runs two drivers on one simulated sensor: the firmware's, and Adafruit's unmodified driver."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ LOW = ("F1", "F2", "F3", "F4", "CLEAR", "NIR")
 HIGH = ("F5", "F6", "F7", "F8", "CLEAR", "NIR")
 LED_OFF = 1 << 7
 SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
-GAIN_1X_OF_64 = 7  # the one gain that the datasheet's table gives as a round number
+GAIN_1X_OF_64 = 7  # register code of 64x, the only gain that is exact in the datasheet's table
 WRAP = 1 << 32
-PATIENCE_S = 10.0  # of simulated time: for a dark window and some tens of samples
+PATIENCE_S = 10.0  # timeout in simulated time; enough for a dark window and some tens of samples
 
 
 def varied(sensor, led=(), **converter):
-    """Return a sensor file with some fields of its LED and its converter changed."""
+    """Return a copy of a sensor file with changed fields of its LED (dict) and its converter."""
     return structs.replace(
         sensor,
         led=structs.replace(sensor.led, **dict(led)),
@@ -34,12 +34,12 @@ def varied(sensor, led=(), **converter):
 
 
 def steady(sensor):
-    """Return a sensor whose LED has warmed up, so that it is the same at any two moments."""
+    """Return a copy of a sensor file without warm-up of the LED, so that its light is constant."""
     return varied(sensor, led={"warm_up_percent": 0.0})
 
 
 def noiseless(sensor):
-    """Return a sensor that gives the same counts every time."""
+    """Return a copy of a sensor file without noise, so that a press always has the same counts."""
     return varied(
         steady(sensor),
         led={"noise_ppm_10ms": 0.0},
@@ -49,7 +49,30 @@ def noiseless(sensor):
 
 
 def our_counts(sensor, plan, exposure_us, gains, presses, samples, led_mA=100):
-    """Return the counts that this firmware reads: {(gain, press): {diode: array of counts}}."""
+    """Return the counts that the firmware reads, with each gain and press.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        The simulated sensor.
+    plan : sequence of str
+        Names of six diodes.
+    exposure_us : int
+        Exposure in us.
+    gains : sequence of int
+        Register codes of the gain.
+    presses : sequence of Press
+        Presses on the strip.
+    samples : int
+        Number of samples for each gain and press.
+    led_mA : int
+        LED current in mA.
+
+    Returns
+    -------
+    dict
+        (gain, press) to a dict: name of the diode to an array of `samples` counts.
+    """
     held = Held()
     readings = {}
     with Board(LockstepLink(sensor, held)) as board:
@@ -65,7 +88,7 @@ def our_counts(sensor, plan, exposure_us, gains, presses, samples, led_mA=100):
 
 
 def since_now(board, samples, exposure_us):
-    """Return the counts of the next lit samples whose integration has not begun yet."""
+    """Return the counts of `samples` samples with the LED on that begin after this call."""
     now_us = board.command("sync")["t_us"]
     counts = []
     for frame in board.frames(PATIENCE_S):
@@ -79,7 +102,10 @@ def since_now(board, samples, exposure_us):
 
 
 def their_counts(sensor, exposure_us, gains, presses, samples, led_mA=100):
-    """Return the counts that Adafruit's driver reads, as `our_counts`, for every named diode."""
+    """Return the counts that Adafruit's driver reads, for all diodes that it names.
+
+    Parameters and result are those of `our_counts`, without the plan.
+    """
     held = Held()
     bus = I2CBus(chip(sensor, held, seed=1), SimulatedClock())
     readings = {}
@@ -97,13 +123,13 @@ def their_counts(sensor, exposure_us, gains, presses, samples, led_mA=100):
 
 
 def named_channels(driver):
-    """Return a reading of all channels that have a name in Adafruit's driver."""
+    """Return a reading of all named channels of Adafruit's driver, as a dict by name."""
     reading = {f"F{i}": count for i, count in enumerate(driver.all_channels, 1)}
     return reading | {"CLEAR": driver.channel_clear, "NIR": driver.channel_nir}
 
 
 class Labelled:
-    """A light that gives each diode its own count at gain 64x, independent of LED and exposure.
+    """Simulated light: each diode has its own count at gain 64x, independent of LED and exposure.
 
     Parameters
     ----------
@@ -122,7 +148,7 @@ class Labelled:
 
 
 class Numbered:
-    """A light that gives every sample its own count at gain 64x: 1, 2, ... and around."""
+    """Simulated light: sample n has n counts at gain 64x; the counts repeat after a while."""
 
     around = 900
 
@@ -136,12 +162,12 @@ class Numbered:
 
 
 def silent_chip(light, quirks=None):
-    """Return a chip without noise in front of a light."""
+    """Return a simulated chip without noise that measures `light`."""
     return AS7341(light, SILENT, np.random.default_rng(0), quirks or Quirks())
 
 
 def board_with(sensor, a_chip):
-    """Return (Board, LockstepLink) whose firmware finds `a_chip` on its bus from power-on."""
+    """Return (Board, LockstepLink) of a virtual board that has the chip `a_chip` on its bus."""
     link = LockstepLink(sensor, Held())
     link.bus.chip = link.chip = a_chip
     return Board(link), link

@@ -1,4 +1,4 @@
-"""A Zenoh network for each test, to which boards that are opened by name connect."""
+"""Fixture: a Zenoh network for each test, which ``spots.open("zenoh:…")`` uses."""
 
 import pytest
 

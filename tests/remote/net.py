@@ -1,4 +1,4 @@
-"""A Zenoh network on this computer only, and boards that this process publishes on it."""
+"""A Zenoh network inside this computer, and boards that this process publishes on it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ RATE_HZ = 200
 
 
 class Net:
-    """Two Zenoh configuration files: `hub` listens, and programs with `leaf` connect to it."""
+    """Two Zenoh configuration files: a program with `hub` listens, those with `leaf` connect."""
 
     def __init__(self, folder):
         with socket.create_server(("127.0.0.1", 0)) as free:
@@ -42,12 +42,12 @@ def session(path):
 
 
 class Restarting(StandIn):
-    """A substitute board that can be restarted."""
+    """A substitute board that restarts when `restarting` is set to True."""
 
     restarting = False
 
     def read(self, timeout_s):
-        if self.restarting:  # in the thread that reads it, between frames
+        if self.restarting:  # restart here: in the thread that reads, between two frames
             self.restarting = False
             self.__init__(self._id, 1 / self._period_s)
             self.fast = True
@@ -56,7 +56,17 @@ class Restarting(StandIn):
 
 @contextlib.contextmanager
 def publishing(path, *links, kind=Publisher):
-    """Publish the boards of some links in this process, in a ``with`` block."""
+    """Publish boards from this process in a ``with`` block; yield the publishers.
+
+    Parameters
+    ----------
+    path : Path
+        Zenoh configuration file.
+    links : object
+        Links of the boards.
+    kind : type
+        Class of the publishers.
+    """
     ended = threading.Event()
     failed = []
 

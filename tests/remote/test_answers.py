@@ -1,4 +1,4 @@
-"""Queries of remote readers never cost a board its readings."""
+"""Queries of remote readers: even a flood of queries does not delay or lose a board's readings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,11 @@ def clock():
 
 @pytest.fixture
 def answers_of(clock):
-    """Return a function from a board's `command` to its `Answers` and their query handlers."""
+    """Return a function that creates the `Answers` of a board with the simulated `clock`.
+
+    Its argument is the function `command` of the board. It returns the `Answers`, and a list of the
+    functions that handle queries.
+    """
 
     def of(command):
         board = SimpleNamespace(
@@ -85,7 +89,7 @@ def test_a_flood_of_questions_takes_a_tenth_of_the_time_from_the_readings(clock,
         clock.s = began_s + max(0.01, clock.s - began_s)
     assert 0.01 < sum(rounds_s) / clock.s < 0.12
     assert max(rounds_s) < 0.05
-    assert len(commands) < 3 * 10.0 / 0.05  # of the 400,000 questions
+    assert len(commands) < 3 * 10.0 / 0.05  # caused by 400,000 queries
 
 
 def test_a_slow_machine_answers_within_a_second_or_two(clock, answers_of):

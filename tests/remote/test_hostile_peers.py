@@ -1,4 +1,4 @@
-"""Peers that send messages which no SPOTS program sends."""
+"""Hostile Zenoh peers: they send messages that no SPOTS program sends."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_names_of_boards_are_forgotten_the_least_recently_used_first(monkeypatch
     tracemalloc.start()
     for i in range(20_000):
         lines.written(f"spots/{i}/0/spectrum", content)
-        assert not lines.written("spots/mine/0/spectrum", content)  # used, and not forgotten
+        assert not lines.written("spots/mine/0/spectrum", content)  # a name in use stays stored
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert grown < 200_000
@@ -144,7 +144,7 @@ def _rss(pid):
 
 
 def test_a_flood_of_questions_costs_no_reading(net):
-    # How much time it may take: test_answers.py, in simulated time.
+    # test_answers.py limits the time for the replies, in simulated time.
     with publishing(net.hub, stand_in()), session(net.leaf) as other:
         wait_until(lambda: list(other.get("spots/a1/info")))
         flood = subprocess.Popen(
@@ -162,7 +162,7 @@ def test_a_flood_of_questions_costs_no_reading(net):
         finally:
             flood.kill()
             flood.communicate()
-    # A spectrum between two readings, and replies to questions.
+    # Between two readings, a spectrum and replies to queries also take sequence numbers.
     assert {b - a for a, b in pairwise(heard)} <= {2, 3, 4, 5}
 
 
@@ -171,7 +171,7 @@ def test_questions_under_a_flood_are_answered_with_what_the_board_replied(net):
     with publishing(net.hub, link), session(net.leaf) as other:
         wait_until(lambda: list(other.get("spots/a1/info")))
         asked = len(link.said)
-        # At once, for a publisher pauses between two rounds of replies.
+        # All queries at the same time, because a publisher pauses between two rounds of replies.
         waiting = [other.get("spots/a1/get", timeout=DEADLINE_S) for _ in range(200)]
         for (reply,) in waiting:
             assert json.loads(bytes(reply.ok.payload))["gain"] == 9

@@ -1,4 +1,4 @@
-"""Every thread and callback of the host continues after an exception, which is reported."""
+"""Exceptions in threads and callbacks of the host: reported, and the thread continues."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ ERRORS = ValueError, RecursionError, MemoryError
 
 
 class Fault:
-    """Makes one call of a function raise an exception."""
+    """Makes one call of a function raise an exception; the other calls work."""
 
     def __init__(self, error):
         self._error = error
@@ -180,7 +180,7 @@ def test_a_page_gets_the_newest_state(fault, place, monkeypatch):
                 monkeypatch.setattr(app_module, "msgspec", SimpleNamespace(json=json))
             for _ in range(3):
                 url = server.url.replace("http", "ws") + "live"
-                # Where the server closes it, an answer that is on its way fails.
+                # If the server closes the connection, an answer that is being sent fails.
                 with contextlib.suppress(ConnectionError):
                     async with client.ws_connect(url) as page:
                         while not fault.raised:
@@ -267,7 +267,10 @@ def test_a_finger_that_another_process_moves(fault, monkeypatch, tmp_path):
     ("platform", "call"), [(sys.platform, "select.select"), ("win32", "os.read")]
 )
 def test_the_watch_over_a_parent_ends_the_virtual_board(platform, call):
-    """Without this thread, nothing would end the virtual board."""
+    """The virtual board ends if the thread that watches its parent process fails.
+
+    Without this thread, the board would continue after the end of its parent.
+    """
     program = f"""
 import time
 from spots_sim import starting
@@ -283,7 +286,7 @@ time.sleep(10)
 @pytest.mark.parametrize(
     ("made_by", "modules"),
     [
-        # Another thread or callback needs a case above, and its line here.
+        # A new thread or callback needs a test case above, and an entry here.
         (
             r"\bThread\(",
             {
@@ -307,11 +310,11 @@ time.sleep(10)
         (r"create_task\(|call_soon", {"spots/web/app.py"}),
         (r"\.on_change = ", {"spots/web/app.py", "spots/web/state.py"}),
         (r"add_signal_handler\(", {"spots/web/serve.py"}),
-        # In the main thread, where an exception ends the program as any other does.
+        # These run in the main thread, where an exception ends the program.
         (r"signal\.signal\(", {"spots/signals.py"}),
         (r"Executor\(", {"spots/web/recordings.py"}),
         (r"atexit|Timer\(|run_in_executor|excepthook|weakref\.finalize", set()),
-        # Awaited at once, where its exception is raised.
+        # The caller awaits the result, so that it gets the exception.
         (r"to_thread\(", {"spots/link/board.py"}),
         (r"ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),
     ],

@@ -1,4 +1,4 @@
-"""A board on another machine: read like a local board, without commands, and reconnected."""
+"""Boards over Zenoh: read like local boards, reconnected, but without commands that change them."""
 
 import json
 import socket
@@ -46,13 +46,13 @@ def test_a_late_joiner_reads_all_from_then_on(net):
             latest = board.read_latest()
     assert touches[0].sequence > 50
     steps = [b.sequence - a.sequence for a, b in zip(touches, touches[1:])]
-    assert set(steps) <= {2, 3, 4}  # a spectrum between, and answers to the publisher's questions
+    assert set(steps) <= {2, 3, 4}  # spectra, and replies to the publisher, are in between
     assert steps.count(2) > 90
     assert {type(frame) for frame in frames} == {Touch, Spectrum}
     assert (touches[0].position_um, touches[0].force_mN) == (42_500, 3_000)
     assert latest.sequence > frames[-1].sequence
     assert board.stats.lost == board.stats.bad_crc == board.stats.restarts == 0
-    # The stand-in's clock is that of this machine.
+    # The clock of the substitute board is the monotonic clock of this machine.
     for touch in touches:
         error_s = touch.time_s % (2**32 / 1e6) - touch.t_us / 1e6
         assert abs(error_s) <= board._clocks.clock.uncertainty_s + 2e-6
@@ -117,11 +117,11 @@ def test_streaming_is_what_the_reader_says(net):
         take(board, 20)
         assert board.command("sync")["stream"] == ["touch"]
         board.command("stream off")
-        list(board.frames(0.1))  # what was under way
+        list(board.frames(0.1))  # frames that were sent before the command
         assert list(board.frames(0.1)) == []
         board.command("stream contact touch spectrum")
         take(board, 20)
-        assert board.stats.lost == 0  # what nobody listened to is not lost
+        assert board.stats.lost == 0  # frames while no stream was requested do not count as lost
         with pytest.raises(SpotsError, match="arguments of stream are"):
             board.command("stream everything")
 
@@ -160,7 +160,7 @@ def test_a_publisher_that_stays_away_ends_the_reading(net, monkeypatch):
 
 
 class spots_open_while:  # noqa: N801
-    """A reader, and a publisher that a test can end and restart."""
+    """A context with a reader, and a publisher that the test can end and restart."""
 
     def __init__(self, net):
         self._net = net
@@ -206,7 +206,7 @@ def test_a_reader_that_is_too_slow_counts_what_it_missed(net, monkeypatch):
         gaps = sum(b.sequence - a.sequence - 1 for a, b in zip(frames, frames[1:]))
         assert frames[-1].sequence - first.sequence + 1 == len(frames) + gaps
         take(board, len(board._frames))
-        assert board.stats.lost >= gaps - 2 > 0  # answers to the publisher take numbers, too
+        assert board.stats.lost >= gaps - 2 > 0  # replies to the publisher have numbers, too
 
 
 def test_recording_a_board_from_afar(net, tmp_path):

@@ -1,4 +1,4 @@
-"""Several processes: killed publishers and stopped readers; every frame is counted."""
+"""Zenoh with several processes: publishers are killed, readers stop; no frame is miscounted."""
 
 from __future__ import annotations
 
@@ -71,7 +71,8 @@ def test_a_publisher_killed_outright_and_back(net, monkeypatch):
 
 
 def test_a_reader_that_stands_still_holds_up_nobody(net):
-    # Small buffers: what the network keeps is soon full. Who waited would wait for ever.
+    # Buffers are small, so they are full soon. A publisher that waited for room would then block
+    # for ever.
     hub = json.loads(net.hub.read_text())
     hub["listen"]["endpoints"][0] += "#so_sndbuf=4096;so_rcvbuf=4096"
     never = {"congestion_control": {"block": {"wait_before_close": 10**9}}}

@@ -61,7 +61,7 @@ def test_every_field_is_in_the_table():
 
 @pytest.fixture
 def certified(tmp_path):
-    """The document's two configurations, on this machine and with certificates."""
+    """The Zenoh configurations of the document, adapted to this machine, with test certificates."""
     authority = trustme.CA()
     authority.cert_pem.write_to_path(tmp_path / "ca.pem")
     for name in ("board-host", "reader", "intruder"):

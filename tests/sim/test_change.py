@@ -1,4 +1,4 @@
-"""Changes of a strip since its calibration have the size and sign that their keys state."""
+"""Simulated drift of a strip: each change has the size and the sign that its key states."""
 
 import json
 
@@ -62,7 +62,7 @@ def test_light_is_common_to_all_channels(sensor):
 
 
 def test_a_tilt_is_linear_in_wavelength_from_the_bluest_to_the_reddest(sensor):
-    # At the sensor a narrow line in the middle of F1 and of F8 shows the gain there.
+    # The gain at the middle wavelengths of F1 and of F8, and between them.
     optics, plain = Optics(sensor, Change(tilt_percent=0.5)), Optics(sensor)
     gain = optics._lit[8] / plain._lit[8]  # CLEAR sees all
     at = [np.interp(nm, WAVELENGTH_NM, gain) for nm in (415, 547.5, 680)]
@@ -70,7 +70,7 @@ def test_a_tilt_is_linear_in_wavelength_from_the_bluest_to_the_reddest(sensor):
 
 
 def test_bands_move_against_the_spectrum(sensor):
-    # All filters 0.3 nm up are the same as everything else 0.3 nm down, but for the shift itself.
+    # A shift of all filters by +0.3 nm is like a shift of everything else by -0.3 nm.
     down = {"die_nm": -0.3, "phosphor_nm": -0.3}
     dye = with_(sensor, dye={"edge_nm": sensor.dye.edge_nm - 0.3})
     assert moved(sensor, bands_nm=0.3) == pytest.approx(

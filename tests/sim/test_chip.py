@@ -1,4 +1,4 @@
-"""The simulated AS7341 behaves as the datasheet says, register by register."""
+"""The simulated AS7341: each register behaves as the datasheet describes."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,10 @@ SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512
 
 
 class Lamp:
-    """A light of n counts per ms for diode Fn at gain 1x and 20 mA, proportional to the current."""
+    """Simulated light: diode Fn has n counts per ms at gain 1x and an LED current of 20 mA.
+
+    The counts are proportional to the current.
+    """
 
     def __init__(self, rate=1.0):
         self.rate = rate
@@ -22,7 +25,7 @@ class Lamp:
 
 
 class Bench:
-    """A chip on a 400 kHz bus with helpers to set it up byte by byte."""
+    """A simulated chip on an I2C bus with 400 kHz, and functions to set it up byte by byte."""
 
     def __init__(self, lamp=None, noise=SILENT, **quirks):
         self.clock = SimulatedClock()
@@ -38,7 +41,7 @@ class Bench:
         return self.bus.write_read(ADDRESS, bytes((register,)), size)
 
     def run(self, map_bytes, astep=3596, gain=6, led=0x08):
-        """One-pass set-up with the LED at 4 + 2 * led mA."""
+        """Set the chip up with an SMUX map, and start it; the LED current is 4 + 2 * led mA."""
         self.write(0x80, 0x01)
         self.write(0xA9, 0x10)
         self.write(0x70, 0x08)
@@ -158,7 +161,7 @@ def counts(data):
 
 
 def test_the_first_read_after_a_restart_is_fresh_without_astatus():
-    # DFRobot's and SparkFun's drivers restart, wait for AVALID and read the counts alone.
+    # The drivers of DFRobot and SparkFun restart the chip, wait for AVALID, read only counts.
     lamp = Lamp()
     bench = Bench(lamp)
     bench.run(F1_F4)
@@ -185,7 +188,7 @@ def test_aint_waits_for_so_many_samples_outside_the_thresholds(apers, samples, w
     assert bool(bench.sample()[0] & 0x08) is (apers == 0)
     bench.write(0x93, 0x08)
     lamp.rate = 0.9 if way == "below" else 2.3
-    bench.wait(10_000)  # part of it was lit as before
+    bench.wait(10_000)  # a part of this sample still has the previous light
     bench.write(0x93, 0x08)
     before = bench.chip.samples
     while apers and not bench.sample()[0] & 0x08:
@@ -351,7 +354,7 @@ def test_noise_has_the_size_that_is_asked_for():
 def test_shot_noise_is_the_root_of_the_electrons():
     noise = ChipNoise(read_counts=0.0, electrons_per_count_1x=32.0, dark_counts_512x=0.0)
     bench = Bench(Lamp(0.5), noise=noise)
-    bench.run(F1_F4)  # at 32x a count is one electron
+    bench.run(F1_F4)  # at gain 32x, one count is one electron
     bench.wait(AUTO_ZERO_US)
     rows = []
     for _ in range(2000):

@@ -1,4 +1,4 @@
-"""`spots design --measure-dye`: the dose from a clear and a dyed test piece."""
+"""`spots design --measure-dye`: the dose of dye from measurements of two test pieces."""
 
 import json
 
@@ -42,7 +42,7 @@ def test_dose_and_length_of_the_test_piece_count(capsys):
 
 
 class Person:
-    """A person who inserts the requested test piece; each piece has its own coupling."""
+    """A simulated person who inserts the requested test piece; each couples light differently."""
 
     def __init__(self, stage, order=("clear", "dyed")):
         self._stage = stage

@@ -1,4 +1,4 @@
-"""The simulator and its boards use the same constants, on every system."""
+"""The protocol between simulator and virtual boards: equal constants on all systems."""
 
 import errno
 

@@ -1,4 +1,4 @@
-"""The memory of silicone: both models have the sizes of the file, and act at the pressed place."""
+"""Simulated creep and hysteresis of silicone: sizes as in the sensor file, only where pressed."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ PLACE_MM = 42.7
 
 
 def pressed(memory, forces_mN, start_s=0.0, step_s=0.01, place_mm=PLACE_MM):
-    """Return the effective forces of a finger whose force changes every `step_s`."""
+    """Return the effective forces in mN of a finger whose force changes every `step_s`."""
     found = []
     for i, force_mN in enumerate(forces_mN):
         press = [Press(place_mm, float(force_mN), 4.0)]
@@ -28,7 +28,7 @@ def test_a_held_press_creeps_by_the_share_of_the_file_and_recovers(model):
     held = pressed(memory, [5000.0] * 6001)
     assert held[0] == pytest.approx(5000, abs=1)
     assert held[-1] == pytest.approx(5250, abs=2)
-    # Creep is nearly linear in the logarithm of time: a decade has at least a sixth of it.
+    # Creep is nearly linear in the logarithm of time: a decade has at least a sixth of the creep.
     assert held[600] - held[60] > 40
     assert memory.effective_mN([], 60.01) == []
     soon = pressed(memory, [5000.0], 61.0)[0]
@@ -44,7 +44,7 @@ def test_unloading_is_above_loading_by_the_share_of_the_file(model):
     gap = down - up
     assert gap.max() == pytest.approx(300, rel=0.12)
     assert gap.min() > -1
-    assert up == pytest.approx(load_mN, abs=1)  # a first load is that of the ideal material
+    assert up == pytest.approx(load_mN, abs=1)  # a first load has no hysteresis
     slow = Memory(Silicone(model=model, hysteresis_percent=3.0))
     assert pressed(slow, load_mN, step_s=1.0) == pytest.approx(up, abs=1e-6)
 

@@ -1,4 +1,4 @@
-"""Moulds, caps and drawings of a strip, measured on the STL files."""
+"""Moulds, caps and drawings of a strip: their dimensions, measured in the files."""
 
 import re
 
@@ -13,12 +13,12 @@ from spots_sim.strip_assembly import assembly, castings
 from spots_sim.strip_shape import BED, BREAKOUTS, StripShape
 
 LENGTHS_MM = 30.0, 85.0, 200.0
-BRIDGE_MM = 8.5  # what a printer spans without supports
+BRIDGE_MM = 8.5  # longest bridge that a 3D printer prints without supports
 
 
 @pytest.fixture(scope="module", params=LENGTHS_MM, ids="{:g} mm".format)
 def made(request, tmp_path_factory):
-    """A shape, its STL files by name, and its drawings by name."""
+    """A `StripShape`, its STL files as meshes by name, and its drawings as SVG texts by name."""
     folder = tmp_path_factory.mktemp("strip")
     shape = StripShape(request.param)
     meshes = {path.stem: trimesh.load(path) for path in strip_mould.write(shape, folder)}
@@ -36,7 +36,10 @@ def size(one):
 
 
 def dimensions(drawing):
-    """Return the values of each dimension of a drawing, and check the text against them."""
+    """Return the dimensions in a drawing as a dict of values in mm by name; check their texts.
+
+    A dimension with several different values is left out.
+    """
     found = {}
     pattern = r'<g class="dimension" data-name="(\w+)" data-mm="([\d.]+)">(.*?)</g>'
     for name, mm, inside in re.findall(pattern, drawing, re.DOTALL):
@@ -70,9 +73,10 @@ def test_no_part_needs_supports(made):
 
 
 def bridged(triangles):
-    """Return the longest unsupported bridge at one level, in mm.
+    """Return the length in mm of the longest unsupported bridge at one height.
 
-    The length of a bridge is its shorter side.
+    `triangles` are the triangles that face down at this height. The length of a bridge is its
+    shorter side.
     """
     whole = CrossSection([one[::-1] for one in triangles], FillRule.NonZero)
     spans = [np.subtract(part.bounds()[2:], part.bounds()[:2]) for part in whole.decompose()]
@@ -99,8 +103,8 @@ def test_the_meshes_have_the_dimensions_of_the_paper_and_of_the_drawings(made):
     (support,) = cast(meshes, "support", strip_shape.STRIP_THICKNESS)
     guide, _ = cast(meshes, "guides", strip_shape.GUIDE_THICKNESS)
     length, wide, thick = size(support)
-    assert (wide, thick) == (pytest.approx(12), pytest.approx(3))  # the paper
-    assert size(guide)[1:] == [pytest.approx(8), pytest.approx(1)]  # the paper
+    assert (wide, thick) == (pytest.approx(12), pytest.approx(3))  # as in the paper
+    assert size(guide)[1:] == [pytest.approx(8), pytest.approx(1)]  # as in the paper
     gap = support.translate((0, 0, -strip_shape.FLOOR - 1 - 1e-4)).slice(0).to_polygons()
     hole = min((np.ptp(polygon, axis=0) for polygon in gap), key=lambda span: span[0] * span[1])
     drawn = dimensions(drawings["section"])
@@ -141,7 +145,7 @@ def test_the_meshes_have_the_dimensions_of_the_paper_and_of_the_drawings(made):
 
 
 def sockets(mesh):
-    """Return depth, width and height of the hole for the strip's end in a cap."""
+    """Return depth, width and height in mm of the hole for the strip's end in a cap."""
     box = mesh.bounds
     room = Manifold.cube((40, 10, 20), True).translate((0, 1.5, 10))
     hollow = room ^ Manifold.cube(box[1] - box[0]).translate(box[0])
@@ -163,7 +167,7 @@ def test_the_parts_of_a_strip_fit_together(made):
         for b in names[i + 1 :]
         if (volume := (placed[a] ^ placed[b]).volume()) > 1e-6
     }
-    # A film of the clearance's thickness is cut off both ends of the support.
+    # At both ends, support and clear part overlap by the thickness of the clearance.
     film = 2 * strip_shape.CLEARANCE * strip_shape.GUIDE_WIDTH * strip_shape.GUIDE_THICKNESS
     assert touching == {("clear", "support"): pytest.approx(film, rel=0.02)}
 
@@ -174,7 +178,7 @@ def test_the_jig_holds_a_test_piece_before_the_windows_of_both_caps(made):
     far = shape.support_mm - strip_shape.TEST_JIG
     caps = [
         placed["sensor_cap"].translate((far / 2, 0, 0)),
-        # Upside down, about the middle of the strip's end.
+        # Rotated upside down, around the middle of the strip's end.
         placed["led_cap"].translate((-far / 2, 0, -1.5)).rotate((180, 0, 0)).translate((0, 0, 1.5)),
     ]
     piece, _ = cast(meshes, "test", strip_shape.GUIDE_THICKNESS)

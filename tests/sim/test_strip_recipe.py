@@ -1,4 +1,4 @@
-"""The instructions that `spots design --out` writes, and their amounts."""
+"""The recipe that `spots design --out` writes: its steps, and its amounts of material."""
 
 import re
 import shlex
@@ -57,9 +57,9 @@ def test_each_batch_fills_its_cavities_with_spare(strips):
         assert sum(ml for _, ml, _ in portions) == pytest.approx(batch.mixed_ml)
         assert sum(g for _, _, g in portions) == pytest.approx(batch.mixed_g)
     (_, a_ml, _), (_, b_ml, _) = dyed.portions()
-    assert b_ml == pytest.approx(2 * a_ml)  # the paper
+    assert b_ml == pytest.approx(2 * a_ml)  # as in the paper
     ml = {name: ml for name, ml, _ in support.portions()}
-    assert ml["Dragon Skin 30 A"] == pytest.approx(2 * ml["Ecoflex 00-30 B"])  # the paper
+    assert ml["Dragon Skin 30 A"] == pytest.approx(2 * ml["Ecoflex 00-30 B"])  # as in the paper
 
 
 def test_a_length_without_moulds_gets_the_other_files(tmp_path, capsys):

@@ -24,9 +24,10 @@ def at(began_s, usage, held_s=0.1):
 
 
 def scored(*presses, fingers, to_s=9.5):
-    """Return the score of presses, each given as (time, usage) or (time, usage, None).
+    """Return the typing score of key presses while `fingers` touch, up to the time `to_s`.
 
-    A key is released after 50 ms; with None, it stays pressed.
+    A press is (time in s, usage): the key is released after 50 ms. With (time, usage, None) it
+    stays pressed.
     """
     score = TypingScore(ScenarioFile(seconds=10, touch=fingers), DIGITS, LENGTH_MM, 0.5)
     for time_s, usage, *held_s in presses:

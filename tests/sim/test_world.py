@@ -1,4 +1,4 @@
-"""Optics, contact and scenarios, in the units of the files."""
+"""Optics, contact and scenarios of the simulator, with the units of the sensor files."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_a_log_ratio_falls_nearly_straight_along_the_strip(sensor):
     ratio = np.log(rates[:, optics.names.index("F4")] / rates[:, optics.names.index("F8")])
     line = np.polyval(np.polyfit(x, ratio, 1), x)
     r2 = 1 - ((ratio - line) ** 2).sum() / ((ratio - ratio.mean()) ** 2).sum()
-    assert 0.996 < r2 < 1  # the paper's figure; a band is not a line, so not quite 1
+    assert 0.996 < r2 < 1  # value in the paper; below 1, because a channel is a band of wavelengths
 
 
 def test_blue_decays_faster_than_red(sensor):

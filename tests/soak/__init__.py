@@ -1,1 +1,1 @@
-"""Long tests: hours of faults, and of hostile boards, clients and peers."""
+"""Long tests: hours of faults, and of hostile boards, web clients and Zenoh peers."""

@@ -1,6 +1,7 @@
-"""Checks the frames, keys, recovery times and memory of a soak test; needs bounded memory itself.
+"""Checks the frames, keys, recovery times and memory of a soak test.
 
-A fault (`spots_sim.faults`) can cause an outage: a time without readings.
+The memory that these checks need does not grow with the duration of the test. A fault
+(`spots_sim.faults`) can cause an outage: a time without readings.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from spots_sim.files import ScenarioFile
 
 # Faults that interrupt readings. A fault that starts during an outage belongs to this outage.
 _INTERRUPTS = ("power.", "i2c.", "clock.")
-# Faults that only the board ends: their recovery time is counted from their start.
+# Faults that last until the board removes them: their recovery time is counted from their start.
 _FROM_THE_BEGIN = ("i2c.sda_low", "power.sensor_resets")
 # Longest time from the start of a fault to the start of its outage.
 _ONSET_S = 0.15
@@ -45,15 +46,15 @@ class Audit:
     Attributes
     ----------
     sent, delivered : collections.Counter
-        Number of frames by type.
+        Number of frames by type, such as ``"Touch"``.
     lost : collections.Counter
-        Number of lost frames: ``damaged``, and ``undamaged``, which must be 0.
+        Number of frames that did not arrive: ``damaged``, and ``undamaged``, which must be 0.
     wrong : int
         Number of frames that arrived although they were not sent, or arrived in another order.
     wrong_frames : collections.deque of Frame
         The last wrong frames.
     crashes : list of str
-        The log lines with which the board reported a crash, before damage.
+        The log lines in which the board reported a crash, from the stream before damage.
     readings : int
         Number of readings for which `arrived` was called.
     """
@@ -76,7 +77,7 @@ class Audit:
         return self._clean.stats.bad_crc
 
     def send(self, data: bytes, now_s: float) -> None:
-        """Record bytes as the board sent them."""
+        """Record bytes of the stream that the board sent, before damage."""
         *pieces, self._rest = (self._rest + data).split(b"\0")
         for piece in pieces:
             end = self._at + len(piece)
@@ -88,7 +89,7 @@ class Audit:
             self._at = end + 1
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Compare bytes as they arrived."""
+        """Compare bytes that arrived at the time `now_s` with the sent frames."""
         *pieces, self._heard_rest = (self._heard_rest + data).split(b"\0")
         for piece in pieces:
             # Equal bytes are equal frames; only other bytes must be decoded for the comparison.
@@ -105,7 +106,7 @@ class Audit:
                     self._deliver(i, now_s)
 
     def finish(self) -> None:
-        """Count all frames as lost that have not arrived yet."""
+        """Count all frames that have not arrived yet as lost; call it at the end of the test."""
         self._lose(len(self._pending))
 
     def _deliver(self, i: int, now_s: float) -> None:
@@ -138,8 +139,8 @@ class _Outage:
 class Recoveries:
     """Measures the time from the end of each fault until readings arrive again.
 
-    If a second fault starts before readings arrive, both times are counted from the moment at which
-    both faults have ended.
+    If a second fault starts before readings arrive, the recovery times of both faults are counted
+    from the moment at which both faults have ended.
 
     Parameters
     ----------
@@ -163,7 +164,7 @@ class Recoveries:
         self.longest: dict[str, tuple[float, float]] = {}
 
     def arrived(self, now_s: float) -> None:
-        """Record the arrival of a reading at the time `now_s`."""
+        """Record the arrival of a reading; `now_s` is its time in seconds."""
         self._take_spells()
         before_s, self._before_s = self._before_s, now_s
         if not self._open:
@@ -187,7 +188,10 @@ class Recoveries:
         self._open = []
 
     def summary(self) -> dict[str, dict]:
-        """Return ``count``, ``median_s``, ``longest_s`` and ``longest_at_s`` by kind."""
+        """Return, for each kind of fault, the number of faults and their recovery times.
+
+        ``longest_at_s`` is the start of the fault with the longest recovery time ``longest_s``.
+        """
         return {
             kind: {
                 "count": took.total(),
@@ -262,7 +266,7 @@ class Keys:
             self.releases += 1
 
     def report(self, page: int, usages: Iterable[int]) -> None:
-        """Process the list of all keys that are down on a HID usage page."""
+        """Process a keyboard report: the usages of all keys that are down on a HID usage page."""
         now = {(page, usage) for usage in usages}
         for event in [event for event in self._down if event not in now]:
             self.key(*event, 0, False)
@@ -275,7 +279,7 @@ class Keys:
         self._down.clear()
 
     def look(self) -> None:
-        """Count stuck keys; each stuck key is counted once."""
+        """Count the keys that are stuck now; each of them is counted only one time."""
         if self._down:
             now_s = self._now_s()
             for event in [event for event, late_s in self._down.items() if now_s > late_s]:
@@ -284,7 +288,7 @@ class Keys:
 
     @property
     def down(self) -> int:
-        """Number of keys that are down now, without the stuck keys."""
+        """Number of keys that are down now, without those that were counted as stuck."""
         return len(self._down)
 
     def summary(self) -> dict[str, int]:

@@ -1,12 +1,14 @@
 """Measures calibrations by a simulated person, who knows only what a terminal or the web UI shows.
 
-The person reads places to ±0.5 mm and forces to ±5 %, forgets presses, makes them twice, lifts
-early, and mixes units. Prints one line of JSON for each strip and seed. For silicone with creep and
-hysteresis, the line has the force errors without and with compensation, too. The exit code is 1 if
-a session took too many presses, or a calibration has too large an error or a wrong key in 100 taps.
+The person reads places to ±0.5 mm and forces to ±5 %. The person also omits or repeats presses,
+lifts early, and mixes units. Prints one line of JSON for each strip and seed. For silicone with
+creep and hysteresis, the line has the force errors without and with compensation, too. The exit
+code is 1 if a session took too many presses, or a calibration has too large an error or a wrong key
+in 100 taps.
 
-With ``--exact`` the person reads exactly, and ``ratio`` is the error of the position divided by
-that of a session on the stage (``spots calibrate position`` and ``force``).
+With ``--exact`` the person reads exactly. The item ``ratio`` is then the position error of this
+calibration, divided by that of a session on the linear stage (``spots calibrate position`` and
+``force``).
 """
 
 from __future__ import annotations
@@ -58,7 +60,7 @@ _LOADS = [(0.5, 9000.0, ramp_s, 0.0) for ramp_s in (0.5, 2.0, 8.0)]
 
 
 class _Reader(web.Person):
-    """Looks at the web UI, and lets the simulated person act on its texts."""
+    """Reads the texts of the web UI, and lets the simulated person act on them."""
 
     def __init__(self, page, held, length_mm, habits, seed):
         super().__init__(page, held, length_mm)
@@ -98,7 +100,7 @@ def _on_page(kind, strip, sensor, habits, seed, folder):
             reader.start(kind)
             reader.now_s = bench.link.now_s
 
-            def looked():  # on a busy machine, the board waits for the person
+            def looked():  # the board's time stops if the person does not look for `_BLIND_S`
                 bench.link.pause_s = bench.link.now_s() + _BLIND_S
 
             reader.looked = looked
@@ -124,7 +126,7 @@ _FACES = {"page": _on_page, "terminal": _in_terminal}
 
 
 def _on_stage(strip, seed, folder):
-    """Return the calibration of a session with the simulated stage's exact presses."""
+    """Return the calibration of a session with exact presses by the simulated linear stage."""
     for kind in ("position", "force"):
         command = [sys.executable, "-m", "spots", "calibrate", kind, "--port", "virtual"]
         command += ["--sensor", strip, "--seed", str(seed), "--session", "stage.jsonl"]
@@ -157,7 +159,7 @@ def _loop_error_mN(sensor, lines) -> int:
 
 
 def _right(sensor, seed, made) -> int:
-    """Return the number of right keys in 100 taps on ten keys, minus wrong and extra presses."""
+    """Return the number of right keys in 100 taps on ten keys, minus wrong and additional keys."""
     layout = load_layout("digits")
     typist = Typist(layout, sensor.length_mm, np.random.default_rng(seed), start_s=8.0)
     typist.type("".join(map(str, np.random.default_rng((seed, 1)).integers(0, 10, _TAPS))))

@@ -1,11 +1,11 @@
-"""Counts touches that a board reports without a finger: in a room, under lamps, on a moving arm.
+"""Counts touches that a board reports although no finger touches the strip.
 
     python tests/soak/false_touches.py --hours 1
 
-Each scene lasts `--hours` of simulated time. Prints one line of JSON for each scene: the number of
-touches, the number of readings of the longest touch, and the number of pressed keys.
-`--touch-mN` replaces the forces of the calibration at which a touch begins and ends. The exit code
-is 1 if a key was pressed.
+The scenes are a room, lamps, and a moving arm; each lasts `--hours` of simulated time. Prints one
+line of JSON for each scene: the number of touches, the number of readings of the longest touch, and
+the number of pressed keys. `--touch-mN` replaces the forces of the calibration at which a touch
+begins and ends. The exit code is 1 if a key was pressed.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from spots_sim.scenario import Scenario
 from spots_sim.stage import calibrate
 
 _PART_S = 300.0  # a scene is played in parts, each with another seed and another lamp
-_START_S = 4.0  # the light does not change before this time, when the board has its calibration
+_START_S = 4.0  # the light does not change before this time; the board then has its calibration
 
 
 def _room(rng: np.random.Generator) -> ScenarioFile:
-    # Assumed: daylight and shadows change the light by some per cent a second, and now and then by
-    # a factor of up to 3; the light of the room's lamps flickers.
+    # Assumed: daylight and shadows change the light by a few per cent a second, and sometimes by a
+    # factor of up to 3; the light of the room's lamps flickers.
     times_s = np.arange(_START_S, _PART_S)
     change = 0.05 * rng.standard_normal(len(times_s))
     change[rng.random(len(times_s)) < 1 / 40] += rng.uniform(-1.1, 1.1)

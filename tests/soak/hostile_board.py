@@ -2,10 +2,10 @@
 
     python tests/soak/hostile_board.py --minutes 60
 
-Each program has its own board, which changes its kind of misbehaviour, the *mood*, every few
-seconds. A program may end with an error message and exit code 2; it is then started again. A
-program fails if it ends in another way, a key stays down while its board is silent, or its memory
-grows. The last line of the output is JSON. The exit code is 1 if a program failed.
+Each program has its own board. The board changes its kind of misbehaviour, the *mood*, every 4 s. A
+program may end with an error message and exit code 2; it is then started again. A program fails if
+it ends in another way, if a key stays down while its board sends nothing, or if its memory grows.
+The last line of the output is JSON. The exit code is 1 if a program failed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from plugs import Plug  # noqa: E402
 
 MOOD_S = 4.0
 OFF_S = 1.0
-RELEASED_S = 2.0  # longest time for which a key may stay down while the board is silent
+RELEASED_S = 2.0  # longest time for which a key may stay down while the board sends nothing
 WARM_S = 60.0  # after this time, a program must not need more memory
 GROWTH_KB = 8_000
 KEPT_TEXT = 400
@@ -140,7 +140,7 @@ class Hostile(Plug):
 
 
 class Program:
-    """One of the programs; it is restarted after it ends."""
+    """One of the tested programs; it is restarted each time it ends."""
 
     def __init__(self, name: str, board: Hostile):
         self.name, self.board = name, board

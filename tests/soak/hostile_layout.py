@@ -1,9 +1,10 @@
 """Sends mutated messages to a real ``spots serve`` with all editors; by default 100,000.
 
-Half of the messages have the server's access token. The other half must be refused, because they
-have no token, a wrong token, or a foreign origin. Prints one line of JSON. The exit code is 1 if a
-message of the other half was not refused, the server ended, its memory grew too much, an answer was
-a server error (5xx except 503), a file is invalid, or there is a file that no option named.
+Half of the messages have the server's access token. The server must refuse the other half, because
+they have no token, a wrong token, or a foreign origin. Prints one line of JSON. The exit code is 1
+if one of these conditions is true: a message of the other half was not refused; the server ended;
+its memory grew too much; an answer was a server error (5xx except 503); a written file is invalid;
+the server wrote a file that no option names.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ _MESSAGES = (
 
 
 def _mutated(choice: random.Random) -> tuple[str, bytes]:
-    """Return the path of a message, and the message with some random changes."""
+    """Choose a message; return its URL path, and the message with some random changes."""
     path, message = choice.choice(_MESSAGES)
     return path, mutated(choice, message).encode() * choice.choice((1, 1, 1, 50))
 

@@ -2,9 +2,9 @@
 
 The attack lasts ``--minutes``, or longer until ``--messages`` forbidden messages were sent. A
 forbidden message is a calibration command that has no valid token, comes from another website, or
-has invalid content. Prints one line of JSON at the end. The exit code is 1 if the server ended, its
-memory or its log grew too much, a well-behaved client got no readings, or a forbidden message had
-an effect.
+has invalid content. Prints one line of JSON at the end. The exit code is 1 if one of these
+conditions is true: the server ended; its memory or its log grew too much; a well-behaved client got
+no readings; a forbidden message had an effect.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ async def _ordering(url: str, seed: int, number: int, statuses: dict) -> None:
 
 
 async def _well_behaved(port: int, end_s: float, counts: dict) -> None:
-    """Open the web UI again and again; each visit must get readings in time."""
+    """Visit the web UI repeatedly; each visit must get readings within `_READING_WITHIN_S`."""
     while time.monotonic() < end_s:
         begun_s = time.monotonic()
         try:
@@ -194,7 +194,7 @@ async def _attack(server: subprocess.Popen, url: str, seconds: float, messages: 
         *hostile, *ordering, _well_behaved(port, end_s, counts), _watch(server, end_s, sizes_kb)
     )
     warm = sizes_kb[int(_WARM_UP_S / _EVERY_S) :] or sizes_kb
-    tenth = max(1, len(warm) // 10)  # medians, because freed memory is not always returned at once
+    tenth = max(1, len(warm) // 10)  # medians, because freed memory is sometimes returned late
     first, last = (sorted(part)[len(part) // 2] for part in (warm[:tenth], warm[-tenth:]))
     return {**counts, "rss_first_kb": first, "rss_last_kb": last, "rss_max_kb": max(sizes_kb)}
 

@@ -2,8 +2,8 @@
 
     python tests/soak/hostile_zenoh.py --minutes 60
 
-The last line of the output is JSON. The exit code is 1 if a process ended, its memory grew, its
-readings stopped, or a key stayed down.
+The last line of the output is JSON. The exit code is 1 if an attacked process ended, its memory
+grew, it got no more readings, or a key stayed down.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from spots_sim.files import SensorFile, load  # noqa: E402
 from spots_sim.stage import calibrate, set_as_calibrated  # noqa: E402
 
 SAMPLE_EVERY_S = 5.0
-WARM_UP_SHARE = 0.25  # share of the duration; growth of memory is counted after it
+WARM_UP_SHARE = 0.25  # share of the duration after which growth of memory is counted
 GROWTH_MAX = 24 << 20
 STALE_MAX_S = 15.0
 HELD_MAX_S = 15.0  # the scenario holds a key for less than a second
@@ -46,7 +46,7 @@ HEADERS = None, b"", b"x", b"\xff" * 100_000
 
 
 def attack(config: Path, board_id: str, seed: int) -> None:
-    """Send invalid and hostile messages until the process is killed."""
+    """Send invalid and hostile messages to a board's subscribers until this process is killed."""
     chance, peer = random.Random(seed), session(config)
     ignore = zenoh.handlers.Callback(lambda reply: None, indirect=False)
     peer.declare_queryable("spots/*/info", lambda query: query.reply(query.key_expr, DEEP))
@@ -84,7 +84,7 @@ def attack(config: Path, board_id: str, seed: int) -> None:
 
 
 class Victim:
-    """A process under attack; records its memory and the time of its last reading."""
+    """A process under attack; records its memory, and the time at which it last got a reading."""
 
     def __init__(self, config: Path, reading: str, *arguments: str):
         self.name, self._reading = arguments[0], re.compile(reading)

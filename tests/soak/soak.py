@@ -42,7 +42,7 @@ _LAYOUTS = [
     )
     for name, keys in {"digits": "1234567890", "letters": "ABCDEFGHIJ"}.items()
 ]
-_COMMON = ("power.brown_outs", "clock.stalls")  # faults that concern all strips of a board
+_COMMON = ("power.brown_outs", "clock.stalls")  # faults that affect all strips of a board
 _RECOVERED_S = 1.0  # longest time without readings after the end of a fault
 _HOUR_S = 3600.0
 _INTERFACE = 0  # of the USB keyboard
@@ -89,7 +89,7 @@ class Watch:
         self._brown_outs = 0
 
     def run(self, seconds: float) -> None:
-        """Process frames for a duration in seconds."""
+        """Process the frames of the next `seconds` of simulated time."""
         board = self._board
         end_s = board.now_s() + seconds
         while board.now_s() < end_s:
@@ -98,13 +98,13 @@ class Watch:
             self._look()
 
     def settle(self, most_s: float) -> None:
-        """Continue until no key is down, at most for `most_s` seconds."""
+        """Process frames until no key is down, for at most `most_s` seconds."""
         end_s = self._board.now_s() + most_s
         while any(keys.down for keys in self.keyboards()) and self._board.now_s() < end_s:
             self.run(_TICK_S)
 
     def keyboards(self) -> Iterator[Keys]:
-        """Yield the keyboards of all strips."""
+        """Yield all keyboards of all strips."""
         for strip in self.strips:
             yield from strip.values()
 
@@ -155,7 +155,7 @@ class Watch:
 def with_typing(
     file: ScenarioFile, words_per_min: float, length_mm: float, seed: int
 ) -> ScenarioFile:
-    """Return a scenario with fast typing in place of its touches; many of its touches overlap.
+    """Replace the touches of a scenario by fast typing, in which many touches overlap.
 
     Parameters
     ----------
@@ -199,6 +199,12 @@ def soak(
         Number of strips on the board, 1 or 2. Both have the same fingers, but their own faults.
     console : rich.console.Console, optional
         Console that shows the progress, if it is a terminal; stderr by default.
+
+    Returns
+    -------
+    dict
+        Numbers of sent, delivered, lost and wrong frames, see `Audit`; faults and recovery times by
+        kind of fault; presses and stuck keys by keyboard; memory of the board and of this process.
 
     Raises
     ------
@@ -290,7 +296,7 @@ def soak(
 
 
 class _Spells(list):
-    """A list of faults that also appends those of `_COMMON` to the list of another strip."""
+    """The faults of strip 0; appends those of `_COMMON` to the list of strip 1, too."""
 
     def __init__(self, other: list):
         super().__init__()

@@ -1,8 +1,8 @@
-"""A substitute for python-evdev and the kernel, also in another process.
+"""A substitute for python-evdev and for the kernel's input devices.
 
-If the environment variable ``STAND_IN_EVENTS`` names a file, each event is written to it as a line.
-The FIFO that ``STAND_IN_HANDLE`` names is held open like a device's handle: child processes inherit
-it.
+So that a test can observe another process, two environment variables have an effect. Each event is
+written as a line to the file that ``STAND_IN_EVENTS`` names. The FIFO that ``STAND_IN_HANDLE``
+names stays open like the handle of a device, which child processes inherit.
 """
 
 import os
@@ -34,7 +34,7 @@ NAMES = {code: name for name, code in ecodes.ecodes.items()}
 
 
 class UInput:
-    """A device that stores the state that a reader of its events would know.
+    """A virtual input device that stores the state that its events have reported.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class UInput:
         if UInput.fails is not None:
             raise UInput.fails
         self.capabilities, self.name = events, name
-        self.known: dict = {}  # sent before the last syn
+        self.known: dict = {}  # (type, code) to value, as of the last syn
         self.history: list = []
         self.closed = self.gone = False
         self._pending: list = []
@@ -71,7 +71,7 @@ class UInput:
         if self.closed or self.gone:
             raise OSError(19, "No such device")
         for one, value in self._pending:
-            if self.known.get(one, 0) != value:  # the kernel reports only what changed
+            if self.known.get(one, 0) != value:  # the kernel reports only changed values
                 self.history.append((*one, value))
                 self._say(*one, value)
         self.known.update(self._pending)

@@ -1,4 +1,4 @@
-"""The terminal's output: picture, lines, lists."""
+"""Output in a terminal: picture and lines of readings, score of a demo, list of `spots ports`."""
 
 import io
 
@@ -57,7 +57,7 @@ def test_a_score_compares_trusted_readings_under_one_finger_and_no_others():
     score.take(reading(position_um=24_960, force_mN=2010, time_s=3.6), 3.61)
     score.take(reading(flags=0, position_um=0, time_s=3.7), 3.71)  # no touch
     score.take(reading(flags=3, position_um=0, time_s=3.8), 3.81)  # saturated
-    score.take(reading(position_um=0, time_s=15.0), 15.01)  # no finger there
+    score.take(reading(position_um=0, time_s=15.0), 15.01)  # the scenario has no finger then
     assert score.position_rmse_um == pytest.approx(((30**2 + 40**2) / 2) ** 0.5, abs=0.01)
     assert score.position_median_um == pytest.approx(35)
     assert score.trusted_percent == pytest.approx(200 / 3, abs=0.01)

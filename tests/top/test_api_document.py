@@ -25,7 +25,7 @@ matplotlib.use("Agg")
 
 @pytest.fixture
 def simulated(sensor, calibration, monkeypatch):
-    """Let `spots.open` open a board in simulated time."""
+    """Let `spots.open` open a calibrated board in simulated time; return the list of boards."""
     made = []
 
     def opened(port=None):

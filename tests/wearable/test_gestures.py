@@ -1,4 +1,4 @@
-"""Gestures are distinguished, with a confidence; drift of position and force has no effect."""
+"""Gestures: recognised with a confidence, in spite of drift of position and force."""
 
 import sys
 
@@ -20,12 +20,12 @@ STEP_S = 0.01
 
 
 class Arm:
-    """A strip with a simulated finger, and a reading every 10 ms."""
+    """A worn strip with a simulated finger: a reading every 10 ms goes to the recogniser."""
 
     def __init__(self):
         self.gestures = Gestures()
         self.found = []
-        self.now_s = 70 * 60 + 30.0  # ticks of the contact wrap soon
+        self.now_s = 70 * 60 + 30.0  # the ticks of `ContactTracker` wrap soon after this time
         self.read(0, 0, 0)
         self.lift(0.1)
 
@@ -194,7 +194,7 @@ def test_a_tap_that_waits_is_forgotten_in_silence(arm, seconds):
 def test_a_finger_of_before_the_silence_is_forgotten(arm):
     arm.go(30, 30, 0.3)
     arm.now_s += 600
-    arm.go(30, 30, 2)  # it has to lift first
+    arm.go(30, 30, 2)  # no gesture: the finger must lift first
     arm.lift(1)
     arm.go(30, 30, 0.12)
     arm.lift(1)
@@ -212,7 +212,7 @@ def test_a_dry_run_says_at_once_which_gestures_it_waits_for(capsys):
 
 
 def played(fingers, seed=1):
-    """Return the gestures that fingers on a virtual strip make, with two-finger gestures on."""
+    """Return the recognised gestures of fingers on a virtual strip, also of two fingers."""
     seconds = max(one.points[-1][0] for one in fingers) + 1.0
     board, _ = open_fast("default", Scenario(ScenarioFile(seconds=seconds, touch=fingers)), seed)
     with board:
@@ -220,7 +220,17 @@ def played(fingers, seed=1):
 
 
 def squeezing(first_mm, second_mm, soft_mN=1500, first_mN=6000, second_mN=6000):
-    """Return two fingers that touch one after the other, and then both press harder."""
+    """Return two fingers that touch one after the other, and then both press harder for 0.4 s.
+
+    Parameters
+    ----------
+    first_mm, second_mm : float
+        Positions.
+    soft_mN : float
+        Force of both fingers before and after the squeeze.
+    first_mN, second_mN : float
+        Forces during the squeeze.
+    """
 
     def path(begins_s, x_mm, hard_mN, ends_s):
         times = (begins_s, 0), (begins_s + 0.03, soft_mN), (3.7, soft_mN), (3.9, hard_mN)

@@ -1,8 +1,8 @@
-"""The Chromium of the tests.
+"""Finds or installs the Chromium that the tests of the web UI use.
 
-`make test` runs this file. On Linux x86-64 an npm package brings the browser: one version without
-windows, which needs half the processor time of a system's Chromium. Elsewhere it is that of the
-system, or Playwright's own download.
+`make test` runs this file. On Linux x86-64 the browser comes from an npm package: a fixed version
+without windows, which needs half the processor time of the system's Chromium. On other systems it
+is the installed Chromium, or the one that Playwright downloads.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _PACKAGED = sys.platform == "linux" and platform.machine() == "x86_64"
 
 
 def launch_options(playwright) -> dict:
-    """Return how `playwright.chromium.launch` starts the browser.
+    """Return the arguments with which `playwright.chromium.launch` starts the browser (dict).
 
     Raises
     ------
@@ -41,7 +41,7 @@ def launch_options(playwright) -> dict:
 def _find(playwright) -> tuple[str | None, dict]:
     if _PACKAGED:
         path = str(_UNPACKED / "chromium")
-        # The package brings libraries and a font: a bare machine has neither.
+        # The package contains libraries and a font that a minimal system lacks.
         environment = {
             "LD_LIBRARY_PATH": str(_UNPACKED / "al2023" / "lib"),
             "FONTCONFIG_FILE": str(_HERE / "fonts.conf"),
@@ -71,7 +71,7 @@ def _install() -> None:
 
 
 def main() -> None:
-    """Print the browser that the tests will use; install one if there is none."""
+    """Print the path of the browser that the tests will use; install a browser if there is none."""
     with sync_playwright() as playwright:
         if _find(playwright)[0] is None:
             print("Installing a Chromium for the tests (once) ...", flush=True)

@@ -1,4 +1,4 @@
-"""A real Chromium, and servers that end with their test."""
+"""Fixtures: a real Chromium, and boards and web servers that end with their test."""
 
 from __future__ import annotations
 
@@ -16,14 +16,15 @@ from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
 from spots_sim.linkage_demo import endless
 
-# A loaded machine is slow, not wrong: Playwright's own patience is 5 s.
+# Playwright's default timeout of 5 s is too short for a machine under load.
 expect.set_options(timeout=60_000)
 
-# The browser itself says so while there is no server, or when the server says that something
-# cannot be; nothing in a page can keep it from that.
+# The browser itself logs these errors while there is no server, or when the server refuses a
+# request; a page cannot prevent this.
 _REFUSED = "net::ERR_CONNECTION_REFUSED", "status of 409"
 
-# Which readings a page has drawn, when, and how many messages were on their way to it at most.
+# Records in `window.drawn` the readings that a page has drawn, with their times, and in
+# `window.underway` the largest number of messages that the page had not acknowledged.
 _RECORD = """
 window.drawn = [];
 document.addEventListener("drawn", ({ detail }) => {
@@ -57,7 +58,7 @@ window.WebSocket = class extends WebSocket {
 
 @pytest.fixture(scope="session")
 def playing():
-    """Chromium, started once in each process of the tests, and the event loop of Playwright."""
+    """Chromium, which each process of the tests starts one time, and Playwright's event loop."""
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(**launch_options(playwright))
         loop = asyncio.get_running_loop()
@@ -71,8 +72,8 @@ def playing():
 def browser(playing):
     """Chromium, for one module of tests.
 
-    After the module, Playwright's event loop is hidden from this thread, because other tests run
-    their own loops.
+    After the module, asyncio no longer reports Playwright's event loop as running in this thread,
+    because other tests run their own event loops.
     """
     chromium, loop = playing
     asyncio.events._set_running_loop(loop)
@@ -82,7 +83,10 @@ def browser(playing):
 
 @pytest.fixture
 def open_page(browser):
-    """Return a function that opens a URL; after the test, no page may have reported an error."""
+    """Return a function that opens a URL and returns the page.
+
+    The test fails at its end if a page reported an error.
+    """
     contexts, errors = [], []
     accepted = list(_REFUSED)
 
@@ -101,7 +105,7 @@ def open_page(browser):
         return page
 
     yield open_page
-    accepted.append("net::ERR_ABORTED")  # a request under way when its page closes
+    accepted.append("net::ERR_ABORTED")  # a request that is not complete when its page closes
     for context in contexts:
         context.close()
     assert not errors
@@ -109,7 +113,7 @@ def open_page(browser):
 
 @pytest.fixture
 def bench(sensor, calibration):
-    """Return a function that makes benches, see `serving.Bench`."""
+    """Return a function that creates a `serving.Bench`; each is closed after the test."""
     made = []
 
     def make(scenario, **options):
@@ -123,7 +127,7 @@ def bench(sensor, calibration):
 
 @pytest.fixture
 def serve():
-    """Return a function that serves a state."""
+    """Return a function that starts a `serving.Serving`; each is stopped after the test."""
     made = []
 
     def make(state, **options):
@@ -137,7 +141,7 @@ def serve():
 
 @pytest.fixture
 def running():
-    """Return a function that starts readers, which are stopped after the test."""
+    """Return a function that starts board readers (a list), which are stopped after the test."""
     started = []
 
     def start(readers):
@@ -152,7 +156,7 @@ def running():
 
 @pytest.fixture
 def linkage_page(running, serve, open_page):
-    """Return a function that opens a page of a simulated linkage, with browser options."""
+    """Return a function that opens the web UI of a simulated linkage; it takes browser options."""
 
     def make(**options):
         state = PageState()
@@ -166,7 +170,7 @@ def linkage_page(running, serve, open_page):
 
 @pytest.fixture
 def other_site():
-    """The port of another web site."""
+    """TCP port of a web server that is another site than the web UI."""
 
     class Other(BaseHTTPRequestHandler):
         def do_GET(self):

@@ -1,4 +1,4 @@
-"""Damaged messages for the editors of files: none may change anything."""
+"""Sends damaged messages to the editors of files, which must not change anything."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COUNT = 1000
 
 
 def mutated(choice, text):
-    """Return a text with some random changes; a short one can become empty."""
+    """Return a text with some random changes; a short text can become empty."""
     parts = list(text)
     for _ in range(choice.randrange(1, 6)):
         at = choice.randrange(len(parts) + 1)
@@ -24,7 +24,19 @@ def mutated(choice, text):
 
 
 def fuzz_change_nothing(editor, state, folder, bodies):
-    """Send an editor without a board damaged messages; its state and folder must not change."""
+    """Send damaged messages to an editor without a board; check that it changes nothing.
+
+    Parameters
+    ----------
+    editor : object
+        Editor of files, such as `LayoutEditor`.
+    state : PageState
+        State of the web UI, which must not change.
+    folder : Path
+        Folder in which the editor could write files; it must stay empty.
+    bodies : list of str
+        Valid messages, from which the damaged messages are made.
+    """
     choice = random.Random(0)
     before = state.since(state.begin())[1]
     checks = 0
@@ -33,7 +45,7 @@ def fuzz_change_nothing(editor, state, folder, bodies):
             request = editor.decode(mutated(choice, choice.choice(bodies)).encode())
         except ValueError:
             continue
-        answer = editor.submit(request)  # without a board, only a check gets further
+        answer = editor.submit(request)  # without a board, only checks succeed
         assert answer.done()
         checks += answer.exception() is None
         assert answer.exception() is None or isinstance(answer.exception(), SpotsError)

@@ -1,4 +1,4 @@
-"""A person who calibrates a strip with what the web UI shows: text, marks and fields."""
+"""A simulated person who calibrates a strip with what the web UI shows: text, marks and fields."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from spots_sim.scenario import Press
 
-G_PER_N = 101.97  # what a scale shows for a newton
+G_PER_N = 101.97  # grams that a scale shows for a force of 1 N
 WIDTH_MM = 4.0
-FIRM_N = 3.0, 8.0  # of a finger, if the page names no force
+FIRM_N = 3.0, 8.0  # range of the person's forces if the page names no force
 LOOK = """() => {
   const at = (name) => document.querySelector("#calibration " + name);
   const seen = (one) => Boolean(one) && one.getClientRects().length > 0;
@@ -31,7 +31,7 @@ LOOK = """() => {
 
 
 def look(page):
-    """Return the state of the calibration that the page shows."""
+    """Return the state of the calibration that the page shows, a dict with the names in `LOOK`."""
     return page.evaluate(LOOK)
 
 
@@ -41,18 +41,19 @@ class Person:
     Parameters
     ----------
     page : playwright.sync_api.Page
-        The page, of a browser with the token.
+        The web UI in a browser that has the access token.
     held : spots_sim.scenario.Held
-        The finger.
+        The simulated finger.
     length_mm : float
-        Length of the strip.
+        Length of the strip in mm.
     place_mm, force_share : float
-        Largest error of a press: of its place, and of its force as a share.
+        Largest error of a press: of its position in mm, and of its force as a share of the force.
 
     Attributes
     ----------
     now_s : callable
-        Clock of the timeouts. That of a simulated board does not depend on the load of the machine.
+        Clock of the timeouts, in s. With the clock of a simulated board, the timeouts do not depend
+        on the load of the machine.
     looked : callable
         Called after each look at the page.
     """
@@ -74,11 +75,21 @@ class Person:
         self.wait(lambda seen: not seen["starts"])
 
     def go_on(self, until=lambda seen: seen["starts"], timeout_s=120.0):
-        """Do what the page asks for until `until(seen)` is true; return the last state seen."""
+        """Do what the page asks for, until `until(seen)` is true; see `wait`."""
         return self.wait(until, self.act, timeout_s)
 
     def wait(self, until, act=lambda seen: None, timeout_s=60.0):
-        """Watch the page until `until(seen)` is true; return the last state seen."""
+        """Watch the page until `until(seen)` is true; return the last result of `look`.
+
+        Parameters
+        ----------
+        until : callable
+            ``until(seen) -> bool``; `seen` is a result of `look`.
+        act : callable
+            ``act(seen)`` is called after each look before `until` is true.
+        timeout_s : float
+            Longest wait in s; after it, the test fails.
+        """
         end_s = self.now_s() + timeout_s
         while not until(seen := look(self.page)):
             assert self.now_s() < end_s, seen
@@ -88,7 +99,7 @@ class Person:
         return seen
 
     def act(self, seen):
-        """Do once what the page asks for."""
+        """Do what the page asks for, unless this was done already at an earlier look."""
         asked = seen["todo"], seen["share"], seen["count"], seen["asks"]
         if asked == self._last:
             return
@@ -118,7 +129,7 @@ class Person:
         self._held.press = None
 
     def answer(self, seen):
-        """Confirm the place. Type the force that the scale shows, if the page asks for it."""
+        """Confirm the position. Type the force that the scale shows, if the page asks for it."""
         form = self.page.locator("#calibration .answer")
         if form.get_by_label("Force").count():
             unit, value = ("N", self.force_N) if self.answers % 2 else ("g", self.force_N * G_PER_N)

@@ -1,4 +1,4 @@
-"""A board in simulated time that runs in real time, and a web server in a thread."""
+"""A simulated board that runs in real time, and a web server in a thread."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Cable(PacedLink):
     Attributes
     ----------
     pause_s : float
-        Simulated time at which the link waits, for a person who has not yet looked at the page.
+        Simulated time in s at which the link stops and waits, until this attribute is increased.
     """
 
     def __init__(self, link, speed=1.0):
@@ -42,11 +42,11 @@ class Cable(PacedLink):
         self._speed, self.pause_s = speed, math.inf
         self.pace()
         self.plugged = True
-        self.loss = SpotsError  # PortLostError, if the port is worth opening again
+        self.loss = SpotsError  # PortLostError if the same port can be opened again
         self.written = []
 
     def pace(self, speed=None):
-        """Follow real time from now on, multiplied by a speed."""
+        """Follow real time, multiplied by `speed`, from now on; None keeps the present speed."""
         self._speed = speed or self._speed
         self._begun_s, self._epoch_s = self.now_s(), time.monotonic()
 
@@ -74,9 +74,27 @@ class Cable(PacedLink):
 
 
 class Bench:
-    """A board with a scenario, which can be unplugged and plugged in again, and its reader.
+    """A simulated board that can be unplugged and plugged in again, and its reader for the web UI.
 
-    With `second`, the scenario of a second strip, the board has two strips.
+    Parameters
+    ----------
+    sensor : SensorFile
+        The simulated strip.
+    calibration : sequence of str or None
+        Lines of the board's calibration; None for no calibration.
+    scenario : object
+        The simulated fingers, such as `Held`.
+    layout : str
+        Name of the key layout.
+    record_to, session, edit : Path, optional
+        Folder for recordings, session file of calibrations, layout file to edit. Each of them
+        switches on the function of the web UI that needs it.
+    speed : float
+        Simulated time that passes in 1 s of real time, in s.
+    settings : dict, optional
+        Path of each settings file to edit, by name.
+    second : object, optional
+        The fingers on a second strip; without it, the board has one strip.
 
     Attributes
     ----------
@@ -134,7 +152,7 @@ class Bench:
         return board
 
     def unplug(self):
-        """Pull the cable; the board loses its state."""
+        """Unplug the board; it loses its power and its state."""
         self.there = self.link.plugged = False
 
     def replug(self):
@@ -142,7 +160,7 @@ class Bench:
 
     @contextmanager
     def loose(self):
-        """Interrupt the connection for a moment; the board keeps its power and its state."""
+        """Interrupt the connection inside a `with` block; the board keeps its power and state."""
         self.link.loss = PortLostError
         self.link.plugged = False
         yield
@@ -153,7 +171,7 @@ class Bench:
 
 
 class Serving:
-    """A server in a thread with its own event loop."""
+    """A web server for a `PageState`, in a thread with its own event loop."""
 
     def __init__(self, state, address="127.0.0.1", port=0, orders=NOTHING):
         self._server = Server(state, address, port, orders)
@@ -182,13 +200,13 @@ class Serving:
 def until(page, expression, timeout_s=60.0):
     """Wait until a JavaScript expression is true on a page.
 
-    Playwright's own function cannot be used, because the page's security policy forbids it.
+    Playwright's `wait_for_function` cannot be used, because the page's security policy forbids it.
     """
     eventually(page, lambda: page.evaluate(expression), timeout_s)
 
 
 def eventually(page, condition, timeout_s=60.0, every_ms=20):
-    """Wait until a condition is true, while the page continues to run."""
+    """Wait until ``condition()`` is true, while the page continues to run."""
     end_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < end_s, "it never came"
@@ -196,7 +214,7 @@ def eventually(page, condition, timeout_s=60.0, every_ms=20):
 
 
 def apart(function, *arguments, timeout_s=120.0):
-    """Call a function in another thread, because Playwright's event loop runs in this one."""
+    """Call a function in another thread, because Playwright's event loop runs in this thread."""
     result = Future()
 
     def call():
@@ -210,7 +228,21 @@ def apart(function, *arguments, timeout_s=120.0):
 
 
 def send_from_other_site(browser, server, other_port, path, *messages):
-    """Let a page of another site send messages; its browser has the token of the server."""
+    """Let a page of another site send messages to a server, in a browser with the server's token.
+
+    Parameters
+    ----------
+    browser : playwright.sync_api.Browser
+        The browser.
+    server : Serving
+        Server to attack.
+    other_port : int
+        TCP port of the other site.
+    path : str
+        Path of the URL to which the messages are sent.
+    messages : str
+        Bodies of POST requests.
+    """
     context = browser.new_context()
     try:
         context.new_page().goto(server.url)  # now this browser has the token
@@ -229,5 +261,5 @@ def send_from_other_site(browser, server, other_port, path, *messages):
 
 
 def run(coroutine):
-    """Run a coroutine to its end."""
+    """Run a coroutine in another thread and return its result."""
     return apart(asyncio.run, coroutine)

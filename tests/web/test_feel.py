@@ -1,4 +1,4 @@
-"""The web UI's state, computed from readings, also of slow and of silent boards."""
+"""State that the web UI shows, computed from readings; also of slow boards and without readings."""
 
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ keys = ["1", "2"]
 
 
 class Shown(PageState):
-    """Stores the last value of each part of the state."""
+    """A `PageState` that stores the last value of each part of the state."""
 
     def __init__(self):
         super().__init__()

@@ -1,4 +1,4 @@
-"""The web UI in a real browser, with real firmware on a simulated strip."""
+"""The web UI in a real browser, with the firmware on a simulated strip."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from spots_sim.scenario import Held, Press, Scenario
 
 LONG_MS = 60_000
 KNOB = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"
-FLASH_MS = 500  # more than a key is lit that is only struck
-LIFT_S = 0.1  # of the board's time: much longer than a finger has to be away
+FLASH_MS = 500  # longer than the web UI highlights a key after a tap
+LIFT_S = 0.1  # of the board's time: much longer than the release debounce
 LENGTH_MM = 85.0
-DRAWN_MM = 0.01  # from a reading to its mark; a pixel is 0.1 mm
-FIRM_MN = 1000  # the light of a finger that is about to lift is mostly noise
+DRAWN_MM = 0.01  # largest distance of the drawn mark from the reading; a pixel is 0.1 mm
+FIRM_MN = 1000  # at lower forces, such as at the end of a lift, the light is mostly noise
 
-# Where the press stands on the glass, and what figure is beside it.
+# Records where the press is drawn, and the number beside it.
 LOOK = """
 window.seen = [];
 document.addEventListener("drawn", ({ detail }) => {
@@ -48,14 +48,15 @@ document.addEventListener("drawn", ({ detail }) => {
   });
 });
 """
-# A figure changes five times a second, so that it can be read; on a slow machine with one of so
-# many messages, since each draws but one panel of those that can wait.
+# Largest age of the reading that a number shows: a number changes only five times a second. On a
+# slow machine the age may be longer, but at most this number of messages, because each message
+# redraws only one of the panels that can wait.
 FIGURE_S = 1.0
 FIGURE_MESSAGES = 12
 
 
 def ready(page):
-    """Wait until readings arrive: a finger that was there before presses no key."""
+    """Wait until readings arrive; a finger that touches before that would press no key."""
     until(page, "drawn.length > 5")
 
 
@@ -127,7 +128,7 @@ def test_spectrum_link_and_board_are_told(bench, serve, open_page):
     )
     expect(page.locator("#spectrum .note")).to_contain_text("fits one press", timeout=LONG_MS)
     expect(page.locator("#spectrum .legend")).to_be_visible()
-    # The line of what is expected stands at the end of each bar.
+    # The line that marks the expected value is at the end of each bar.
     ends = """() => [...document.querySelectorAll('.bar')].map((one) => {
       const at = (name) => one.querySelector(name).getBoundingClientRect();
       const { left, width } = at('.whole');
@@ -338,7 +339,7 @@ def test_a_pause_in_a_recording_is_told_and_what_comes_after_it_is_shown(
 
 
 def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_page, monkeypatch):
-    monkeypatch.setattr(reader, "SEARCH_S", 3600.0)  # or it is looked for, if this takes long
+    monkeypatch.setattr(reader, "SEARCH_S", 3600.0)  # no search for another board in a slow test
     held = Held()
     one = bench(held)
     page = open_page(serve(one.state).url)
@@ -354,24 +355,27 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
     expect(board).to_have_attribute("data-state", "connected", timeout=LONG_MS)
     expect(press).to_have_count(1, timeout=LONG_MS)
     assert len(one.asked_for) == 1
-    until(page, f"{KNOB} < -20")  # a stick follows a finger that never left
+    until(page, f"{KNOB} < -20")  # the stick follows the finger, which touched all the time
     events = one.state.since(cursor)[1]["events"]
     assert [event["pressed"] for event in events if event["kind"] == "key"] == [False]
     held.press = None
     expect(press).to_have_count(0, timeout=LONG_MS)
-    lifted_s = one.link.now_s()  # a lift is one after more readings than the one that is drawn
+    lifted_s = one.link.now_s()  # the board reports a lift some readings after the drawn one
     eventually(page, lambda: one.link.now_s() > lifted_s + LIFT_S)
     held.press = Press(80.0, 3000, 4.0)
     expect(page.locator(".key.lit")).to_have_text(["0"], timeout=LONG_MS)
 
 
 def begun(asked):
-    """How often the reader has started; the gamepad sends hello too, so hellos are not counted."""
+    """Return how often the reader started: a command ``stream`` followed by ``hello``.
+
+    The gamepad sends ``hello``, too, so this command alone does not count.
+    """
     return sum(a.startswith("stream ") and b == "hello" for a, b in pairwise([*asked]))
 
 
 def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page, monkeypatch):
-    monkeypatch.setattr(reader, "SEARCH_S", 3600.0)  # or it is looked for, if this takes long
+    monkeypatch.setattr(reader, "SEARCH_S", 3600.0)  # no search for another board in a slow test
     one = bench(Held())
     page = open_page(serve(one.state).url)
     board = page.locator("#board")
@@ -382,7 +386,8 @@ def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page
         one.board.stats.restarts += 1
         eventually(page, lambda count=count: begun(asked) >= count)
     assert begun(asked) == 3
-    # It stays open: what forges restarts faster than a board opens would keep it closed for ever.
+    # The board stays open. Otherwise forged restarts, if they are faster than the board opens,
+    # would keep it closed for ever.
     assert one.asked_for == [None]
     one.board.stats.restarts += 1
     monkeypatch.setattr(one.board, "command", lambda line: command(line) | {"id": "another"})

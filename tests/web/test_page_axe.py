@@ -1,4 +1,4 @@
-"""Accessibility: axe-core finds nothing serious, and the keyboard reaches everything."""
+"""Accessibility: axe-core reports no serious problem, and the keyboard reaches all controls."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from test_page_states import SCREENS
 
 LONG_MS = 60_000
 ALL = {"resultTypes": ["violations"]}
-# The style sheet changes only colours in the dark. By their tag, stricter rules would run, too.
+# In the dark scheme only colours differ, so only the rules about colours run. They are selected by
+# id: a selection by tag would include stricter rules, too.
 SCHEMES = {"light": ALL, "dark": ALL | {"runOnly": ["color-contrast", "link-in-text-block"]}}
 
 
 def serious(page):
-    """Return the serious findings of axe-core: rule, element, colours and remedy."""
+    """Return scheme, rule, element and remedy of each serious problem that axe-core reports."""
     found = []
     for scheme, options in SCHEMES.items():
         page.emulate_media(color_scheme=scheme)
@@ -124,7 +125,7 @@ def test_a_board_that_cannot_be_read(serve, open_page, state):
     shown.put("board", {"state": state, "message": "a reason", "next": _NEXT[state]})
     page = open_page(serve(shown).url)
     expect(page.locator("#next")).to_be_visible(timeout=LONG_MS)
-    page.wait_for_timeout(500)  # the panels fade
+    page.wait_for_timeout(500)  # the panels change their colours gradually
     assert serious(page) == []
 
 
@@ -143,7 +144,7 @@ def test_a_calibration(sensor, serve, open_page, tmp_path):
 
 
 def reached(page, panel):
-    """Press Tab through all controls of a panel; return how many never had the focus."""
+    """Press Tab repeatedly; return how many controls of a panel never got the focus."""
     wanted = page.evaluate(
         f"""[...document.querySelectorAll(
           '#{panel} :is(button, input, select, summary, [role=separator])'
@@ -192,7 +193,7 @@ def test_the_keyboard_reaches_everything_of_the_editor(bench, serve, open_page, 
     page.keyboard.press("Enter")
     expect(page.get_by_label("Force of a firm press, mN")).to_be_visible()
     assert reached(page, "editor") == 0
-    # Arrows reach the zones and borders that Tab leaves out.
+    # The arrow keys reach the zones and borders that Tab skips.
     page.locator("#editor .zone[tabindex='0']").focus()
     page.keyboard.press("End")
     expect(page.locator("#editor legend").first).to_contain_text("Zone 9 of 9")

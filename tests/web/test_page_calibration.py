@@ -1,4 +1,4 @@
-"""A person calibrates a strip by what the page shows; without the token a page can only watch."""
+"""A person calibrates a strip in the web UI; a browser without the access token can only watch."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from spots_sim.scenario import Held, Press
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000
-SPEED = 4.0  # of the board's time
-SLOWLY = 0.2  # while a state must be seen that does not last
+SPEED = 4.0  # of the board's time, relative to real time
+SLOWLY = 0.2  # speed while a test must see a state that ends soon
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
 START = {"do": "start", "kind": "rough", "length_mm": 85.0}
 FIGURE = "Number(document.querySelector('.figure b').firstChild.data)"
@@ -33,7 +33,7 @@ FIGURE = "Number(document.querySelector('.figure b').firstChild.data)"
 
 @pytest.fixture
 def table(sensor, serve, tmp_path):
-    """A board without a calibration on a kitchen table, its server, and the finger."""
+    """A board without a calibration, its web server, and the simulated finger."""
 
     class Table:
         held = Held()
@@ -63,12 +63,12 @@ def pressing(seen):
 
 
 def at_press(number):
-    """Return a function that checks whether the page asks for a press after `number` presses."""
+    """Return a condition for `Person.wait`: the page asks for a press after `number` presses."""
     return lambda seen: pressing(seen) and seen["count"].startswith(f"{number} of 1")
 
 
 def press_and_read(page, held, places_mm):
-    """Press at positions; wait until the page shows each of them to within a millimetre."""
+    """Press at each position until the page shows it to within 1 mm, then lift."""
     for place_mm in places_mm:
         held.press = Press(place_mm, 4000.0, 4.0)
         until(page, f"Math.abs({FIGURE} - {place_mm}) < 1.0")
@@ -83,22 +83,22 @@ def test_a_clumsy_person_calibrates_roughly(table, open_page):
     person.start("rough")
     seen = person.wait(pressing)
     assert seen["todo"] == "Press at 2.0 mm with your hardest press and hold"
-    assert "touch nothing" not in seen["note"] + seen["said"]  # that step is over
-    expect(page.locator("#next")).to_be_hidden()  # of the readings before the session
-    # A lift before the press is steady, then the press again.
+    assert "touch nothing" not in seen["note"] + seen["said"]  # the step without a touch is over
+    expect(page.locator("#next")).to_be_hidden()  # advice about the readings before the session
+    # The person lifts before the press is steady, and presses again.
     person.go_on(at_press(2))
     person.press(look(page))
     page.wait_for_timeout(100)
     person.lift()
     person.wait(lambda seen: seen["trouble"] == "no press is seen" or not pressing(seen))
-    # A press that the person takes back.
+    # The person undoes a press.
     person._last = None
     person.go_on(at_press(4))
     places = [p.place_um for p in Session(table.path).of("hand")]
     page.get_by_role("button", name="Undo the last press").click()
     person.go_on(at_press(3))
     assert [p.place_um for p in Session(table.path).of("hand")] == places[:-1]
-    # The page shows about where the finger is.
+    # The page shows the approximate position of the finger.
     person.go_on(at_press(5))
     table.bench.link.pace(SLOWLY)
     person.press(look(page))
@@ -151,7 +151,7 @@ def test_a_reload_continues_and_another_page_watches(table, open_page):
     person.go_on(lambda seen: seen["starts"])
     person.start("rough")
     person.go_on(at_press(2))
-    expect(page.locator("#next")).to_be_hidden()  # the session itself is the next step
+    expect(page.locator("#next")).to_be_hidden()  # no advice while the session shows the next step
     watcher = open_page(f"http://127.0.0.1:{table.server.port}/")
     watching = Person(watcher, table.held, table.length_mm).wait(pressing)
     seen = look(page)
@@ -167,7 +167,7 @@ def test_a_reload_continues_and_another_page_watches(table, open_page):
     page.get_by_role("button", name="Stop").click()
     person.wait(lambda seen: seen["starts"])
     assert not look(watcher)["starts"]
-    # The session continues where it was, and so do the readings of the page.
+    # The session continues at the same step, and the page shows readings again.
     table.held.press = Press(40.0, 4000, 4.0)
     expect(page.locator(".words")).to_contain_text("not calibrated", timeout=LONG_MS)
     table.held.press = None
@@ -279,7 +279,7 @@ def test_a_message_of_an_earlier_step_does_nothing(table, open_page):
 
 def test_a_flood_of_messages_is_bounded(tmp_path):
     orders = PageCalibration(tmp_path / "a.jsonl", PageState())
-    orders._attended = True  # by a board that is busy
+    orders._attended = True  # a board is connected, but does not process the requests
     waiting = [orders.submit(orders.decode(b'{"do":"cancel"}')) for _ in range(1000)]
     refused = [one for one in waiting if one.done()]
     assert len(refused) > 980
@@ -325,7 +325,7 @@ DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)
 
 @pytest.fixture
 def drifted(sensor, calibration, serve, tmp_path):
-    """A calibrated board whose strip has drifted, its server, and the finger."""
+    """A calibrated board whose strip has drifted, its web server, and the simulated finger."""
     optics, made = Optics(sensor), Calibration(calibration).conditions
     at = [optics.names.index(name) for name in made.plan]
     logs = [tuple(np.log2(optics.press(mm, 4.0)[at]).round(6).tolist()) for mm in MARKS_MM]

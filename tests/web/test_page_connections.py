@@ -1,4 +1,4 @@
-"""Clients that open connections and send nothing do not keep browsers out."""
+"""Clients that open connections and send nothing cannot block the browsers of other users."""
 
 import asyncio
 import contextlib
@@ -39,7 +39,7 @@ ROUNDS = 30
 
 @contextlib.contextmanager
 def half_open(server, count, data=HALF["half a header"]):
-    """Open connections that send a part of a request."""
+    """Open `count` connections that send a part of a request; close them after the `with` block."""
     with contextlib.ExitStack() as stack:
         opened = []
         for _ in range(count):
@@ -50,7 +50,7 @@ def half_open(server, count, data=HALF["half a header"]):
 
 
 def has_ended(connection, timeout_s=WAIT_S):
-    """Whether the server has closed a connection; data that it sent before is read."""
+    """Return whether the server closes a connection in time; data that it sends is ignored."""
     try:
         while select.select([connection], [], [], timeout_s)[0]:
             if not connection.recv(1 << 16):
@@ -130,7 +130,7 @@ def test_connections_that_have_ended_leave_nothing_in_memory(serve):
     visit(ROUNDS)  # caches fill
     before, end_s = objects(), time.monotonic() + WAIT_S
     visit(ROUNDS)
-    # Less than an object for two connections; the last ones may not have ended yet.
+    # Fewer than one more object for two connections. The last connections may not have ended yet.
     while objects() - before >= ROUNDS * len(VISITS) // 2:
         assert time.monotonic() < end_s, "objects of connections that have ended are left"
         time.sleep(0.1)

@@ -1,4 +1,4 @@
-"""The demo opens the web UI on a computer with a screen, and uses the terminal elsewhere."""
+"""The demo opens the web UI on a computer with a screen; otherwise it uses the terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from spots_sim import browser
 
 @pytest.fixture
 def at_a_screen(monkeypatch):
-    """A terminal on a display."""
+    """Pretend that the demo runs in a terminal on a computer with a screen."""
     terminal = SimpleNamespace(isatty=lambda: True)
     monkeypatch.setattr(browser, "sys", SimpleNamespace(platform="linux", stdout=terminal))
     monkeypatch.setenv("DISPLAY", ":0")
@@ -27,7 +27,7 @@ def at_a_screen(monkeypatch):
 
 @pytest.fixture
 def shown(monkeypatch):
-    """A list of what the demo has opened: ``page`` or ``terminal``."""
+    """List of what the demo has opened: ``page`` (the web UI) or ``terminal``."""
     shown = []
     monkeypatch.setattr(spots_sim.demo, "show_page", lambda *_: shown.append("page"))
     monkeypatch.setattr(spots_sim.demo, "demo", lambda *_: shown.append("terminal") or {})

@@ -25,7 +25,7 @@ STATIC = Path(app.__file__).parent / "static"
 
 
 def status(url, path="", **headers):
-    """Return the status of a request, and the headers and text of the answer."""
+    """Send a GET request; return the HTTP status, the headers and the text of the answer."""
 
     async def ask():
         async with (
@@ -78,7 +78,7 @@ def test_a_foreign_host_is_refused(serve, host, path):
 
 
 def raw(server, *lines, body=b""):
-    """Send a request with exactly these lines; return the complete answer."""
+    """Send an HTTP request with exactly these header lines; return the complete answer (bytes)."""
     head = "\r\n".join([*lines, "Connection: close", "", ""]).encode(errors="surrogateescape")
     with socket.create_connection(("127.0.0.1", server.port), timeout=60) as connection:
         connection.sendall(head + body)
@@ -86,7 +86,7 @@ def raw(server, *lines, body=b""):
 
 
 def code(answer):
-    """Return the status in an answer."""
+    """Return the HTTP status in an answer of `raw`."""
     return int(answer.split()[1])
 
 
@@ -111,7 +111,7 @@ def test_a_request_names_one_host_and_at_most_one_origin(serve, path):
     ):
         assert code(raw(server, begin, *headers, *upgrade)) in (400, 403), headers
     assert code(raw(server, "GET / HTTP/1.0")) in (400, 403)
-    assert code(raw(server, begin, host, origin)) in (200, 400)  # to /live, not a WebSocket
+    assert code(raw(server, begin, host, origin)) in (200, 400)  # 400: /live needs a WebSocket
 
 
 NO_FILE = (

@@ -1,8 +1,8 @@
-"""Age of a reading on the screen. ``pytest -s`` prints the values of docs/page.md.
+"""Age of a reading when it is on the screen. ``pytest -s`` prints the values of docs/page.md.
 
-Times are not asserted, because they depend on other programs on the machine. Asserted is this: a
-page draws each reading once and in order, never has more than two unacknowledged messages, and
-continues to draw while another page is suspended.
+The tests do not assert times, which depend on other programs on the machine. They assert that a
+page draws each reading one time and in order, that it never has more than two unacknowledged
+messages, and that it continues to draw while another page is suspended.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from spots_sim.files import load as load_file
 from spots_sim.scenario import Scenario
 
 MEASURED = 150  # readings that the first page draws
-SETTLED = 60  # and before that
+SETTLED = 60  # readings that this page draws before the measurement
 MOST_UNDERWAY = 2
 RECORDED_S = 90.0  # longer than a test takes
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
-    """A recording to play, because a virtual board would take processor time from the pages."""
+    """A recording of 90 s. It is played because a virtual board would need more processor time."""
     path = tmp_path_factory.mktemp("recordings") / "demo.spots"
     board, _ = open_fast("default", Scenario(load_file(ScenarioFile, "demo")), seed=0)
     with board, board.record(path):
@@ -44,7 +44,7 @@ def path(tmp_path_factory):
 
 @pytest.fixture
 def played(path):
-    """The state of a board that plays the recording, and the boards, one after the other."""
+    """The `PageState` of a board that plays the recording, and the list of opened boards."""
     boards, state = [], PageState()
 
     def open_board(_):
@@ -58,7 +58,7 @@ def played(path):
 
 
 def stall(page):
-    """Suspend a page without using the processor; return a function that resumes it."""
+    """Suspend a page by a dialog, which needs no processor time; return a function to resume it."""
     dialogs = []
     page.on("dialog", lambda dialog: dialogs.append(dialog))
     page.evaluate("() => { setTimeout(() => alert('stalled'), 0); }")
@@ -67,7 +67,8 @@ def stall(page):
     return dialogs[0].dismiss
 
 
-# Notes at each frame of the screen with a reading in it which panels changed, but strip and keys.
+# Records for each frame of the screen with a new reading which panels changed, without strip and
+# keys.
 _NOTE_PANELS = """() => {
   const ids = ["figures", "spectrum", "link"], ask = window.requestAnimationFrame.bind(window);
   const observer = new MutationObserver(() => {});
@@ -112,7 +113,7 @@ def test_a_frame_with_a_reading_draws_one_chart_at_most_and_all_get_their_turn(
 
 
 def edit(page):
-    """Keep a page busy: move a border of the layout back and forth without end."""
+    """Keep a page busy: move a border of the key layout back and forth until the page closes."""
     page.locator("#edit").click(timeout=60_000)
     page.locator("#editor .border").first.wait_for()
     page.evaluate("""() => {
@@ -142,8 +143,9 @@ def test_from_frame_to_pixel(played, serve, open_page, tmp_path, pages, stalled,
     until(opened[0], f"drawn.length > {SETTLED}")
     for page in opened:
         page.evaluate("drawn.length = 0")
-    # Rarely asked, and all pages until the same moment: to hand its readings over costs a page
-    # a good part of a second, and all others a part of their processor.
+    # The page is asked rarely, and the readings of all pages are fetched after the end of the
+    # measurement: to return its readings takes a page a large part of a second, and takes processor
+    # time from the other pages.
     eventually(opened[0], lambda: opened[0].evaluate("drawn.length") > MEASURED, every_ms=1000)
     end_s = time.time()
     found = [[one for one in page.evaluate("drawn") if one["shown_s"] < end_s] for page in opened]
@@ -168,6 +170,6 @@ def test_from_frame_to_pixel(played, serve, open_page, tmp_path, pages, stalled,
         page.evaluate("drawn.length = 0")
         until(page, f"drawn.filter((one) => one.time_s > {newest_s}).length > 20")
         late = [one for one in page.evaluate("drawn") if one["time_s"] <= newest_s]
-        assert len(late) <= MOST_UNDERWAY  # what had been sent before it stood still
+        assert len(late) <= MOST_UNDERWAY  # readings that were sent before the page was suspended
     for page in opened + others:
         assert 1 <= page.evaluate("underway") <= MOST_UNDERWAY

@@ -1,4 +1,4 @@
-"""A browser with the token edits the key layout; nothing else can."""
+"""A browser with the access token edits the key layout; other clients cannot."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from spots_sim.scenario import Held, Press
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000
-SPEED = 0.3  # of the board's time: a tap by a slow machine is not a hold
-TAP_S = 0.08  # in this time
+SPEED = 0.3  # of the board's time, so slow that a tap on a slow machine does not become a hold
+TAP_S = 0.08  # duration of a tap in the board's time
 ON_BOARD = re.compile("^on the board")
 MINI = load("mini")
 DIGITS = load("digits")
@@ -30,7 +30,7 @@ SLOTS = {"tap": "tap", "firm": "firm press", "hold": "hold"}
 
 @pytest.fixture
 def desk(sensor, calibration, serve, tmp_path):
-    """A board, its server with a layout editor, and the finger."""
+    """A board, its web server with a layout editor, and the simulated finger."""
 
     class Desk:
         held = Held()
@@ -73,14 +73,14 @@ def open_editor(page):
 
 
 def choose(page, name, typed):
-    """Choose an action by search, using only the keyboard."""
+    """Search for an action in the field `name`, and choose it with the keyboard."""
     field = page.get_by_role("combobox", name=name, exact=True)
     field.fill(typed)
     field.press("Enter")
 
 
 def fill_keys(page, keys):
-    """Set the actions of all zones of a layer to those of a layout file."""
+    """Add a zone for each key of a layer in a layout file, and set its actions and its text."""
     for _ in keys[1:]:
         page.get_by_role("button", name="Add a zone").click()
     for i, key in enumerate(keys):
@@ -99,7 +99,7 @@ def state(page):
 
 
 def tap(desk, page, share, key, force_mN=3000):
-    """Touch the strip until the page shows a key."""
+    """Tap the strip at a share of its length; wait until the page shows the typed `key`."""
     tape = page.locator(".tape .key-event")
     for press in (Press(85.0 * share, force_mN, 4.0), None):
         until_s = desk.bench.link.now_s() + TAP_S
@@ -130,13 +130,13 @@ def test_mini_from_nothing_is_typed_on_undone_and_survives_a_reload(desk, open_p
     made = load(desk.path)
     assert made.lines == MINI.lines
     assert made.content["layer"] == MINI.content["layer"]
-    # The board types with it, without a restart.
+    # The board types with the new layout, without a restart.
     eventually(page, lambda: desk.shown("board")["layout"]["name"] == MINI.name)
     until(page, "drawn.length > 5")
     tap(desk, page, 0.5 / 9, "E")
     tap(desk, page, 3.5 / 9, "O")
     tap(desk, page, 6.5 / 9, "S")
-    # An undo is a draft: the board keeps what it has.
+    # After an undo, the page shows a draft, and the layout of the board does not change.
     page.get_by_role("button", name="Undo").click()
     expect(state(page)).to_have_text("not on the board yet", timeout=LONG_MS)
     page.reload()
@@ -183,7 +183,7 @@ def test_a_border_is_dragged_and_moved_by_keys(desk, open_page):
     first, second, *others = load(desk.path).layers["digits"]
     assert first.high == second.low == pytest.approx(0.15 - 0.5 / 85, abs=0.001)
     assert [key.low for key in others] == pytest.approx([i / 10 for i in range(2, 10)], abs=1e-4)
-    # The whole drag is one step of undo.
+    # One undo reverses the whole drag.
     page.get_by_role("button", name="Undo").click()
     page.get_by_role("button", name="Undo").click()
     assert float(border.get_attribute("aria-valuenow")) == 8.5
@@ -202,9 +202,9 @@ def test_a_draft_is_tried_before_it_is_pushed(desk, open_page):
     )
     tried = page.locator("#editor .trial span")
     until(page, "drawn.length > 5")
-    tap(desk, page, 0.25, "3")  # the board keeps its layout
+    tap(desk, page, 0.25, "3")  # the layout of the board has not changed
     expect(tried.last).to_have_text("volume increment", timeout=LONG_MS)
-    # A change of the tuning has an effect on the next touch.
+    # A change of the forces and times has an effect on the next touch.
     with page.expect_response(re.compile("/layout$")):
         page.get_by_label("Force that begins a touch, mN").fill("9000")
         page.get_by_label("Force that begins a touch, mN").press("Enter")
@@ -214,7 +214,7 @@ def test_a_draft_is_tried_before_it_is_pushed(desk, open_page):
         for _ in range(2):
             page.locator("#editor").get_by_role("button", name="Undo").click()
     tap(desk, page, 0.45, "5")
-    expect(tried.last).to_have_text("5", timeout=LONG_MS)  # of the board: nothing is changed
+    expect(tried.last).to_have_text("5", timeout=LONG_MS)  # the key of the board's layout
     assert desk.on_board() is None
 
 
@@ -236,7 +236,7 @@ def test_what_could_be_typed_is_lost_only_after_a_question(desk, open_page):
     dialog.get_by_role("button", name="Put it on the board").click()
     expect(state(page)).to_have_text(ON_BOARD, timeout=LONG_MS)
     assert desk.shown()["stored"] == "this"
-    # One click restores the default keys, and undo brings the others back.
+    # One click restores the default keys; an undo restores the layout before that.
     page.get_by_role("button", name="default keys").click()
     expect(page.locator("#clear")).to_be_hidden(timeout=LONG_MS)
     assert desk.on_board() is None
@@ -305,7 +305,7 @@ def test_a_file_that_cannot_be_written_is_reported(desk):
     desk.editor._path = desk.path.parent / "nowhere" / "mine.toml"
     status, text = desk.push(MINI)
     assert (status, "there is no folder" in text) == (409, True), text
-    assert desk.shown()["stored"] == "this"  # the board has it
+    assert desk.shown()["stored"] == "this"  # the board has this layout
     assert desk.shown()["text"] == MINI.text
 
 

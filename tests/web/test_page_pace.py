@@ -1,4 +1,4 @@
-"""Messages to slow clients, which must not slow down other clients."""
+"""Slow clients of the web server: they must not slow down other clients."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, 
 
 
 def test_the_way_to_a_page_is_measured_without_the_time_it_draws(state, serve, monkeypatch):
-    # What follows from it for the rate: test_page_rate.py, in simulated time.
+    # test_page_rate.py tests the resulting rate of messages, in simulated time.
     paces = []
 
     def made(now_s):
@@ -81,7 +81,7 @@ def test_the_way_to_a_page_is_measured_without_the_time_it_draws(state, serve, m
             before = len(paces)
             socket = await session.ws_connect(live(server), autoping=False)
             number = 0
-            # The handshake may be complete before the server has made its pace.
+            # The handshake may be complete before the server has created its `PagePace`.
             while len(paces) == before or not seen(paces[-1]):
                 message = await socket.receive(timeout=60)
                 if message.type == aiohttp.WSMsgType.PING:
@@ -202,7 +202,7 @@ def test_only_the_board_that_was_there_is_taken_again(monkeypatch):
         open_board("gone")
     assert open_board(None).info["id"] == "other"
     named = reading.finder("/dev/ttyACM0", "default", "demo", 0)
-    assert named("mine").info["id"] == "mine"  # its port has another name now
+    assert named("mine").info["id"] == "mine"  # although its port now has another name
     there.pop()
     with pytest.raises(RefusedError, match="waiting for board mine"):
         named("mine")

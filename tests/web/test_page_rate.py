@@ -1,4 +1,4 @@
-"""Browsers that share a processor get as many messages as it can draw, in simulated time."""
+"""Rate of messages to browsers that share processors: as many as they can draw; simulated time."""
 
 from __future__ import annotations
 
@@ -19,18 +19,34 @@ SETTLED_S = 10.0
 
 
 def drawing(pages, draw_s, stalled=0, away_s=0.0):
-    """Simulate pages that draw on two processors.
+    """Simulate browsers that draw pages on two processors.
 
-    Returns the delays of the messages in s, and the number of messages drawn by each page per
-    second.
+    A message is drawn at the next frame of the screen, after all earlier messages.
 
-    A message is drawn at the next frame of the screen, after all earlier messages. `away_s` is the
-    network delay of a message, and of its acknowledgement.
+    Parameters
+    ----------
+    pages : int
+        Number of pages that draw.
+    draw_s : float
+        Processor time to draw a message, in s.
+    stalled : int
+        Number of additional pages that never draw.
+    away_s : float
+        Network delay of a message, and also of its acknowledgement, in s.
+
+    Returns
+    -------
+    delays_s : list of float
+        Times from sending a message until its acknowledgement arrives, in s.
+    rates_Hz : list of float
+        Messages that each page draws per second.
+    paces : list of PagePace
+        State of each page, including the stalled pages.
     """
     clock = SimpleNamespace(now_s=0.0)
     paces = [PagePace(lambda: clock.now_s) for _ in range(pages + stalled)]
     free_s = [0.0] * PROCESSORS
-    # What happens when: a page may get a message again, or has drawn.
+    # Events in the order of time: a page may get a message, or has drawn a message.
     events = [(0.001 * i, i, "tell", 0) for i in range(pages + stalled)]
     waiting, took = set(), [[] for _ in paces]
     heapq.heapify(events)

@@ -1,4 +1,4 @@
-"""A browser with the token can start and stop a recording, and do nothing else."""
+"""A browser with the access token can start and stop a recording, and nothing beyond that."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LONG_MS = 60_000
 
 
 def post(server, word, path="recording", token=None, **headers):
-    """Return status and text of the answer."""
+    """Send a POST request with the body `word`; return HTTP status and text of the answer."""
 
     async def ask():
         cookies = {f"spots-token-{server.port}": token} if token else {}
@@ -46,7 +46,7 @@ def token_of(server):
 
 
 def ready(one):
-    """Wait until the reader has opened a board."""
+    """Wait until the reader of a `Bench` has opened its board."""
     while True:
         with pytest.raises(SpotsError) as refused:
             one.recordings.submit("stop").result(60)
@@ -57,7 +57,7 @@ def ready(one):
 
 @pytest.fixture
 def recorded(bench, serve, tmp_path):
-    """A bench with a finger, and its server, which allows recordings."""
+    """A `Bench` with a finger that touches, and its web server, which allows recordings."""
     held = Held()
     held.press = Press(40.0, 4000, 4.0)
     one = bench(held, record_to=tmp_path)
@@ -168,7 +168,7 @@ def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
 
 
 def recorded_at(sensor, calibration, path, place_mm, lasting_s):
-    """Record a board whose strip is pressed by a finger."""
+    """Record a board for `lasting_s` seconds, while a finger presses at `place_mm`."""
     held = Held()
     held.press = Press(place_mm, 4000, 4.0)
     with Board(LockstepLink(sensor, held)) as board:
@@ -182,10 +182,10 @@ def recorded_at(sensor, calibration, path, place_mm, lasting_s):
 
 @pytest.fixture
 def folder(sensor, calibration, bench, serve, tmp_path):
-    """A bench, its server, and a folder with two recordings and with other files."""
+    """A `Bench`, its web server, and a folder with two recordings and with other files."""
     inside = tmp_path / "inside"
     inside.mkdir()
-    # A slow machine has time to see them.
+    # The recordings are long enough to be seen on a slow machine.
     for name, place_mm, lasting_s in (("a", 20.0, 4.0), ("b", 60.0, 30.0), ("../outside", 30.0, 1)):
         recorded_at(sensor, calibration, inside / f"{name}.spots", place_mm, lasting_s)
     (inside / "link.spots").symlink_to(tmp_path / "outside.spots")
@@ -220,7 +220,7 @@ def test_recordings_are_listed_played_and_compared(folder, open_page):
     page.get_by_role("button", name="Compare", exact=True).click()
     name = re.compile(r"^Position, mm of a.spots and b.spots over time$")
     expect(page.get_by_role("img", name=name)).to_be_visible(timeout=LONG_MS)
-    # A recording is played through the same view, and the board is shown again.
+    # The page shows the played recording in place of the board, and then the board again.
     page.get_by_role("button", name="Play b.spots").click()
     until(page, f"Math.abs({PLACE} - 60) < 1")
     expect(page.locator("#next")).to_contain_text("the recording b.spots is played; next: ")
@@ -230,13 +230,13 @@ def test_recordings_are_listed_played_and_compared(folder, open_page):
     page.get_by_role("button", name="Show the board").click()
     until(page, f"Math.abs({PLACE} - 40) < 1")
     expect(page.locator("#next")).to_be_hidden()
-    # The board is also shown after the end of a recording, and was never lost.
+    # The page also shows the board after the end of a recording; the connection was never lost.
     page.evaluate(STATES)
     page.get_by_role("button", name="Play a.spots").click()
     until(page, f"Math.abs({PLACE} - 20) < 1")
     until(page, f"Math.abs({PLACE} - 40) < 1")
     assert page.evaluate("window.states") == []
-    # A damaged recording is a sentence, and the board is still shown.
+    # For a damaged recording the page shows an error sentence, and still the board.
     page.get_by_role("button", name="Play damaged.spots").click()
     expect(page.locator("#recordings .state")).to_contain_text("damaged.spots", timeout=LONG_MS)
     expect(page.locator("#next")).to_be_hidden()

@@ -1,4 +1,4 @@
-"""A browser with the token edits the settings of controller and gestures; nothing else can."""
+"""A browser with the access token edits the controller and the gestures; other clients cannot."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TEXTS = {
 
 @pytest.fixture
 def desk(sensor, calibration, serve, tmp_path):
-    """A board, its server with editors of settings, and the finger."""
+    """A board, its web server with editors of settings, and the simulated finger."""
 
     class Desk:
         held = Held()
@@ -120,7 +120,7 @@ def test_the_settings_of_a_controller_are_found_by_sliders_only(desk, open_page)
     assert (made.x.deadband, made.x.expo, made.x.smooth.min_cutoff_hz) == (0.2, 0, 5)
     assert made.z.max_mN == 4000
     assert (made.button[0].press_mN, made.button[0].release_mN) == (3000, 2000)
-    # All comments of the file are there, and the other lines are as they were.
+    # The file still has all its comments, and the other lines are unchanged.
     text = desk.paths["controller"].read_text(encoding="utf-8")
     before = TEXTS["controller"].splitlines()
     assert [line.partition("#")[2] for line in text.splitlines()] == [
@@ -129,7 +129,7 @@ def test_the_settings_of_a_controller_are_found_by_sliders_only(desk, open_page)
     assert sum(a != b for a, b in zip(text.splitlines(), before)) == 9
     # The gamepad on the page has the new settings without a restart.
     eventually(page, lambda: (desk.shown("stick") or {}).get("x", 0) > 0.97)
-    desk.held.press = Press(0.45 * 85, 2000, 4.0)  # in the new deadband
+    desk.held.press = Press(0.45 * 85, 2000, 4.0)  # inside the new dead zone
     eventually(page, lambda: (desk.shown("stick") or {}).get("x") == 0)
     page.reload()
     expect(state(page)).to_have_text("saved in controller.toml", timeout=LONG_MS)
@@ -146,7 +146,7 @@ def test_axes_and_buttons_are_added_and_removed_and_undone(desk, open_page):
     page.get_by_label("Y: Invert").check()
     page.get_by_label("X: follows").select_option("")
     save = page.locator("#controller").get_by_role("button", name="Save")
-    # Comments of removed lines are lost only after a question.
+    # Before comments of removed lines are lost, the page asks the user.
     save.click()
     dialog = page.get_by_role("dialog")
     expect(dialog).to_contain_text("comments of the file will be lost", timeout=LONG_MS)
@@ -157,7 +157,8 @@ def test_axes_and_buttons_are_added_and_removed_and_undone(desk, open_page):
             break
         page.get_by_role("button", name="Undo").first.click()
     save.click()
-    dialog.get_by_role("button", name="Save").click(timeout=LONG_MS)  # of the removed button
+    # The dialog is about the comments of the removed gamepad button.
+    dialog.get_by_role("button", name="Save").click(timeout=LONG_MS)
     expect(state(page)).to_have_text("saved in controller.toml", timeout=LONG_MS)
     made = load(desk.paths["controller"])
     assert made.x.rest_percent == 50
@@ -232,7 +233,7 @@ def test_gestures_show_their_confidence_and_get_keys(desk, open_page):
 def test_one_editor_is_open_at_a_time(desk, open_page):
     page = open_page(desk.server.url, **DESK)
     for name in ("controller", "gestures"):
-        with page.expect_response(re.compile(f"/{name}$")):  # to the check
+        with page.expect_response(re.compile(f"/{name}$")):  # the answer to the check of the draft
             open_panel(page, name)
     expect(page.locator("#controller")).to_be_hidden()
     page.reload()

@@ -1,4 +1,4 @@
-"""Each state of the strip is explained, with the next step, and is in sight on every screen."""
+"""The web UI explains each state of the strip and the next step, visibly on every screen size."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_two_fingers_are_two_marks_and_a_sentence(bench, serve, open_page):
     places_mm = sorted(LENGTH_MM * share for share in page.evaluate(shares))
     assert places_mm == pytest.approx([15, 70], abs=1.5)
     expect(page.locator(".words")).to_have_text("two fingers")
-    expect(page.locator(".figure.none")).to_have_count(1)  # the force is that of both
+    expect(page.locator(".figure.none")).to_have_count(1)  # no force: the measured one is of both
 
 
 @pytest.mark.parametrize("calibrated", [True, False])
@@ -122,7 +122,7 @@ def test_a_linkage_comes_first_and_fills_its_place(linkage_page, screen):
     tops = """[...document.querySelectorAll('main > section:not([hidden])')].map((one) =>
       [one.getBoundingClientRect().top, one.id])"""
     assert min(page.evaluate(tops))[1] == "twin"
-    # The drawing takes most of the height or of the width of its place.
+    # The drawing fills most of the height or of the width of its panel.
     share = """() => {
       const c = document.querySelector('#twin canvas');
       const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;

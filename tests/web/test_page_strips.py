@@ -1,4 +1,4 @@
-"""Both strips of a board are shown, and a browser with the token chooses the one to change."""
+"""Boards with two strips: the web UI shows both; a browser with the token selects one to edit."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ MINI = load("mini")
 
 @pytest.fixture
 def two(bench, serve, tmp_path):
-    """Return a function that serves a board with a finger on each of its two strips."""
+    """Return a function that starts a board with two strips and its web server.
+
+    Its argument is the simulated finger of strip 1; strip 0 is not touched.
+    """
 
     def make(second=None, **options):
         one = bench(Held(), second=second or Held(), **options)
@@ -40,7 +43,7 @@ def two(bench, serve, tmp_path):
 
 
 class Unplugged:
-    """The bus of a strip that was unplugged."""
+    """I2C bus of a sensor that was unplugged: it does not answer."""
 
     def __init__(self, bus):
         self.chip, self.clock, self.lines, self.light = bus.chip, bus.clock, bus.lines, bus.light
@@ -53,12 +56,12 @@ class Unplugged:
 
 
 def numbers(page, strip):
-    """Return the numbers of a strip: position in mm and force in N."""
+    """Return the page elements with the numbers of a strip: position in mm and force in N."""
     return page.get_by_role("region", name=strip, exact=True).locator(".figure b")
 
 
 def mark_mm(page, strip):
-    """Return where the press is drawn on a strip."""
+    """Return the position in mm at which the press is drawn on a strip."""
     mark = page.get_by_role("region", name=strip, exact=True).locator(".press.on").bounding_box()
     track = page.get_by_role("region", name=strip, exact=True).locator(".track").bounding_box()
     return 85 * (mark["x"] + mark["width"] / 2 - track["x"]) / track["width"]
@@ -115,9 +118,9 @@ def test_each_strip_has_the_sentence_of_its_state(two, open_page):
     page = open_page(one.server.url, **DESK)
     words = page.locator("#beside .remark")
     expect(words).to_have_text(re.compile(r"^two fingers touch, at about 1[45]\.\d and (69|70)"))
-    expect(page.locator("#next")).to_be_hidden()  # strip 0 is in order
+    expect(page.locator("#next")).to_be_hidden()  # strip 0 needs no advice
     expect(page.locator("#beside .other.on")).to_have_count(2)
-    # A strip that is unplugged from the board: the other one is read.
+    # One strip is unplugged from the board, and the other one still gives readings.
     one.wires.second = Unplugged(one.wires.second)
     expect(words).to_have_text("no readings arrive; next: check the wires of the sensor")
     expect(page.locator("#beside .other.on")).to_have_count(0)
@@ -155,7 +158,7 @@ def test_the_layout_goes_to_the_chosen_strip(two, open_page, tmp_path):
         for line in ("hello", "hello sensor=1")
     ]
     assert layouts == [None, checksum(MINI.lines)]
-    # The finger on strip 1 is on the zones; its keys are shown.
+    # The editor shows the zones of strip 1, and which zone its finger touches.
     second.press = Press(85 * 3.5 / 9, 3000, 4.0)
     expect(page.locator("#editor .zone.under")).to_have_count(1)
     page.locator("#edit").click()
@@ -220,5 +223,5 @@ def test_one_strip_of_a_board_reads_and_changes_this_strip_only(sensor):
             assert {one.sensor for one in found} == {1}
             assert sum(isinstance(one, kind) for one in found) > 10
         live = strips[0].spectra()
-        while next(live).sensor == 0 and live.unread:  # ends although strip 1 sends, too
+        while next(live).sensor == 0 and live.unread:  # must end, although strip 1 sends, too
             pass

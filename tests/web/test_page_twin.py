@@ -1,4 +1,4 @@
-"""A linkage in the web UI, with two boards, and its error messages."""
+"""The digital twin of a linkage in the web UI, with two boards, and its error messages."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, se
     running(twin_feed.driven_readers(endless(), load_layout("digits"), state))
     page = open_page(serve(state).url)
     expect(page.locator("#twin")).to_be_visible(timeout=LONG_MS)
-    # The strip of joint 1 is on the page as any other, and the trail gets longer.
+    # The page shows the strip of joint 1 like any other strip, and the trail gets longer.
     expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
     until(page, f"({DRAWN})() > 20")
     before = page.evaluate(DRAWN)

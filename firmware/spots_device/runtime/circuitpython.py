@@ -36,7 +36,8 @@ from ..settings import BoardSettings, load_lines
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
 from .stay import must_stay
 
-# `ticks_diff` adds half a period; with a period of 2**30 us the sum would be no small integer.
+# `ticks_diff` adds half a period. With a period of 2**30 us, the sum would not fit a small integer,
+# and would allocate.
 _PERIOD_US = const(1 << 29)
 _HALF_PERIOD_US = const(1 << 28)
 _FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
@@ -199,7 +200,7 @@ def view_of(data, size):
 
 
 def fast_crc32(data, size, crc):
-    """Update a CRC-32 as `kernel.crc32` does, but faster.
+    """Update a CRC-32 like `kernel.crc32`, but faster.
 
     For a frame it takes 0.1 ms instead of 0.5 ms, and allocates up to 100 bytes for long integers.
 
@@ -211,7 +212,7 @@ def fast_crc32(data, size, crc):
 
 
 def fast_touch(head, payload, state, encoded):
-    """Do the same as `kernel.touch`, but faster.
+    """Encode a reading as a TOUCH frame like `kernel.touch`, but faster.
 
     It takes 0.5 ms instead of 1.3 ms, and allocates 70 bytes for long integers.
     """
@@ -232,7 +233,8 @@ def fast_touch(head, payload, state, encoded):
         state[FORCE_MN],
     )
     pack_into("<I", payload, kernel.TOUCH_SIZE, crc32(view_of(payload, kernel.TOUCH_SIZE)))
-    # COBS of fewer than 255 bytes: a copy in which each zero byte gives the place of the next one.
+    # COBS of fewer than 255 bytes: a copy of the bytes, shifted by one, in which each zero byte is
+    # replaced by the distance to the next zero byte.
     pack_into(_TOUCH_COPY, encoded, 1, payload)
     at = 0
     zero = payload.find(_ZERO, 0, _TOUCH_SIZE)
@@ -246,7 +248,7 @@ def fast_touch(head, payload, state, encoded):
 
 
 def speed_up():
-    """Let every sample use `fast_crc32` and `fast_touch` instead of the functions of `kernel`."""
+    """Replace the functions `crc32` and `touch` of `kernel` by `fast_crc32` and `fast_touch`."""
     kernel.crc32 = fast_crc32
     kernel.touch = fast_touch
 
@@ -271,9 +273,9 @@ class CdcSerial:
         self._byte = bytearray(1)
 
     def write(self, buffer, size):
-        """Write a frame if the port accepts it at once; return whether it was sent completely.
+        """Write a frame if the port has room; return whether it was sent completely.
 
-        If a frame is larger than the port's buffer, wait up to 20 ms for the host to read.
+        If the port takes only a part of the frame, wait up to 20 ms for the host to read.
 
         Parameters
         ----------
@@ -364,8 +366,9 @@ def boot():
 def main():
     """Run the application on this board until a command or Ctrl-C ends it.
 
-    Returns to the prompt if boot.py has not enabled the data port. After an exception of the
-    application, the board sends a log line and restarts.
+    Returns to the prompt at once if boot.py has not enabled the data port, or after a reset by
+    Ctrl-C (see stay.py). After an exception of the application, the board sends a log line and
+    restarts.
     """
     import board_config
 
@@ -391,8 +394,8 @@ def main():
         sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)
     app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
-    # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt the end of a run,
-    # which is then repeated.
+    # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt `app._leave`, which
+    # is then repeated.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
     run(app, _watchdog, _traceback, _sleep_ms, microcontroller.reset)
 
@@ -405,7 +408,7 @@ def _open_sensor(config, clock):
 
 
 def _strip_led(board_config):
-    """Return a function ``gpio(on)`` that switches the strip's LED; the first call opens a pin."""
+    """Return a function ``gpio(on)`` that switches the strip's LED and opens its pin if needed."""
     pin = None
 
     def switch(on):

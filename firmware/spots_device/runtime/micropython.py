@@ -17,9 +17,10 @@ _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
 _POLLIN = const(1)  # as in `select`
 _POLLOUT = const(4)
-_SLOW_US = const(200_000)  # a write blocks for half a second if the host does not read
-# Pause after such a write, and the factor by which each further such write lengthens the pause. The
-# first pause is short, because a single write may be slow for another reason.
+# A write that takes longer is slow; if the host does not read, a write blocks for half a second.
+_SLOW_US = const(200_000)
+# Back-off after a slow write: first pause, factor for each further slow write, and longest pause.
+# The first pause is short, because a single write may be slow for another reason.
 _PAUSE_US = const(1_000)
 _PAUSE_TIMES = const(16)
 _PAUSE_MAX_US = const(64_000_000)
@@ -92,7 +93,7 @@ class StdioSerial:
         self._pause_us = self._from = 0
 
     def write(self, buffer, size):
-        """Write a frame if the port accepts it at once; return whether it was sent completely.
+        """Write a frame if the port has room; return whether it was sent completely.
 
         Parameters
         ----------
@@ -202,8 +203,9 @@ class MachineUsb:
 def main():
     """Run the application on this board until a command or Ctrl-C ends it.
 
-    Returns to the prompt if the board's button is pressed soon after a reset. After an exception
-    of the application, the board sends a log line and restarts.
+    Returns to the prompt if the board's button is pressed soon after a reset, or after a reset by
+    Ctrl-C (see stay.py). After an exception of the application, the board sends a log line and
+    restarts.
     """
     import board_config
 

@@ -18,7 +18,8 @@ class I2CChannel:
     """An I2C bus behind the multiplexer; `try_lock` selects its channel.
 
     All channels of a multiplexer share one ``busio.I2C``, because its pins can be opened only once.
-    If a strip frees the wires and opens this object again, the other strips use the new object.
+    After a fault of one strip's sensor, its driver closes and opens the bus again; the drivers of
+    the other strips then use the new ``busio.I2C``.
 
     Parameters
     ----------

@@ -2,10 +2,10 @@
 
 All devices share one endpoint, which the host polls every 8 ms. While the endpoint is full,
 ``send_report`` blocks for up to 2 s. While the host sleeps, ``send_report`` discards the report
-without an error (shared-module/usb_hid/Device.c). For these reasons, there is a
-minimum time between two reports. No report is sent while the host is disconnected or asleep. After
-a timeout no report is sent for a minute, or until the host sets the keyboard's LEDs: each further
-report could block for two seconds again.
+without an error (shared-module/usb_hid/Device.c). So there is a minimum time between two reports,
+and no report is sent while the host is disconnected or asleep. After a timeout, each further report
+could block for 2 s again. So no report is sent for 64 s, or until the host sets the keyboard's
+LEDs.
 """
 
 import supervisor
@@ -130,6 +130,6 @@ class _Interface:
             self._endpoint.refused()
             return False
         self._endpoint.took()
-        # A host that has just fallen asleep did not get the report, so it is sent again. Sending
-        # the same state twice has no effect.
+        # If the host has just fallen asleep, it did not get the report. The result False makes the
+        # caller send the report again. Sending the same state twice has no effect.
         return supervisor.runtime.usb_connected

@@ -12,7 +12,7 @@ from ..hid import (
     REPORT_SIZE,
 )
 
-_NONE = const(0)  # protocols of an interface, HID 1.11, section 4.3
+_NONE = const(0)  # boot protocols of an interface, HID 1.11, section 4.3
 _KEYBOARD = const(1)
 _SETUP = const(1)  # stage of a control transfer
 _GET_REPORT = (0xA1, 1)  # bmRequestType, bRequest
@@ -67,7 +67,9 @@ class _Reports(HIDInterface):
 
 
 def open_interfaces(names, show_leds):
-    """Open HID interfaces; return the functions that send their reports. USB reconnects.
+    """Open HID interfaces; return the functions that send their reports.
+
+    USB disconnects and connects again.
 
     Parameters
     ----------

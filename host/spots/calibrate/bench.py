@@ -1,6 +1,8 @@
 """Measures presses of a strip: waits until a press is steady, then reads and validates its counts.
 
-A presser (a person or a machine) presses on request. A press with two forces has two holds.
+A presser (a person or a machine) presses the strip on request. A hold is a time in which the force
+is steady. A press with two forces has two holds. A short reading lasts 0.24 s, or 8 samples if
+these take longer. A longer reading is the mean of several short readings.
 """
 
 from __future__ import annotations
@@ -18,15 +20,16 @@ from .presses import Noise, Presses
 from .session import Wanted
 from .spectra import Reading, SpectrumReader, mean
 
-TRIES = 5
-_WINDOW_S = 0.24
-_LONG_S = {"mark": 3.0, "hand": 0.75}  # duration of a reading of a finger's press, by kind
+TRIES = 5  # attempts at a press before the session ends with an error
+_WINDOW_S = 0.24  # duration of a short reading
+# Duration of a reading of a finger's press, by kind of press. It averages the finger's tremor.
+_LONG_S = {"mark": 3.0, "hand": 0.75}
 _WINDOW_MIN = 8  # samples
-_DRIFT_MAX = 0.01  # log2: 0.7 % of the light
-# Limit for a finger, whose tremor looks like slow drift in readings of 100 ms.
+_DRIFT_MAX = 0.01  # largest change of the light in a short reading, in log2 units: 0.7 %
+# The same limit for a finger, whose tremor looks like a slow drift in a short reading.
 _FINGER_DRIFT_MAX = 0.05
 _TREMBLE_MAX = 6.0  # largest ratio of the variance of a steady press to that of the noise
-_SIGMAS = 5.0
+_SIGMAS = 5.0  # tolerance of noise in all checks, in standard deviations
 _OUTLIER = 0.3  # log2: largest difference from the light expected from other presses
 _VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
 _CHANGED = 1.25  # least ratio of the light before and after a change of the force
@@ -38,7 +41,7 @@ class BadPressError(Exception):
 
 
 class TooDarkError(BadPressError):
-    """Raised if a channel receives no light during a press."""
+    """Raised if no press is seen, or if a channel has less than one count during a press."""
 
 
 def samples_of(kind: str, exposure_us: int) -> int:
@@ -47,7 +50,7 @@ def samples_of(kind: str, exposure_us: int) -> int:
     Parameters
     ----------
     kind : str
-        Kind of the press, see `session.Wanted`.
+        Kind of the press, see `session.Wanted`; empty for a short reading of about 0.24 s.
     exposure_us : int
         Exposure of a sample in us.
 
@@ -61,7 +64,7 @@ def samples_of(kind: str, exposure_us: int) -> int:
 
 @dataclass
 class Bench:
-    """A board whose strip is pressed on request, for a calibration or a re-zero.
+    """A board whose strip is pressed on request, for ``spots calibrate`` or ``spots rezero``.
 
     Attributes
     ----------
@@ -76,12 +79,15 @@ class Bench:
     path : Path
         Calibration file of the strip.
     spent : int
-        Number of requested presses that the session does not store as presses by hand, such as
-        refused presses. A session by hand (see `session`) then asks for fewer presses.
+        Number of requested presses, minus the stored presses by hand. It counts for example
+        invalid, repeated and removed presses. If it is large, a session by hand (see `session`)
+        asks for fewer presses.
     trace : list of tuple of float
-        All readings of the present press: time in s, then the six counts.
+        All readings of the present press: time in s by the clock of `Board.now_s`, then the six
+        counts.
     holds : list of (float, float)
-        Start and end of each hold of the present press, in s; one hold for each of its forces.
+        Start and end of each hold of the present press, in s by the same clock; one hold for each
+        force.
     """
 
     reader: SpectrumReader
@@ -97,7 +103,7 @@ class Bench:
     def window(self) -> int:
         """Number of samples in a short reading of a press.
 
-        Several short readings form a long one.
+        A longer reading is the mean of several short readings.
         """
         return samples_of("", self.reader.info["exposure_us"])
 
@@ -108,7 +114,7 @@ class Bench:
         judge: Callable[[Reading], None] = lambda reading: None,
         given_up: str = CONTINUES,
     ) -> Reading:
-        """Ask for a press until one is valid; on return, the strip is still pressed.
+        """Ask for presses until one press is valid; on return, the strip is still pressed.
 
         Parameters
         ----------
@@ -117,7 +123,7 @@ class Bench:
         noise : Noise, optional
             Noise of the sensor; None if unknown.
         judge : callable
-            ``judge(reading)`` raises `BadPressError` if the reading does not fit the press.
+            ``judge(reading)`` raises `BadPressError` if the reading does not fit earlier presses.
         given_up : str
             End of the error message after the last failed attempt.
 
@@ -129,9 +135,10 @@ class Bench:
         Raises
         ------
         SpotsError
-            If no attempt gave a valid press.
+            If none of `TRIES` attempts gave a valid press.
         BadPressError
-            If the kind is ``hand`` and the press is not valid. The strip is then released.
+            If the kind is ``hand`` and the press is not valid: a press by hand has one attempt. The
+            strip is then released.
         """
         self.guide.want(wanted)
         for _ in range(TRIES):
@@ -153,7 +160,7 @@ class Bench:
         raise SpotsError(f"{trouble}; {given_up}")
 
     def again(self, kind: str, noise: Noise | None = None) -> Reading:
-        """Return a reading of the present press when it is steady; start a new `trace`.
+        """Wait until the present press is steady, and return its reading; start a new `trace`.
 
         Parameters
         ----------
@@ -170,7 +177,7 @@ class Bench:
         Raises
         ------
         BadPressError
-            If the press is not valid.
+            If the press does not become steady in time, or a channel is saturated or dark.
         """
         self.trace, self.holds = [], []
         return self._held(noise, kind)
@@ -181,7 +188,8 @@ class Bench:
         Raises
         ------
         BadPressError
-            If the press is not valid. The strip is then released.
+            If the press is not valid, for example because its force has not changed. The strip is
+            then released.
         """
         before = sum(self.trace[-1][1:])
         self.presser.change(wanted)
@@ -212,7 +220,7 @@ class Bench:
         )
 
     def _window(self) -> Reading:
-        """Return the next short reading of a press, and append it to `trace`."""
+        """Return the next short reading, and append it to `trace` if the press has begun."""
         reading = self.reader.read(self.window)
         if self.trace or not reading.unlit:
             row = round(self.reader.board.now_s(), 3), *reading.counts.round(2).tolist()
@@ -220,7 +228,10 @@ class Bench:
         return reading
 
     def _hold(self, hold_s: float) -> None:
-        """Continue to read a press until its last hold has lasted `hold_s` seconds."""
+        """Continue to read a press until its last hold has lasted `hold_s` seconds.
+
+        Raises `BadPressError` if the press ends earlier.
+        """
         begin_s, end_s = self.holds.pop()
         while end_s - begin_s < hold_s:
             reading = self._window()
@@ -231,11 +242,11 @@ class Bench:
         self.holds.append((begin_s, end_s))
 
     def _held(self, noise: Noise | None, kind: str, before: float | None = None) -> Reading:
-        """Wait for a steady press and return its reading; raise `BadPressError` if it is invalid.
+        """Wait for a steady press and return its reading.
 
-        `noise` is the noise of the sensor, if known; `kind` is the kind of the press, see
-        `session.Wanted`. `before` is the sum of the counts before a change of the force; None
-        without a change.
+        Raises `BadPressError` if the press is invalid. `noise` is the noise of the sensor, or None
+        if unknown; `kind` is the kind of the press, see `session.Wanted`. `before` is the sum of
+        the counts before a change of the force; None without a change.
         """
         end_s = self.reader.board.now_s() + self.presser.patience_s
         reason: BadPressError = TooDarkError("no press is seen")
@@ -260,17 +271,22 @@ class Bench:
         reading = mean(steady[-long:])
         any_light = kind == "choose"
         if reading.saturated and not any_light:
-            raise BadPressError("a channel is saturated: press less, or lower gain or LED current")
+            raise BadPressError(
+                "a channel is saturated: press more gently, or lower gain or LED current"
+            )
         if reading.dark and not any_light:
-            raise TooDarkError("too dark: press harder, or raise gain, LED current or exposure")
+            raise TooDarkError(
+                "the press is too dark: press harder, or raise gain, LED current or exposure"
+            )
         return reading
 
 
 def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str) -> None:
-    """Raise `BadPressError` if brightness or colour change during a short reading.
+    """Raise `BadPressError` if a short reading has light in no channel, or its light changes.
 
-    `noise` is the noise of the sensor, if known; `window` is the number of samples in the reading;
-    `kind` is the kind of the press: a finger may drift more than an indenter.
+    `noise` is the noise of the sensor, or None if unknown. `window` is the number of samples in the
+    reading. `kind` is the kind of the press: for ``mark`` and ``hand``, the brightness may change
+    more, because a finger trembles.
     """
     if reading.unlit:
         raise TooDarkError("no press is seen")
@@ -288,7 +304,7 @@ def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str)
 
 
 def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
-    """Check a press at a new position against presses with the same force at other positions.
+    """Check the light of a press against presses with the same force at other positions.
 
     Parameters
     ----------
@@ -310,7 +326,7 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     """
     order = np.argsort(known.position_um)
     places, logs, log = known.position_um[order], known.logs[order], np.log2(counts)
-    # Direction of the colour from the first place to the last one, without the brightness.
+    # Change of the colour from the first place to the last: log2 of the counts minus their mean.
     way = logs[-1] - logs[0]
     way = way - way.mean()
     at = int(np.searchsorted(places, wanted.place_um))
@@ -327,12 +343,12 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     line = np.polyfit(places[near] - wanted.place_um, logs[near].mean(axis=1), 1)
     if abs(log.mean() - line[1]) > _OUTLIER:
         raise BadPressError(
-            "the brightness does not fit the neighbouring presses: press with the same force"
+            "the brightness does not fit the neighbouring presses: press all with the same force"
         )
 
 
 def judge_force(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise, window: int):
-    """Check a press with a new force against presses with other forces at the same position.
+    """Check the light of a press against presses with other forces at the same position.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""``spots calibrate``: guided sessions that calibrate position, force, strain and joint."""
+"""``spots calibrate``: guided sessions that calibrate a strip, and a joint that presses it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ def calibrate_command(options: argparse.Namespace) -> None:
         raise SpotsError(f"--places must be {least} or more for '{kind}'")
     if (kind == "strain") != (options.strain_percent is not None):
         raise SpotsError(
-            "give --strain-percent together with 'strain': neither works without the other"
+            "'spots calibrate strain' and --strain-percent belong together: give both, or leave "
+            "out both"
         )
     session = Session(Path(options.session))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
@@ -52,7 +53,8 @@ def opened(
     Parameters
     ----------
     options : argparse.Namespace
-        ``port``, ``length_mm`` (length of the strip, or None), and the simulator's options.
+        ``port``, ``length_mm``, and the simulator's options. ``length_mm`` is the length of the
+        strip in mm; None for the length in `made`, or 85 mm if `made` has no length.
     made : Session or CalibrationFile
         Session or calibration of the strip.
     path : Path

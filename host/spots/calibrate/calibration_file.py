@@ -1,8 +1,9 @@
 """The calibration file: the text lines that a board uses, and how they were measured.
 
-Residuals are the errors that remain at the presses of the calibration. Marks are positions that a
-re-zero presses again, to measure and correct drift. The file is TOML. The section ``[end]`` has a
-CRC-32 of all text before it, so that `load` detects a file that was cut short or changed.
+Residuals are the errors of the board's positions and forces at the presses of the calibration.
+Marks are positions that are pressed again for a re-zero (``spots rezero``), to measure and correct
+drift. The file is TOML. The section ``[end]`` has a CRC-32 of all text before it, so that `load`
+detects a file that was cut short or changed.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from .session import Six
 
 VERSION = 1
 _END = "[end]\n"
-_AGAIN = "copy it again, or run 'spots calibrate' with its session to make it again"
+_AGAIN = "copy the file again, or make it again from its session with 'spots calibrate --session'"
 _HEAD = f"""\
 # The calibration of one SPOTS board, made by 'spots calibrate'.
 version = {VERSION}
@@ -37,7 +38,7 @@ _COMMENTS = {
     "original": "# Calibration lines before the first re-zero.",
     "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
     "marks": "# log2 of the counts of presses that 'spots rezero' repeats.",
-    "joint_marks": "# The same for stops of the joint, for 'spots rezero --joint'.",
+    "joint_marks": "# log2 of the counts at stops of the joint, for 'spots rezero --joint'.",
 }
 
 
@@ -55,9 +56,10 @@ class Residual(_Struct, kw_only=True):
     position_rms_um : float
         Root mean square error of the position, in um.
     force_rms_mN : float or None
-        Root mean square error of the force, in mN; None for a stretched strip.
+        Root mean square error of the force, in mN; None for a stretched strip, and if the forces
+        are unknown.
     presses : int
-        Number of presses.
+        Number of presses whose errors were computed.
     """
 
     strain_ppm: int
@@ -101,12 +103,12 @@ class Joint(_Struct, kw_only=True):
 
 
 class Marks(_Struct, kw_only=True):
-    """Reference presses at three marked positions, which a re-zero repeats to measure drift.
+    """Reference presses at three marked positions, which ``spots rezero`` repeats to measure drift.
 
     Attributes
     ----------
     place_um : tuple of float, length 3
-        Distances of the marks from the sensor's end in um, ascending.
+        Distances of the marks from the strip's end at the sensor in um, ascending.
     force_mN : float
         Force of each press in mN; 0 for a joint, whose indenter presses all the time.
     logs : tuple of tuple of float, shape (3, 6)
@@ -122,17 +124,17 @@ class Marks(_Struct, kw_only=True):
 
 
 class Rezero(_Struct, kw_only=True):
-    """Result of a re-zero: the drift that presses at the marks showed.
+    """Result of a re-zero (``spots rezero``): the drift that presses at the marks showed.
 
     Attributes
     ----------
     date : datetime
         Date and time in UTC.
     place_um : tuple of float, length n
-        Distances of the n pressed marks from the sensor's end, in um.
+        Distances of the n pressed marks from the strip's end at the sensor, in um.
     shifts : tuple of tuple of float, shape (n, 6)
-        log2 of the counts at the re-zero minus log2 of the counts at the calibration. Rows are
-        marks, columns are channels.
+        log2 of the counts at the re-zero minus log2 of the counts at the calibration, corrected for
+        errors of force and position of the presses. Rows are marks, columns are channels.
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
     """
@@ -151,7 +153,8 @@ class CalibrationFile(_Struct, kw_only=True):
     date : datetime
         Date and time of the calibration in UTC.
     board, plan, gain, exposure_us, led_mA
-        Board and settings of the calibration, see `spots_device.calibration.Conditions`.
+        Board and settings of the calibration; `plan` is the choice of the six channels. See
+        `spots_device.calibration.Conditions`.
     lines : tuple of str
         Calibration lines that the board uses, see `spots_device.calibration`.
     original : tuple of str
@@ -262,7 +265,7 @@ def send(board: Board, calibration: CalibrationFile) -> str:
     Returns
     -------
     str
-        Checksum of the calibration, as ``hello`` reports it.
+        Checksum of the calibration, as the board's command ``hello`` reports it.
 
     Raises
     ------

@@ -19,10 +19,10 @@ from .fit import Curves
 from .presses import Noise, Presses
 
 DIODES = ("F1", "F2", "F3", "F4", "F5", "F6", "F7", "F8", "CLEAR")
-_DEGREE = 4
+_DEGREE = 4  # of the polynomials in the position
 _FULLEST = 0.95  # largest usable count as a share of full scale
 _WORTH = 0.03  # least relative improvement that is worth a new plan
-_PLACES = 41
+_PLACES = 41  # number of positions over which the noise is averaged
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ class Choice:
         Least possible standard deviation of the position from one sample with this plan, in um,
         averaged over the strip.
     present_sigma_um : float
-        The same with the plan of the first pass; infinite if one of its channels is unusable.
+        Least possible standard deviation with the plan of the first pass, in um, averaged over the
+        strip; infinite if one of this plan's channels is unusable.
     """
 
     plan: tuple[str, ...]
@@ -59,13 +60,16 @@ def passes(present: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choice:
     """Return the plan with the least expected noise of the position.
 
+    The result is the plan of the first pass if its noise is at most 3 % larger.
+
     Parameters
     ----------
     plans : pair of tuple of str
         Plans of the two passes, see `passes`.
     measured : pair of Presses
-        Readings of the two passes. Each pass has presses with one firm force, at the same positions
-        as the other pass, and one press with the full force.
+        Readings of the two passes. Each pass has presses with the force `presses.FIRM_MN`, at the
+        same positions as the other pass. Each pass also has one press with the force
+        `presses.FULL_MN`, which shows which channels saturate.
     full_scale : float
         Largest count that a channel can have.
 
@@ -82,9 +86,9 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     usable, places_um, logs = _merge(plans, measured, full_scale)
     if len(usable) < len(plans[0]):
         raise SpotsError(
-            f"only {len(usable)} channels are usable, but six are needed; the others are too dark "
-            "or too bright: run without --keep-settings, or set gain and LED current; then begin "
-            "another session"
+            f"only {len(usable)} channels are usable, but six are needed; the other channels are "
+            "too dark or too bright: run without --keep-settings, or set gain and LED current; "
+            "then begin another session"
         )
     used = [np.isin(plan, usable) for plan in plans]
     noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))
@@ -106,10 +110,9 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 def _merge(plans, measured, full_scale):
     """Merge the readings of both passes (presses along the whole strip with one plan each).
 
-    The arguments are those of `choose`. Returns the names of the usable diodes, the positions in
-    um, and log2 of the counts of these diodes.
-
-    The counts of the second pass are scaled to the force of the first pass.
+    The arguments are those of `choose`. Returns the names of the c usable diodes, the n positions
+    in um, and log2 of the counts of these diodes, shape (n, c). The counts of the second pass are
+    scaled to the force of the first pass.
     """
     firm = [p.keep(p.force_mN == p.force_mN.min()) for p in measured]
     bad = {

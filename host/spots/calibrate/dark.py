@@ -1,4 +1,7 @@
-"""``spots dark``: takes the dark frame of a board whose LED a person must unplug."""
+"""``spots dark``: takes the dark frame of a board whose LED a person must unplug.
+
+A dark frame contains the counts that each channel has without the light of the LED.
+"""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ class UndoError(Exception):
 
 @dataclass(frozen=True)
 class Progress:
-    """State of a session by hand, after a fit to the n presses of the session.
+    """State of a session by hand, after a fit to the n presses that were taken.
 
     Attributes
     ----------
@@ -29,17 +29,20 @@ class Progress:
     force_mN : numpy.ndarray, shape (n,)
         Forces of the presses in mN, as the person read them; 0 if unknown.
     off_um : numpy.ndarray, shape (n,)
-        Position computed by the fit, minus `place_um`, in um.
+        Leave-one-out error of each position: position from a fit to all other presses, minus
+        `place_um`, in um.
     off_share : numpy.ndarray, shape (n,)
-        Force computed by the fit, divided by `force_mN`, minus 1; 0 if the force is unknown.
+        Leave-one-out error of each force: force from a fit to all other presses, divided by
+        `force_mN`, minus 1; 0 if the force is unknown.
     sigma_um : float
         Expected standard deviation of a position in um, averaged over the strip.
     sigma_share : float
-        Expected relative standard deviation of a force, averaged over the forces.
+        Expected relative standard deviation of a force, averaged over the forces; NaN if no force
+        is known.
     thin : tuple of str
-        Ranges of position and force that have too few presses, as text.
+        Positions and forces near which there are too few presses, for example ``near 40 mm``.
     done, total : int
-        Number of presses taken so far, and number of presses of the whole session.
+        Number of presses that were taken, and planned number of presses of the session.
     """
 
     place_um: np.ndarray
@@ -56,8 +59,8 @@ class Progress:
 class Dialog(Protocol):
     """Methods that a session calls, in its own thread, to show messages and to ask questions.
 
-    `watch` and `ask` may raise `UndoError`. They may raise `SpotsError` to end the session. Presses
-    taken so far are stored; a later session with the same file continues after these presses.
+    `watch` and `ask` may raise `UndoError`. They may raise `SpotsError` to end the session. All
+    presses taken before are stored; a later session with the same file continues after them.
     """
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
@@ -77,14 +80,14 @@ class Dialog(Protocol):
         """Show a reading of the present press.
 
         `trouble` is the reason why the press is not steady, or None. `steady` is the number of
-        steady readings so far, divided by the number that a press needs (0 to 1).
+        steady readings of this press, divided by the number that a press needs (0 to 1).
         """
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
         """Show that the press `wanted` was taken; `reading` has its counts."""
 
     def fitted(self, progress: Progress) -> None:
-        """Show the progress after a press of a session by hand."""
+        """Show the progress of a session by hand, after each press."""
 
     def say(self, text: str) -> None:
         """Show a message to the person."""

@@ -1,9 +1,10 @@
 """Reports the probable causes of a drift: a redder LED, a paler dye, more blue light.
 
-The drift is measured at the marks: positions that a re-zero presses again. Different causes can
-change the channels alike. A shift of the sensor's filters looks like a shift of the LED in the
-opposite direction. Coupling that favours one end of the spectrum looks like a small shift of the
-LED.
+Drift is the change of the counts since the calibration. It is measured at the marks, the positions
+that ``spots rezero`` presses again. Different causes can change the channels alike. A shift of the
+sensor's filters looks like a shift of the LED in the opposite direction. A press couples light into
+the dyed light guide. If more light of one end of the spectrum is coupled than before, this looks
+like a small shift of the LED.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ import numpy as np
 
 from .choose import DIODES
 
-# DS000504, table of optical characteristics.
+# Centre wavelengths of the diodes: AS7341 data sheet DS000504, table of optical characteristics.
 _CENTRE_NM = dict(zip(DIODES, (415, 445, 480, 515, 555, 590, 630, 680)))
-_BLUE_NM = 500  # above this wavelength, the phosphor emits the light of a white LED
+# Below this wavelength, the light of a white LED is from its blue chip; above, from its phosphor.
+_BLUE_NM = 500
 _PHOSPHOR_FWHM_NM = 130.0  # of usual white LEDs
 # Least change that is reported, and its text. Such a change shifts positions on an 85 mm strip by
 # about 0.1 mm.
@@ -26,13 +28,13 @@ _WORDS = (
 
 
 def described(place_um, logs, shifts, plan) -> str:
-    """Describe a drift in words.
+    """Describe the probable causes of a drift of the channels in words.
 
     Parameters
     ----------
     place_um : sequence of float, length n
-        Distances of the n marks from the sensor's end in um, ascending. A drift of the
-        dye can be detected only with two marks or more.
+        Distances of the n marks from the strip's end at the sensor in um, ascending. A drift of
+        the dye can be detected only with two marks or more.
     logs : array_like, shape (n, 6)
         log2 of the dark-subtracted counts at the calibration. Rows are marks, columns are channels.
     shifts : array_like, shape (n, 6)
@@ -55,7 +57,7 @@ def described(place_um, logs, shifts, plan) -> str:
     absorbed = _centred(near - logs)
     grows = absorbed - absorbed.mean(axis=0)
     paler = float((grows * shifts).sum() / max((grows**2).sum(), 1e-12))
-    redder = 8 * nm / _PHOSPHOR_FWHM_NM**2  # log2 of a Gaussian peak, per nm of its shift
+    redder = 8 * nm / _PHOSPHOR_FWHM_NM**2  # change of log2 of a Gaussian peak, per nm of its shift
     design = _centred(np.stack([redder, nm < _BLUE_NM])).T
     rest = (shifts - paler * absorbed).mean(axis=0)
     (shift_nm, bluer), *_ = np.linalg.lstsq(design, rest, rcond=None)

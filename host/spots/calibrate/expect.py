@@ -1,10 +1,10 @@
 """Computes the spectrum of a press at each position from a calibration.
 
-For points along the strip (knots), the calibration lines contain three weighted sums of
-log2(counts): for the position, for the force, and for the misfit, the distance of a spectrum from
-that of one press. Three sums do not determine six channels at one position. But the weights differ
-between segments of the strip, and one smooth curve per channel must match the sums of all segments.
-Weak regularisation towards straight curves makes the solution unique.
+The lines of a calibration contain three weighted sums of log2(counts) for each of many positions
+along the strip (knots). The sums give the position, the force, and the misfit: how far a spectrum
+is from that of one press. Three sums do not determine six channels at one position. But the weights
+differ between segments of the strip, and one smooth curve per channel must match the sums of all
+segments. Weak regularisation towards straight curves makes the solution unique.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from spots_device.smux import CHANNELS
 
 from .fit import ONE_Q12
 
-_DEGREE = 7
-_PLACES = 65
+_DEGREE = 7  # of the curve of each channel, a Chebyshev series in the position
+_PLACES = 65  # number of positions in the result
 # Rounding errors of the sums in log2 units; the lines contain integers only.
 _SUM_SIGMA, _MISFIT_SIGMA = 5e-5, 1e-4
 # Expected size of the Chebyshev coefficient of degree n, times n squared.
@@ -41,8 +41,8 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
     position_um : numpy.ndarray, shape (n,)
         Evenly spaced positions along the strip, in um.
     logs : numpy.ndarray, shape (n, 6)
-        log2 of the dark-subtracted counts, minus the brightness that the board computes (also in
-        log2 units). Errors are at most 3 % of the counts of the brightest channel.
+        log2 of the dark-subtracted counts of presses whose brightness, as the board computes it in
+        log2 units, is 0. Errors are at most 3 % of the counts of the brightest channel.
 
     Raises
     ------

@@ -4,7 +4,8 @@ L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper (d
 is locally linear in the position and in the logarithm of the brightness. Generalised least squares
 with the noise of each channel gives the best linear estimates of these two quantities. In each
 segment of the strip, the estimate of each quantity is a weighted sum of the L_i. The misfit is
-one more weighted sum: it shows how far a spectrum is from that of one press.
+one more weighted sum: it shows how far a spectrum is from that of one press. Qn is the number
+format of the board: an integer that is the value times 2**n.
 """
 
 from __future__ import annotations
@@ -19,26 +20,30 @@ from ..errors import SpotsError
 from .monotone import monotone
 from .presses import Noise, Presses
 
-SEGMENTS = 5
+SEGMENTS = 5  # equal parts of the strip, each with its own weights and table
 _KNOTS = 9  # in the table of a segment
 _OVERLAP = 0.25  # share of a segment by which its table reaches into the next segments
-_FORCE_KNOTS = 72
+_FORCE_KNOTS = 72  # in the table from brightness to force
 _FORCE_STEPS = 4000  # points of the curve to which these knots are fitted
 _FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # limit of the sum of the weights' absolute values
-PLACES_MIN = 12
-FORCES_MIN = 10
-_NOISE_PLACES = 21
-# A touch begins at the least force at which no position has a standard deviation above the limit.
-# The share of the length makes each of ten keys in a row more than three deviations wide.
+PLACES_MIN = 12  # least number of positions of a calibration
+FORCES_MIN = 10  # least number of forces of a calibration
+_NOISE_PLACES = 21  # number of positions at which the noise is computed
+# A touch begins at the least force at which the standard deviation of the position is below a limit
+# everywhere. The limit is 500 um, or 1/36 of the strip's length if that is more. With 1/36 of the
+# length, each of ten keys in a row is 3.6 standard deviations wide.
 _TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE = 500.0, 1 / 36
 _TOUCH_ABOVE_DARK = 1.15  # a touch begins at least at this multiple of the dead zone
-_TOUCH_HYSTERESIS = 0.7
-_MISFIT_SIGMAS = 6.0
-_PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; bends and strain need the rest
-_TOLERANCE_MIN = 12  # Q12; the LED cools by 1 or 2 K in a dark frame: errors of 10 um on 85 mm
-_TOLERANCE_MAX = 600  # Q12; light that needs more is too dim to show a second press
+_TOUCH_HYSTERESIS = 0.7  # least force at which a touch ends, as a share of that at which it begins
+_MISFIT_SIGMAS = 6.0  # part of the tolerance of the misfit that is due to noise
+_PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; the margin is for bends and strain
+# Limits of the tolerance of the misfit, Q12. The lower limit tolerates an LED that cools by 1 or
+# 2 K in a dark frame, which shifts positions by 10 um on 85 mm. Light that needs more than the
+# upper limit is too dim to show a second press.
+_TOLERANCE_MIN = 12
+_TOLERANCE_MAX = 600
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
-ONE_Q12 = 1 << 12
+ONE_Q12 = 1 << 12  # the number 1 in Q12
 
 
 def fit(
@@ -63,8 +68,9 @@ def fit(
     conditions : Conditions
         Board and settings of the presses.
     misfit : numpy.ndarray, shape (n, 6), optional
-        Measured minus fitted log2 of the counts of n presses; of `along` at strain 0 if not given.
-        The larger these errors, the larger the errors that the board tolerates.
+        Measured minus expected log2 of the counts of n presses. If not given, the presses in
+        ``along[0]`` are compared with smooth curves through them. The larger these errors, the
+        larger the misfit that the board tolerates.
 
     Returns
     -------
@@ -100,7 +106,8 @@ def fit(
             "the position is too noisy at every force: raise exposure, gain or LED current"
         )
     begin = max(forces[np.argmax(sigma_um <= limit_um)], _TOUCH_ABOVE_DARK * forces[0])
-    # At most halfway down to the dead zone, so that weak ambient light does not prolong a touch.
+    # A touch ends at least halfway between the force at which it begins and the dead zone
+    # (`forces[0]`), so that weak ambient light does not prolong a touch.
     end = max(_TOUCH_HYSTERESIS * begin, (forces[0] + begin) / 2)
     lines.append(_statement("touch", (begin, end)))
     # The largest misfit of a single press is added to the noise.
@@ -124,11 +131,11 @@ class Curves:
     Parameters
     ----------
     position_um : numpy.ndarray, shape (n,)
-        Positions of the presses in um from the sensor's end.
+        Distances of the presses from the strip's end at the sensor, in um.
     logs : numpy.ndarray, shape (n, c)
         log2 of the dark-subtracted counts of c channels.
     degree : int
-        Largest degree of the polynomials.
+        Largest degree of the curves, which are polynomials in the position.
 
     Attributes
     ----------
@@ -178,13 +185,14 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
     pair of start and end of the segment, in um.
     """
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
-    # With the mean slope of the part, the mean error of the force in the part is 0.
+    # With the mean slope of the segment, the mean error of the force in the segment is 0.
     slope = curve.logs(part[1]) - curve.logs(part[0])
     design = np.stack([np.ones_like(slope), slope / np.abs(slope).max()], axis=1)
     force, position = estimators(design, information)
     position *= 2 / np.abs(position).sum()
     # If all channels decay nearly alike, weights that cancel the decay are large. Weights at the
-    # board's limit cancel a part of it; the brightness correction of each knot cancels the rest.
+    # board's limit cancel a part of the decay; the brightness correction of each knot cancels the
+    # rest.
     brightest, size = information / information.sum(), np.abs(force).sum()
     if size > _FORCE_SUM_MAX:
         force = brightest + (force - brightest) * (_FORCE_SUM_MAX - 1) / (size - 1)
@@ -197,8 +205,8 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
 
 
 def _fit_weights(curve: Curves, noise: Noise) -> np.ndarray:
-    # The logs of two presses differ from those of one press by a term in slope**2. This estimate of
-    # the term is independent of brightness and position.
+    # log2 of the counts of two simultaneous presses differs from that of one press by a term in
+    # slope**2. The estimate of this term does not depend on brightness and position.
     slope = curve.logs(curve.ends_um[1]) - curve.logs(curve.ends_um[0])
     design = np.stack([np.ones_like(slope), slope, slope**2], axis=1)
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(curve.ends_um)))
@@ -230,7 +238,7 @@ def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray
 
     `rest` has log2 of the counts of firm presses along the strip. `dimmer` contains n brightnesses
     relative to these presses, in log2 units; both results have shape (n,). `parts` contains the
-    weights of each segment, and `test` those of the misfit.
+    weights of each segment for position and force, and `test` the weights of the misfit.
     """
     places = np.linspace(*rest.ends_um, _NOISE_PLACES)
     variance = noise.log_variance(2.0 ** (rest.logs(places) + dimmer[:, None, None]))
@@ -250,8 +258,9 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
     order = np.argsort(contrast)
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
         raise SpotsError(
-            f"the colour near {np.mean(part) / 1000:.0f} mm is not monotone along the strip: check "
-            "the positions of the presses there, and that the dye suits the strip's length"
+            f"the colour near {np.mean(part) / 1000:.0f} mm does not change steadily along the "
+            "strip: check the positions of the presses there, and that the dye suits the strip's "
+            "length"
         )
     rows = np.stack([contrast, x, fits, offset], axis=1)[order]
     return [_statement("x", row) for row in rows]
@@ -277,10 +286,10 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
         raise SpotsError(
             "the brightness does not rise with the force: check the strip, its LED and the gain"
         )
-    # The table is a least-squares spline of straight lines, with errors of both signs; the errors
-    # of chords would all have one sign. Half of the knots are evenly spaced in brightness, for the
-    # start of a touch. The density of the other knots suits the curvature, so all spans have the
-    # same error.
+    # The table is a least-squares spline of straight lines. Its errors have both signs; straight
+    # lines between points of the curve would have errors of one sign. Half of the knots are evenly
+    # spaced in brightness, for the start of a touch. The other knots are denser where the curve
+    # bends more, so that the largest error is the same between all neighbouring knots.
     fine = np.geomspace(forces[0], forces[-1], _FORCE_STEPS)
     curve = monotone(np.log(forces), means, np.log(fine))
     even = np.linspace(curve[0], curve[-1], _FORCE_STEPS // 10)

@@ -19,8 +19,8 @@ from .spectra import Reading
 
 _MESSAGES = 4
 _STRIP = "sensor ▐"
-_BAR_COUNTS = 100  # least count of a full bar
-_LOW = 24  # lines of a terminal that has room for one message
+_BAR_COUNTS = 100  # least count at which the bar of a channel has full length
+_LOW = 24  # a terminal with at most this number of lines shows only one message
 
 
 class Guide:
@@ -100,7 +100,8 @@ class Guide:
         trouble : str or None
             Reason why the press is not steady; None for a steady press.
         steady : float
-            Number of steady readings so far, divided by the number that a press needs (0 to 1).
+            Number of steady readings of this press, divided by the number that a press needs (0 to
+            1).
         """
         self._bars = bars(self._plan, reading.counts.tolist(), _BAR_COUNTS)
         self._bars.add_row("held", "", Text(bar(steady), style="green"))

@@ -17,8 +17,8 @@ from .surface import Surface, fitted
 from .typed import grams
 
 _KINDS = ("hand", "position", "force", "mark")
-# Presses with two forces, which find hysteresis and creep: first force in mN, second force in mN,
-# hold in s.
+# Presses with two forces, which measure hysteresis and creep: first force in mN, second force in
+# mN, least duration of the first force in s.
 _LOADS = (
     (2000.0, 9000.0, 0.0),
     (9000.0, 1000.0, 0.0),
@@ -27,27 +27,29 @@ _LOADS = (
     (2000.0, 800.0, 0.0),
     (4500.0, 1000.0, 0.0),
 )
-_LOADS_FROM = 12  # presses; after these it is known which forces light the strip
-_UNLOADED = 0.6  # largest ratio of the second force to the first one in an unloading
+_LOADS_FROM = 12  # number of earlier presses, which show what forces give light in all channels
+_UNLOADED = 0.6  # largest ratio of a lower second force to the first force
 _NEAR_UM = 3000.0  # presses nearer to each other than this are on the same softened place
 _SOFTENED_MN = 4000.0  # a force this far below an earlier one shows most of the softening
-_SOFTENED_MIN_MN = 300.0  # creep of earlier presses changes weaker forces too much
-_SOFTER, _SOFTER_SIGMAS = 0.05, 2.5  # least softening to report, as a share and in deviations
+_SOFTENED_MIN_MN = 300.0  # weaker presses are not used: creep of earlier presses disturbs them
+_SOFTER, _SOFTER_SIGMAS = 0.05, 2.5  # least softening to report: share, standard deviations
+# First presses of a fine and of a rough session: position as a share of the length, force in mN.
 _FIRST = [(share, FIRM_MN) for share in MARKS] + [(MARKS[1], FIRM_MN / 3)]
 _FIRST_ROUGH = [(share, 0.0) for share in (0.02, *MARKS, 0.98, 0.3, 0.7)]
-# By `rough`: number of presses that are not stored (for exposure, choice of channels, repeats).
-# Each further such press replaces a press by hand, so a rough session has at most 12 presses, a
-# fine one 45. A rough session also stores the press for the exposure.
+# By `rough`: number of presses that a session may ask for without storing them (for exposure,
+# choice of channels, repeats). Each further press that is not stored replaces a press by hand. So a
+# rough session has at most 12 presses, a fine session 45. A rough session also stores the press for
+# the exposure.
 _OTHERS = {True: 0, False: 6}
 _FITTED_MIN = 6  # presses; from fewer, the sizes of errors cannot be estimated
-_MISFIT_MAX = 50.0  # chi-squared of six channels; a share of 1e-8 of good presses exceeds it
+_MISFIT_MAX = 50.0  # chi-squared of six channels; less than 1 of 1e8 good presses exceeds it
 _REMOVALS = 0.2  # largest share of removed presses; above it, the model does not fit the strip
-_HARDER = 1.4
+_HARDER = 1.4  # factor by which a repeated press is stronger if the press was too dark
 _END_UM = 2000.0  # a press nearer to an end is partly beside the strip
 _THIN = 1.5  # more presses are needed where the error is above this multiple of the mean error
 _GOOD_UM, _GOOD_SHARE = 50.0, 0.01  # with a smaller error, no more presses are needed
-_ALONG, _FORCES = 33, 30
-_UNSURE = 2.0  # below this multiple of the least force, the model's light need not rise
+_ALONG, _FORCES = 33, 30  # number of positions and of forces that `material` computes
+_UNSURE = 2.0  # below this multiple of the least force, the fitted light may fall with the force
 
 
 def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool) -> None:
@@ -58,17 +60,18 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
     bench : Bench
         Board, strip and presser.
     session : Session
-        Presses taken so far; the new presses are added.
+        Session with the presses already taken; the new presses are added.
     count, least : int
-        Number of presses by hand to take, and its lower limit. Repeated and refused presses reduce
-        the number, so that the total does not grow.
+        Number of presses by hand to take, and its lower limit. If many presses are invalid or
+        repeated, fewer are taken, so that the person does not press more often in total.
     rough : bool
         Whether the person has no scale. The forces are then unknown.
 
     Raises
     ------
     SpotsError
-        If no force lights all channels, or a press is invalid at every attempt.
+        If the largest force is too weak to give light in all channels, or a press is invalid at
+        every attempt.
     """
     guide, plan = bench.guide, bench.reader.conditions.plan
     guide.begin("presses by hand", count, plan, bench.length_um)
@@ -81,7 +84,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             removed = session.removed.pop()
             wanted = _wanted(removed.place_um, removed.force_mN, removed.then_mN, removed.hold_s)
         elif wanted is None:
-            # A firmware without `mains_hz` has no compensation of the silicone, either.
+            # An older firmware, without `mains_hz`, cannot compensate hysteresis and creep.
             loads = not rough and "mains_hz" in bench.reader.info
             wanted = _next(session, surface, bench.length_um, rough, dark_mN, loads)
         try:
@@ -175,12 +178,12 @@ def _wanted(place_um: float, force_mN: float, then_mN: float = 0.0, hold_s: floa
 
 
 def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
-    """Return the next press with two forces: first force, second force, and hold of the first.
+    """Return the next press that has two forces, one after the other.
 
-    Forces are in mN, the hold is in s. By the fit `surface`, both forces light all channels at the
-    position `place_um`.
-
-    Returns None before such presses are due, and after the last of them.
+    The result is the first force in mN, the second force in mN, and how long to hold the first
+    force in s. According to the fit `surface`, both forces give light in all channels at the
+    position `place_um`. Returns None until `_LOADS_FROM` presses by hand are done, and after the
+    last press with two forces.
     """
     hand = session.of("hand")
     loads = sum(bool(p.then_mN) for p in hand)
@@ -197,9 +200,11 @@ def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
 def _softening(session: Session, surface: Surface) -> tuple[float, float]:
     """Return how much firm presses have softened the strip, and the standard deviation of this.
 
-    Both are shares of the force. A softened place gives more light under forces below the largest
-    earlier force at this place. The softening is fitted to the relative errors of the forces,
-    together with a constant and a multiple of the logarithm of the force.
+    A softened place gives more light under forces below the largest earlier force at this place.
+    A softening of 0.1 means: as much light as a 10 % larger force gave before. With too few
+    presses, the softening is 0, and its standard deviation is infinity. The softening is fitted to
+    the relative errors of the forces, together with a constant and a multiple of the logarithm of
+    the force.
     """
     forces_mN, off_share = surface.taken.force_mN, surface.misfits[2]
     errors = dict(zip(zip(surface.taken.position_um, forces_mN), off_share))
@@ -241,7 +246,7 @@ def _next(
 
 
 def _surface(session: Session, length_um: float, start: Surface | None = None) -> Surface | None:
-    """Return the fit of all presses of a session; None if there are too few.
+    """Return the fit of all presses of a session; None if the session has fewer than four presses.
 
     `length_um` is the length of the strip. The search for the best fit begins at `start`, if given.
     """
@@ -255,7 +260,7 @@ def _surface(session: Session, length_um: float, start: Surface | None = None) -
 
 
 def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
-    """Remove from a session the press by hand that fits worst, if it is an outlier.
+    """If the worst-fitting press by hand of a session is an outlier, remove it.
 
     `surface` is the fit of the session, and `guide` shows a message to the person. Returns False if
     there is no outlier.
@@ -268,7 +273,7 @@ def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:
         return False
     place_um, force_mN = surface.without(worst).find(taken.counts[worst])
     like = f"{place_um / 1000:.1f} mm" + (f" with {grams(force_mN)}" if at[1] else "")
-    guide.say(f"the press at {found[-1]} is removed: its light is that of {like}; press again")
+    guide.say(f"the press at {found[-1]} is removed: its light fits a press at {like}; press again")
     session.remove(found[-1])
     return True
 

@@ -11,7 +11,7 @@ from ..errors import SpotsError
 from .calibration_file import Joint, Marks
 from .session import Point
 
-ANGLES_MIN = 4  # in each direction
+ANGLES_MIN = 4  # least number of angles in each direction
 _LEAST_UM = 0.1  # lower limit of standard deviations, because readings are in whole um
 
 
@@ -78,7 +78,7 @@ def fit_joint(points: list[Point]) -> Joint:
 
 
 def joint_marks(points: list[Point]) -> Marks:
-    """Return the angles that a re-zero repeats: lowest, middle and highest of the upward turn.
+    """Return the marks for a re-zero: lowest, middle and highest angle of the upward turn.
 
     Parameters
     ----------

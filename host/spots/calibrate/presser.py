@@ -29,7 +29,7 @@ class Presser:
     patience_s : float
         Longest time in s from a request to a steady press.
     steady : int
-        Number of steady readings in a row that make a press.
+        Least number of successive steady readings that a valid press needs.
     """
 
     patience_s = 120.0
@@ -115,8 +115,9 @@ class Presser:
     def _read(self, what: str, default: str, length_um: float, wanted_mN: float):
         """Ask for position and force until the answer is valid; return them as `typed` does.
 
-        `what` and `default` are parts of the question about a press with `wanted_mN`. Returns None
-        if the person wants to repeat the press.
+        The question is ``what {what}?``. It shows `default`, the answer that the Enter key gives.
+        `wanted_mN` is the requested force in mN. Returns None if the person wants to repeat the
+        press.
         """
         while True:
             answer = self._guide.ask(f"what {what}? (Enter: {default}; again; undo) ")
@@ -128,16 +129,16 @@ class Presser:
                 self._guide.say(str(error))
 
     def dark(self, board: Board) -> None:
-        """Take the dark frame of a board whose LED is always on. The strip must not be pressed."""
+        """Ask the person to unplug an LED that is always on, then take the dark frame."""
         take_dark(board, self._guide.ask)
 
     def least_mN(self, wanted: Wanted, reader: SpectrumReader) -> float:
-        """Find the least force that lights every channel at a position.
+        """Find the least force that gives light in every channel at a position.
 
         Parameters
         ----------
         wanted : Wanted
-            Press at the position; the force of this press is the largest allowed force.
+            Press at the position; a machine presses at most with the force of this press.
         reader : SpectrumReader
             Reads the counts of the channels.
 
@@ -146,7 +147,8 @@ class Presser:
         float
             The least force in mN.
         """
-        # The limits reject a number in grams, and a strip on which a firm press is too dark.
+        # The limits reject a force that was typed in grams, and a strip that needs more than the
+        # force of a firm press.
         return 1000 * self._number(
             f"press at {wanted.place_um / 1000:.1f} mm with the least force that lights every "
             "channel; what does the scale show, in N? ",
@@ -162,12 +164,13 @@ class Presser:
         direction : int
             Direction of the turn: 1 up, -1 down.
         share : float
-            Wanted angle as a share of the joint's travel, 0 to 1; a person may turn to any angle.
+            Requested angle as a share of the joint's travel, 0 to 1. A person may turn the joint
+            to another angle.
 
         Returns
         -------
         Wanted
-            Press of kind ``joint`` with the joint's present angle and the direction of the turn.
+            Press of kind ``joint``, with the angle after the turn and the direction of the turn.
         """
         way = "up" if direction > 0 else "down"
         angle = self._number(

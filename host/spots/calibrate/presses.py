@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# Forces and places of the presses of a session.
-FIRM_MN = 6000.0
-FULL_MN = 10_000.0
-FORCE_PLACES = (0.1, 0.5, 0.9)  # shares of the length
-MARKS = (0.1, 0.5, 0.9)  # shares of the length, for a re-zero
+FIRM_MN = 6000.0  # force of a firm press, which measures the colour at a position
+FULL_MN = 10_000.0  # largest force of a calibration
+FORCE_PLACES = (0.1, 0.5, 0.9)  # positions with many forces, as shares of the length
+MARKS = (0.1, 0.5, 0.9)  # positions that `spots rezero` presses again, as shares of the length
 
-ROUNDING_VARIANCE = 1 / 12
-_REWEIGHTINGS = 4
+ROUNDING_VARIANCE = 1 / 12  # counts**2; variance of the rounding error of a whole number
+_REWEIGHTINGS = 4  # rounds of the reweighted least squares in `Noise.of`
 
 
 @dataclass(frozen=True)
@@ -23,13 +22,14 @@ class Presses:
     Attributes
     ----------
     position_um : numpy.ndarray, shape (n,)
-        Positions of the presses in um from the sensor's end.
+        Distances of the presses from the strip's end at the sensor, in um.
     force_mN : numpy.ndarray, shape (n,)
         Forces of the presses in mN.
     counts : numpy.ndarray, shape (n, c)
-        Mean dark-subtracted counts of each channel.
+        Mean dark-subtracted counts of each channel: counts minus those of the dark frame.
     variance : numpy.ndarray, shape (n, c)
-        Variance of the counts of one sample, without the noise that all channels share.
+        Variance of the counts of one sample in counts**2, without the noise that all channels share
+        (that of the LED).
     saturated : numpy.ndarray of bool, shape (n,)
         Whether at least one channel was saturated, for each press.
     """
@@ -55,7 +55,10 @@ class Presses:
         return replace(self, counts=counts, variance=variance)
 
     def lit_everywhere(self) -> Presses:
-        """Return the presses whose force lights all channels at every position."""
+        """Return the presses that are stronger than every press with at most 1 count in a channel.
+
+        The forces of the returned presses give light in all channels at every position.
+        """
         dark = self.force_mN[~(self.counts > 1).all(axis=1)]
         return self.keep(self.force_mN > (dark.max() if len(dark) else -1))
 
@@ -63,8 +66,9 @@ class Presses:
 def own_variance(samples: np.ndarray) -> np.ndarray:
     """Return the variance of each channel, without the noise that all channels share.
 
-    The difference of the logarithms of two channels contains the noise of these two channels only.
-    Least squares over all pairs of channels separates the variances.
+    The counts of each channel are divided by their mean. The difference of two channels then
+    contains the noise of these two channels only. Weighted least squares over all pairs of
+    channels separates the variances.
 
     Parameters
     ----------
@@ -82,7 +86,12 @@ def own_variance(samples: np.ndarray) -> np.ndarray:
     one = np.eye(samples.shape[1])
     design = one[i] + one[j]
     values = np.var(relative[:, i] - relative[:, j], axis=0, ddof=1)
-    return np.linalg.lstsq(design, values, rcond=None)[0] * mean**2
+    found = least = ROUNDING_VARIANCE / mean**2
+    for _ in range(_REWEIGHTINGS):
+        # As in `Noise.of`. Without weights, dim channels would hide the noise of bright ones.
+        weight = 1 / (design @ np.maximum(found, least))
+        found = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
+    return found * mean**2
 
 
 @dataclass(frozen=True)
@@ -111,7 +120,8 @@ class Noise:
         found = cls(ROUNDING_VARIANCE, 0.0)
         for _ in range(_REWEIGHTINGS):
             # The error of a measured variance is proportional to the true variance. Weights from
-            # measured variances would favour low variances; so the previous round gives weights.
+            # measured variances would favour low variances. So the weights are those of the
+            # variances that the previous round fitted.
             weight = 1 / found.variance(counts)
             solution = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
             # A steady press hides part of the rounding; the rounding variance is the lower limit.

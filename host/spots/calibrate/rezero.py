@@ -1,8 +1,8 @@
 """``spots rezero``: corrects the drift of a calibration with new presses at marked positions.
 
-These positions (marks) were also pressed for the calibration. The difference of log2(counts) at a
-mark is its shift. File and board get the new calibration together at the end; on error, both keep
-the old one.
+These positions (marks) were also pressed for the calibration. The shift of a mark is log2 of its
+present counts minus log2 of its counts at the calibration. At the end, the new calibration is
+written to both the file and the board; on error, both keep the old one.
 """
 
 from __future__ import annotations
@@ -66,7 +66,8 @@ def rezero(
     quick : bool
         Whether to press the middle mark only. This corrects LED and filters, but not the dye.
     force_mN : float, optional
-        Force of each press in mN, read from a scale. If given, force is recalibrated, too.
+        Force of each press in mN, read off a scale. If given, the drift of the force is corrected,
+        too.
     joint : bool
         Whether to use the marks of the joint instead of those that a person presses.
 
@@ -92,7 +93,7 @@ def rezero(
     reason = table.mismatch(reader.conditions)
     if reason is not None:
         raise SpotsError(f"{bench.path}: {reason}")
-    bench.guide.say("dark frames: touch nothing")
+    bench.guide.say("taking dark frames: touch nothing")
     reader.set_up(dark_s=DARK_S)
     at = slice(1, 2) if quick else slice(None)
     place_um, logs = marks.place_um[at], np.array(marks.logs)
@@ -104,7 +105,7 @@ def rezero(
         wanted = Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN, angle_deg=angle_deg)
         shifts.append(_shift(bench, wanted, log, marks, presses))
     shifts = np.array(shifts)
-    if force_mN is None:  # the mean shift of all channels is due to the finger's force
+    if force_mN is None:  # the mean shift of all channels is due to another force
         shifts -= shifts.mean(axis=1, keepdims=True)
     else:
         then_now_mN = [marks.force_mN, force_mN]
@@ -139,7 +140,7 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
     Returns
     -------
     str
-        Checksum of the new calibration, as ``hello`` reports it.
+        Checksum of the new calibration, as the board's command ``hello`` reports it.
 
     Raises
     ------
@@ -159,10 +160,9 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the shifts of three marks, corrected for presses that missed their mark.
 
-    The arguments are those of `drift.described`. A drift of LED, filters or dye has the same effect
-    as a movement of the marks, by distances that are a linear function of their positions. So a
-    deviation of the apparent movements from a straight line is an error of the presses. It is
-    removed.
+    The arguments are those of `drift.described`. A drift of LED, filters or dye changes the colours
+    as if each mark had moved. This apparent movement is a linear function of the mark's position.
+    The deviations from a straight line are therefore errors of the presses, and are removed.
     """
     slopes = polynomial.polyval(place_um, polynomial.polyder(polynomial.polyfit(place_um, logs, 2)))
     slopes = slopes.T - slopes.mean(axis=0)[:, None]
@@ -172,10 +172,11 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
 
 
 def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
-    """Ask for presses at a mark until `presses` of them agree; return the mean shift per channel.
+    """Ask for presses at a mark until `presses` of them agree; return their mean shift, shape (6,).
 
-    `wanted` is the press to ask for, and `log` is log2 of its counts at the calibration. `marks`
-    are all marks of the calibration; a press nearer to another mark is repeated.
+    The shift is a change of log2 of the counts. `wanted` is the press to ask for, and `log` is log2
+    of its counts at the calibration. `marks` are all marks of the calibration; a press nearer to
+    another mark is repeated.
     """
     logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])

@@ -2,8 +2,8 @@
 
 The colours of the presses show their distances from each other, but not their distance from the
 ruler's zero. This distance is estimated from the positions that the person read. If the errors of
-these positions are Gaussian, the mean is the best estimate. But a ruler has marks, and a position
-that is rounded to the nearest mark has a uniform error, of at most half the distance between marks.
+these positions are Gaussian, the mean is the best estimate. But a ruler has lines, and a position
+that is rounded to the nearest line has a uniform error, of at most half the distance between lines.
 The ends of such a distribution show its middle better than the mean does. So the error is modelled
 as either Gaussian, or the sum of a rounding error and a smaller logistic (nearly Gaussian) error.
 The data determine the probabilities of these models, and the sizes of the errors. Weak presses have
@@ -14,18 +14,18 @@ from __future__ import annotations
 
 import numpy as np
 
-_MARKS_UM = (500.0, 1000.0, 2000.0)  # distances of the marks of a ruler
+_MARKS_UM = (500.0, 1000.0, 2000.0)  # possible distances between the lines of a ruler
 _GAUSSIAN = 0.5  # prior probability of Gaussian errors
-# Standard deviations of Gaussian or logistic errors, divided by the expected one of all errors.
+# Possible standard deviations of Gaussian or logistic errors, as multiples of `sigma_um`.
 _SIGMAS = 2.0 ** np.arange(-4.0, 1.5, 0.5)
 _LOGISTIC = np.sqrt(3) / np.pi  # scale of a logistic distribution with the standard deviation 1
-_REACH, _STEPS = 3.4, 29  # grid of common errors, in standard deviations
+_REACH, _STEPS = 3.4, 29  # grid of the common error: +- standard deviations, number of steps
 
 
 def common_error_um(
     read_um: np.ndarray, off_um: np.ndarray, noise_um: np.ndarray, sigma_um: float
 ) -> np.ndarray:
-    """Return the error that all positions of a fit share, because a person misread the ruler.
+    """Return the common error of positions that were fitted to readings of a ruler.
 
     The error is a straight line along the strip: an offset and a scale. The result is the mean of
     the posterior distribution of this line.
@@ -39,7 +39,7 @@ def common_error_um(
     noise_um : numpy.ndarray, shape (n,)
         Standard deviations of `off_um` due to the noise of the sensor, in um.
     sigma_um : float
-        Standard deviation in um that the fit expects of errors of `read_um`.
+        Standard deviation that the fit assumed for the errors of `read_um`, in um.
 
     Returns
     -------
@@ -49,7 +49,8 @@ def common_error_um(
     expected_um = np.hypot(sigma_um, noise_um)
     lines = np.stack([np.ones_like(read_um), read_um], axis=1)
     unit, _ = np.linalg.qr(lines / expected_um[:, None])
-    # With Gaussian errors of the expected size, each coefficient has a standard deviation of 1.
+    # The common error is `lines` times two coefficients. With Gaussian errors of the expected size,
+    # each coefficient has a standard deviation of 1.
     lines = unit * expected_um[:, None]
     off_um = off_um - lines @ (unit.T @ (off_um / expected_um))
     grid = np.linspace(-_REACH, _REACH, _STEPS)
@@ -72,9 +73,9 @@ def common_error_um(
 def _log_density(error_um: np.ndarray, half_um: float, sigma_um: np.ndarray) -> np.ndarray:
     """Return the logarithm of the probability density (in 1/um) of errors.
 
-    An error is the sum of a uniform error, at most `half_um`, and a logistic one; if `half_um` is
-    0, it is Gaussian. `sigma_um` is the standard deviation of the logistic or Gaussian error.
-    `error_um` contains absolute values.
+    An error is the sum of a uniform error of at most `half_um` and a logistic error. If `half_um`
+    is 0, an error is Gaussian. `sigma_um` is the standard deviation of the logistic or Gaussian
+    error. `error_um` contains absolute values.
     """
     if not half_um:
         return -0.5 * (error_um / sigma_um) ** 2 - np.log(sigma_um * np.sqrt(2 * np.pi))

@@ -1,8 +1,8 @@
 """Session files: one JSON line per press, on disk before the session asks for the next press.
 
 A session asks for the presses of a calibration. For a press *by hand*, the person then reads its
-true position off a ruler, and its force off a scale. Marks are positions that a re-zero presses
-again, to measure drift.
+true position off a ruler, and its force off a scale. Marks are positions that a re-zero (``spots
+rezero``) presses again, to measure drift.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..errors import SpotsError
 from .presses import Presses
 from .spectra import Reading
 
-_SAME_UM, _SAME_SHARE = 1.0, 1e-3
+_SAME_UM, _SAME_SHARE = 1.0, 1e-3  # limits for the same press: position, share of the force
 Six = Annotated[tuple[float, ...], msgspec.Meta(min_length=6, max_length=6)]
 Seven = Annotated[tuple[float, ...], msgspec.Meta(min_length=7, max_length=7)]
 
@@ -35,7 +35,8 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     ----------
     kind : str
         Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero,
-        ``hand`` for a press by hand. The other kinds are steps of ``spots calibrate``.
+        ``hand`` for a press by hand. ``position``, ``force``, ``strain`` and ``joint`` are steps of
+        ``spots calibrate``.
     place_um : float
         Distance from the strip's end at the sensor in um, measured while the strip has its strain.
     force_mN : float
@@ -82,13 +83,15 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     length_um : float or None
         Length of the strip at rest in um; None for a joint and in files of older versions.
     board, plan, gain, exposure_us, led_mA
-        Board and settings, see `spots_device.calibration.Conditions`.
+        Board and settings; `plan` is the choice of the six channels. See
+        `spots_device.calibration.Conditions`.
     time : str
         Date and time in UTC, ISO 8601.
     trace : tuple of tuple of float
-        All readings of a press by hand: time in s, then the six counts.
+        All readings of a press by hand: time in s by the clock of `Board.now_s`, then the six
+        counts.
     holds : tuple of (float, float)
-        Start and end of the hold of each force, in s on the time scale of `trace`.
+        Start and end of the time in which each force was steady, in s by the same clock.
     """
 
     counts: Six
@@ -142,7 +145,7 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
 
 
 class Session:
-    """A session file, with the points (presses) in it.
+    """A session file and its points: the presses that were taken, with their readings.
 
     Parameters
     ----------
@@ -232,7 +235,7 @@ class Session:
         Returns
         -------
         list of Point
-            Points in the order of the file.
+            Points in the order in which they were taken.
         """
         return [p for p in self.points if p.kind == kind and p.strain_ppm == strain_ppm]
 
@@ -263,7 +266,8 @@ class Session:
         known = [p.length_um for p in self.points if p.length_um is not None]
         if known:
             return known[-1]
-        # Older versions took ``force`` presses only after the last position, at the strip's end.
+        # Older versions stored no length, but took ``force`` presses only after all ``position``
+        # presses, of which the last one is at the strip's end.
         whole = self.of("position") if self.of("force") else []
         return max((p.place_um for p in whole), default=None)
 
@@ -278,7 +282,7 @@ class Session:
 
     @property
     def plan_is_open(self) -> bool:
-        """Whether the channels can still change: all points are of the kind ``choose``."""
+        """Whether the channels can still change, because all presses were for their choice."""
         return all(p.kind == "choose" for p in self.points)
 
     def check(self, present: Conditions) -> None:
@@ -314,6 +318,6 @@ def presses(points: list[Point]) -> Presses:
 
 
 def settings(conditions: Conditions) -> str:
-    """Return arguments of the board's command ``set`` that set the settings in `conditions`."""
+    """Return the arguments of the board's command ``set`` that restore `conditions`."""
     c = conditions
     return f"plan={','.join(c.plan)} gain={c.gain} exposure_us={c.exposure_us} led_mA={c.led_mA}"

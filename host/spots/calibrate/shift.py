@@ -1,10 +1,10 @@
 """Shifts the tables of a calibration by the drift of the channels at known positions.
 
-Drift adds c_i(x) to log2 of the counts of channel i. c_i is a polynomial through the drift that was
-measured at the known positions, called marks. The tables contain weighted sums of these logs:
-contrasts, expected misfits, corrections of the brightness, and the coarse contrast at which each
-segment begins, see `spots_device.calibration`. A sum with the weights w_i changes by the sum of
-w_i c_i(x). The weights do not change.
+Drift adds c_i(x) to log2 of the counts of channel i at the position x. c_i is a polynomial through
+the drift that was measured at the known positions, called marks. The tables contain weighted sums
+of log2 of the counts: contrasts (which show the position), expected misfits, corrections of the
+brightness, and the coarse contrast at which each segment begins, see `spots_device.calibration`. A
+sum with the weights w_i changes by the sum of w_i c_i(x). The weights do not change.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def shifted(lines, place_um, shifts) -> list[str]:
         Lines of the original calibration, see `spots_device.calibration`. The tables of all
         strains shift by the same c_i(x), see the module docstring.
     place_um : sequence of float, length n
-        Distances of the n marks from the sensor's end, in um. The shift is a polynomial of
-        degree n - 1 in the position.
+        Distances of the n marks from the strip's end at the sensor, in um. The shift is a
+        polynomial of degree n - 1 in the position.
     shifts : array_like, shape (n, 6)
         log2 of the present counts minus log2 of the counts at the calibration. Rows are marks,
         columns are channels.
@@ -85,8 +85,8 @@ def _integers(line: str) -> tuple[str, list]:
 def _borders(rows, segments: int):
     """Yield the start of each segment of the strip in um, for one strain after the other.
 
-    `rows` are the statements of a calibration, as pairs of name and list of integers; `segments` is
-    the number of segments.
+    `rows` are the lines of a calibration, as pairs of name and list of values; `segments` is the
+    number of segments.
     """
     places: list[list[int]] = []
     for name, values in rows:

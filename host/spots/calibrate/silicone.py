@@ -1,10 +1,10 @@
 """Fits the board's compensation of hysteresis and creep to a recording of known forces.
 
 The compensated force is a gain times the force that the board reads without compensation, minus
-hysteresis and creep. Hysteresis is a weighted sum of play operators, whose input is the force that
-the board reads. Creep is a sum of low-pass filters of the true force, each times its share. The
-compensated force is linear in the gain, the weights and the shares, which are fitted. See
-`spots_device.silicone`.
+hysteresis and creep. Hysteresis is a weighted sum of play operators (a model of backlash), whose
+input is the force that the board reads. Creep is a sum of low-pass filters of the true force, each
+times its share. The compensated force is linear in the gain, the weights and the shares, which are
+fitted. See `spots_device.silicone`.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ from .session import Point
 
 PLAYS_MN = (300, 1000, 3000)  # half widths of the play operators
 TAUS_MS = (400, 4000, 40_000)  # time constants of the creep
-_LEAST_MN = 300.0  # weaker forces are in the dead zone, or nearly
-_READINGS_MIN = 100
-# Expected sizes of the weights of the play operators, and of the shares of creep. The pair of sizes
-# with the largest evidence is used: 0 if the recording does not show the effect.
+_LEAST_MN = 300.0  # weaker forces are not used: they are in the dead zone, or near it
+_READINGS_MIN = 100  # least number of readings during presses
+# Expected sizes of the weights of the play operators, and of the shares of creep. The fit tries all
+# pairs of sizes, and uses the pair with the largest evidence (marginal likelihood). The size is 0
+# if the recording does not show the effect.
 _SIZES = (0.0, 0.01, 0.03, 0.1)
-_NOISE_MN = 20.0  # standard deviation of the force error of one second: gauge and model
+_NOISE_MN = 20.0  # standard deviation of the mean force error in one second: gauge and model
 _CREEP_MS = 60_000  # creep is reported for a hold of this duration
-_FULL_MN = 10_000.0  # hysteresis is reported for this force, in per cent of it
+_FULL_MN = 10_000.0  # hysteresis is reported as a percentage of this force
 _SURE = 3.0  # least ratio of an effect to its standard deviation
 _SHARE_MIN = 0.005  # relative error of the force table, even if the forces are exact
 
@@ -44,13 +45,14 @@ class Compensated(NamedTuple):
         Line ``silicone`` to add to the lines of a calibration; empty if the recording shows neither
         hysteresis nor creep.
     sigma : numpy.ndarray, shape (7,)
-        Standard deviations (Q12) of the gain, 3 weights of play operators and 3 shares of creep.
+        Standard deviations of the gain, 3 weights of play operators and 3 shares of creep, times
+        2**12 like these values in `line`.
     before_mN, after_mN : float
-        Mean absolute error of the recorded forces without and with compensation.
+        Mean absolute error of the forces that the board reads, without and with compensation.
     hysteresis_percent, creep_percent : tuple of (float, float)
         Value and standard deviation, in per cent. Hysteresis: largest difference between the
         forces that are read during unloading from 10 N and during loading, divided by 10 N.
-        Creep: growth of a reading in 60 s.
+        Creep: growth of the measured force in 60 s, while the true force is constant.
     """
 
     line: str
@@ -77,12 +79,13 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
     lines : list of str
         Lines of the calibration, without the line ``silicone``.
     force_share : float
-        Relative standard deviation of the forces of the presses.
+        Relative standard deviation of the forces that the person read off a scale.
 
     Returns
     -------
     Compensated or None
-        None if the presses have too few readings, or show neither hysteresis nor creep.
+        The compensation; None if the presses have too few readings, or show neither hysteresis nor
+        creep.
     """
     if not any(len(p.holds) > 1 for p in points):
         return None
@@ -97,7 +100,7 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
                     force_mN = held_mN
             decode.update_mean(counts)
             rows.append((time_s, force_mN, decode.force_mN, i))
-    with suppress(SpotsError):  # older sessions have few readings of this kind
+    with suppress(SpotsError):  # sessions of older versions have too few readings
         found = fit_silicone(*np.array(rows).T, force_share=max(force_share, _SHARE_MIN))
         return found if found.line else None
     return None
@@ -106,9 +109,9 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
 def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> Compensated:
     """Fit the compensation of hysteresis and creep to a recording.
 
-    The recording should have a hold of half a minute, and presses at other places with different
-    maximum forces that are released in steps or slowly. The fit would otherwise mistake creep that
-    is left from earlier presses for hysteresis.
+    The recording should have a hold of half a minute. It should also have presses at other places
+    with different maximum forces, released in steps or slowly. Otherwise, the fit mistakes creep
+    that is left from earlier presses for hysteresis.
 
     Parameters
     ----------
@@ -122,25 +125,26 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
         Place of the press in any unit. The fit assumes that a new place has no creep of earlier
         presses, so places must be at least 8 mm apart, or be pressed after a rest.
     force_share : float
-        Relative standard deviation of forces that a person read off a scale, with one error for all
-        successive readings that have the same force; 0 for the forces of a gauge.
+        Relative standard deviation of forces that a person read off a scale; 0 for the forces of a
+        gauge. Successive readings with the same force have the same error.
 
     Returns
     -------
     Compensated
+        The compensation, and the effects that it compensates.
 
     Raises
     ------
     SpotsError
-        If the recording has too few readings of a press.
+        If the recording has fewer than 100 readings with forces above 0.3 N.
     """
     time_s, force_mN, read_mN = (np.asarray(a, float) for a in (time_s, force_mN, read_mN))
     place = np.asarray(place)
     pressed = (force_mN > _LEAST_MN) & (read_mN > _LEAST_MN)
     if pressed.sum() < _READINGS_MIN:
         raise SpotsError(
-            f"{pressed.sum()} readings of a press are too few for hysteresis and creep: load, hold "
-            f"and unload the strip again, for at least {_READINGS_MIN} readings"
+            f"{pressed.sum()} readings during presses are too few for hysteresis and creep: load, "
+            f"hold and unload the strip again, for at least {_READINGS_MIN} readings"
         )
     known_mN = np.where(np.isfinite(force_mN), force_mN, read_mN)
     columns = _columns(time_s, known_mN, read_mN, place)[pressed]
@@ -198,10 +202,10 @@ def _prior(plays: float, creep: float, terms: int) -> np.ndarray:
 
 
 def _evidence(prior: np.ndarray, information: np.ndarray, values: np.ndarray) -> float:
-    """Return the logarithm of the probability of a recording, plus a constant.
+    """Return the natural logarithm of the probability of a recording, plus a constant.
 
-    `prior` has the expected sizes of the p unknowns; `information`, shape (p, p), and `values`,
-    shape (p,), are the normal equations of the least-squares fit.
+    `prior`, shape (p,), has the expected sizes of the p unknowns. `information`, shape (p, p), and
+    `values`, shape (p,), are the normal equations of the least-squares fit.
     """
     total = np.eye(len(prior)) + information * np.outer(prior, prior)
     scaled = prior * values
@@ -211,10 +215,10 @@ def _evidence(prior: np.ndarray, information: np.ndarray, values: np.ndarray) ->
 def _columns(time_s, force_mN, read_mN, place) -> np.ndarray:
     """Return the columns of the least-squares fit for each reading, shape (n, 7).
 
-    The columns are: the force that the board read, three play operators of this force (hysteresis),
-    and three low-pass filters of the true force (creep).
-
-    The arguments are those of `fit_silicone`.
+    The arguments are those of `fit_silicone`. The first column is the force that the board read.
+    Three columns are for hysteresis: the value that a play operator would have if the force had
+    only risen, minus its actual value. Three columns are for creep: the negative output of a
+    low-pass filter of the true force.
     """
     radii, taus_s = np.array(PLAYS_MN, float), np.array(TAUS_MS) / 1000
     plays, crept = np.zeros(len(radii)), np.zeros(len(taus_s))

@@ -1,4 +1,7 @@
-"""Reads the dark-subtracted counts of a steady press from a board."""
+"""Reads the dark-subtracted counts of a steady press from a board.
+
+Dark-subtracted counts are counts minus those of the dark frame, which is taken with the LED off.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from ..link.board import Board
 from ..link.frames import Frame, Spectrum, Touch
 from .presses import own_variance
 
-_CHANNELS_MIN = 3  # with fewer, the noise that all channels share cannot be separated
+_CHANNELS_MIN = 3  # with fewer channels, the noise that all channels share cannot be separated
 _TIMEOUT_S = 10.0  # more than any dark frame takes
 
 
@@ -55,7 +58,10 @@ class Reading:
 
 
 def mean(readings: list[Reading]) -> Reading:
-    """Return the mean of the successive readings of a press, which have equally many samples."""
+    """Return the mean of successive readings of a press; its `drift` is that of the last reading.
+
+    All readings have the same number of samples.
+    """
     return Reading(
         np.mean([r.counts for r in readings], axis=0),
         np.mean([r.variance for r in readings], axis=0),
@@ -65,9 +71,10 @@ def mean(readings: list[Reading]) -> Reading:
 
 
 class SpectrumReader:
-    """Reads single samples from a board: its setting ``average`` is 1 until `restore` is called.
+    """Reads single samples from a board.
 
-    Call `set_up` again if the board's settings change.
+    The board's setting ``average`` (samples per reading) is 1 until `restore` is called. Call
+    `set_up` again if the board's settings change.
 
     Parameters
     ----------
@@ -120,7 +127,13 @@ class SpectrumReader:
         return Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
 
     def samples(self, count: int) -> tuple[np.ndarray, bool]:
-        """Return new dark-subtracted samples, shape (count, 6), and whether one was saturated."""
+        """Return new dark-subtracted samples, shape (count, 6), and whether one was saturated.
+
+        Raises
+        ------
+        SpotsError
+            If the board sends too few samples in time.
+        """
         limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
         frames = self._frames(count, _is_lit, limit_s)
         if len(frames) < count:
@@ -158,7 +171,8 @@ class SpectrumReader:
     def _frames(self, count: int, is_wanted: Callable[[Frame], bool], limit_s: float) -> list:
         """Return up to `count` frames that `is_wanted` accepts; wait at most `limit_s` seconds.
 
-        Only frames whose exposure begins after this call are returned.
+        A frame is a message of the board, such as a spectrum. Only frames whose exposure begins
+        after this call are returned.
         """
         begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
         found = (f for f in self.board.frames(limit_s) if is_wanted(f) and f.time_s >= begun_s)

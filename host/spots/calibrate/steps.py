@@ -38,13 +38,15 @@ COUNTS = {
     "joint": (11, ANGLES_MIN),
 }
 _JUDGES = {"position": judge_place, "strain": judge_place, "force": judge_force}
-_CHOOSE_PLACES = {"position": 9, "force": 9, "fine": 4}  # other kinds use the present channels
-# The light begins a little below the least force that lights all channels, and grows steeply there.
-# So the forces of a series, minus this share of the least force, are spaced geometrically.
+# Number of positions at which the channels are compared, by kind; other kinds compare none.
+_CHOOSE_PLACES = {"position": 9, "force": 9, "fine": 4}
+# The light begins a little below the least force that gives light in all channels, and grows
+# steeply there. So the forces of a series, minus this share of the least force, are spaced
+# geometrically.
 _DARK_SHARE = 0.85
-_LEAST_MARGIN = 1.05  # the least force is increased by this factor
-_SENSOR_END_UM = 2_000.0
-_NOISE_POINTS = 6
+_LEAST_MARGIN = 1.05  # the measured least force is increased by this factor
+_SENSOR_END_UM = 2_000.0  # position of the brightest press, which sets the exposure
+_NOISE_POINTS = 6  # least number of presses that show the noise of the sensor
 DARK_S = 2.5  # exposure of dark frames before marks: less gives more noise, more cools the LED
 
 
@@ -56,20 +58,20 @@ def calibrate(
     strain_percent: float | None,
     options: argparse.Namespace,
 ) -> None:
-    """Take the missing presses of one kind; if the session is then complete, store a calibration.
+    """Take the missing presses of one kind; store a calibration if the session is then complete.
 
     Parameters
     ----------
     bench : Bench
         Board, strip and presser.
     session : Session
-        Presses taken so far; the new presses are added.
+        Session with the presses already taken; the new presses are added.
     kind : str
         ``fine`` (with a scale) or ``rough`` (without) for presses by hand; or ``position``,
         ``strain``, ``force`` or ``joint``.
     count : int
-        Number of presses by hand, positions or forces, or of angles in each direction; 0 for the
-        default.
+        Number of presses by hand, of positions, of forces, or of angles in each direction,
+        according to `kind`; 0 for the default.
     strain_percent : float or None
         Strain in per cent, for the kind ``strain``.
     options : argparse.Namespace
@@ -121,7 +123,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
 
 
 def missing_step(session: Session) -> str | None:
-    """Return the command for the presses that a calibration still needs; None if it needs none."""
+    """Return the command for the presses that are still missing; None if no press is missing."""
     if len(session.of("hand")) >= COUNTS["rough"][1]:
         return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):
@@ -168,10 +170,10 @@ class _Steps:
         reader, guide = self.bench.reader, self.bench.guide
         if reader.info.get("mains_hz") != 0:  # set by hand, or an older firmware
             return
-        guide.say("flicker of lamps: touch nothing")
+        guide.say("measuring the flicker of lamps: touch nothing")
         if mains_hz := lamps.mains_hz(reader.board):
             reader.set_up(f"mains_hz={mains_hz}")
-            reader.board.command("save")  # needed to set the session's exposure again later
+            reader.board.command("save")  # a later run then sets the same exposure
             guide.say(f"lamps flicker at {2 * mains_hz} Hz: mains_hz={mains_hz}")
 
     def _auto(self, force_mN: float) -> None:
@@ -192,7 +194,10 @@ class _Steps:
         bench.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
     def _exposed(self) -> None:
-        """Read the press for the exposure again at the new settings; store it as one by hand."""
+        """Read the press that set the exposure again, at the new settings.
+
+        The person then types the true position, and the press is stored as a press by hand.
+        """
         bench = self.bench
         try:
             reading = bench.again("hand")
@@ -283,7 +288,7 @@ class _Steps:
     def marks(self) -> None:
         """Take presses at the marks, which a later re-zero repeats."""
         bench = self.bench
-        bench.guide.say("dark frames: touch nothing")
+        bench.guide.say("taking dark frames: touch nothing")
         bench.reader.set_up(dark_s=DARK_S)
         places_um = [round(share * bench.length_um, -2) for share in MARKS]
         row = [Wanted(kind="mark", place_um=x, force_mN=FIRM_MN) for x in places_um]
@@ -306,7 +311,7 @@ class _Steps:
         bench.guide.say(f"{bench.path}: the board uses calibration {name}, and has stored it")
 
     def joint(self, count: int) -> None:
-        """Calibrate a joint with presses at `count` angles, upwards and then downwards."""
+        """Calibrate a joint with readings at `count` angles upwards, then at `count` downwards."""
         bench, guide, session = self.bench, self.bench.guide, self.session
         calibration = file.load(bench.path)
         board = bench.reader.board

@@ -3,7 +3,7 @@
 For a press at the position x with the force F, the model of log2 of the counts of channel c is
 ``s_c(x) + g(F)``: by Eq. 1 of the paper (docs/paper.md), position and force act on the logarithm
 separately. `s_c` and `g` are Chebyshev series whose coefficients have a Gaussian prior. The prior
-is narrower for higher degrees, and has another width for each channel. An error of the position
+is narrower for higher degrees, and has a different width for each channel. An error of the position
 shifts the channels in proportion to the slopes of `s_c`; an error of the force shifts all channels
 alike. The sizes of these errors and of the coefficients are those with the largest evidence
 (marginal likelihood; Rasmussen and Williams, Gaussian Processes for Machine Learning, section
@@ -32,14 +32,14 @@ _RATIO = 0.3  # ratio of the expected coefficients of successive degrees
 _WIDE = 30.0  # log2; expected size of a coefficient that is completely unknown
 _UNKNOWN = 4.0  # log2; standard deviation of the light of a press with an unknown force
 _STILL = 1 / 12  # counts**2; errors of dark frame and rounding, which more samples do not reduce
-_ROUNDS = 3
-_SWEEPS = 4
-_LIT = 1.0  # log2; least count of the dimmest channel in a press that a person must make
+_ROUNDS = 3  # iterations of a fit: errors of presses depend on the slopes of the previous iteration
+_SWEEPS = 4  # largest number of searches through all sizes in `fitted`
+_LIT = 1.0  # least log2 of the counts of the dimmest channel in a press to ask for
 _FAR = 0.9  # share of the length; each force to ask for must light all channels at this position
 _LEAST_MN = 20.0  # least force that a kitchen scale shows
 _LEAST_RELATIVE_MN = 100.0  # least force of a calibration without a scale
-_LOWER = 0.6  # least force to ask for, as a share of the least force of the presses so far
-_ABOVE_DARK = 1.15
+_LOWER = 0.6  # least force to ask for, as a share of the least force of all earlier presses
+_ABOVE_DARK = 1.15  # least force to ask for, as a multiple of the largest force that was too dark
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Sizes:
     bends : tuple of float
         For each channel c, expected size of the coefficient of degree 2 of `s_c`, in log2 units.
     rise : float
-        Expected size of the coefficient of degree 1 of `g`, in log2 units.
+        Expected size of the coefficient of degree 2 of `g`, in log2 units.
     dark_share : float
         Force at which the strip begins to give light, as a share of the least force of the presses.
     misfit : float
@@ -74,6 +74,7 @@ class Sizes:
     misfit: float = 3e-4
 
 
+# Values of each size that `fitted` tries, see `Sizes`.
 _GRIDS = {
     "place_um": (1.0, 10.0, 30.0, 60.0, 100.0, 200.0, 300.0, 500.0),
     "force_share": (0.0003, 0.003, 0.01, 0.02, 0.03, 0.05, 0.08),
@@ -113,6 +114,12 @@ class Surface:
 
     Attributes
     ----------
+    taken : Presses
+        The presses of the fit.
+    sizes : Sizes
+        Expected sizes of errors and coefficients.
+    least_mN, most_mN : float
+        Range of the forces of the model, in mN.
     evidence : float
         Natural logarithm of the probability of the readings in this model, plus a constant.
     """
@@ -167,9 +174,9 @@ class Surface:
             + np.linalg.slogdet(information)[1]
             + np.linalg.slogdet(own)[1].sum()
         )
-        # The prior of the bends is a half-normal distribution: a channel receives a band of
-        # wavelengths, so its count is a sum of exponentials of the position, whose logarithm is
-        # convex. The presses change the probability of a convex curve from 1/2 to erfc() / 2.
+        # A channel receives a band of wavelengths, so its count is a sum of exponentials of the
+        # position. The logarithm of this sum is convex, so the prior of the bends is a half-normal
+        # distribution. The presses change the probability of a convex curve from 1/2 to erfc() / 2.
         sigmas = bends[:, 0] / np.sqrt(np.diag(bends[:, 1:]))
         self.evidence += sum(log(erfc(-max(sigma, -_CONCAVE_MAX) / 2**0.5)) for sigma in sigmas)
 
@@ -208,7 +215,7 @@ class Surface:
         return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
 
     def _own(self, place_um, force_mN, counts) -> np.ndarray:
-        """Return covariances of log2(counts) due to errors of each press itself, shape (n, 6, 6).
+        """Return the covariance of log2(counts) due to the errors of a press, shape (n, 6, 6).
 
         The arguments are positions in um, forces in mN and counts of n presses. The errors are
         noise, misfit of the model, and errors of position and force.
@@ -251,7 +258,7 @@ class Surface:
 
     @cached_property
     def bent(self) -> Surface:
-        """Fit of the same presses in which every channel has the largest expected bend.
+        """Fit of the same presses in which every channel has the largest size in `Sizes.bends`.
 
         The next press is chosen with this fit, so that a strip whose curves seem straight is also
         pressed between its ends.
@@ -352,7 +359,7 @@ class Surface:
         return np.tile(place_um, len(forces_mN)), np.repeat(forces_mN, places)
 
     def _targets(self, place_um, force_mN) -> tuple[np.ndarray, np.ndarray]:
-        """Return two matrices, which convert errors of the coefficients to errors of readings.
+        """Return two matrices, which convert errors of the coefficients to those of presses.
 
         The first matrix gives errors of the position in um, the second relative errors of the
         force. Each has a row for each press; `place_um` and `force_mN` describe the presses.
@@ -385,7 +392,10 @@ class Surface:
         return (place_um, sigma(places)), (force_mN, sigma(forces))
 
     def least_lit_mN(self, place_um: float) -> float:
-        """Return the least force in mN that lights all channels at a position."""
+        """Return the least force in mN with more than four counts in all channels at a position.
+
+        If no force gives so much light, return `most_mN`.
+        """
         force_mN = np.geomspace(max(_LOWER * self.least_mN, _LEAST_MN), self.most_mN, 60)
         lit = self.logs(np.full_like(force_mN, place_um), force_mN).min(axis=1) > 2 * _LIT
         return float(force_mN[np.argmax(lit)]) if lit.any() else self.most_mN
@@ -396,7 +406,8 @@ class Surface:
         Parameters
         ----------
         dark_mN : float
-            Largest force so far that was too weak to give light in every channel, in mN; 0 if none.
+            Largest force in mN that was too weak to give light in every channel; 0 if there is no
+            such force.
         """
         place, force = self._grid(11, dark_mN)
         places, forces = self._targets(place, force)
@@ -422,7 +433,7 @@ def fitted(
     length_um: float,
     sizes: Sizes | None = None,
 ) -> Surface:
-    """Fit surfaces with different `Sizes`; return the one with the largest evidence.
+    """Fit surfaces with different `Sizes`; return that of largest evidence (marginal likelihood).
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from ..errors import SpotsError
 _STANDARD_GRAVITY = 9.80665  # mN per g
 PLACES = {"mm": 1000.0, "cm": 10_000.0}
 FORCES = {"g": _STANDARD_GRAVITY, "kg": 1000 * _STANDARD_GRAVITY, "n": 1000.0, "mn": 1.0}
-_LEAST_MN, _MOST_MN = 98.0, 20_000.0  # a force outside this range has the wrong unit
+_LEAST_MN, _MOST_MN = 98.0, 20_000.0  # 10 g to 2 kg; a force outside has the wrong unit
 _SHARE = 0.5  # if the requested force is small, this share of it is still possible
 _BEYOND_UM = 1000.0  # largest distance of a press beyond the end of the strip
 _NUMBER = re.compile(r"\s*(\d+(?:[.,]\d+)?)\s*([a-z]+)[\s,;]*", re.IGNORECASE)
@@ -27,8 +27,8 @@ def typed(
     length_um : float
         Length of the strip in um.
     wanted_mN : float, optional
-        Force that the person was asked to press with, in mN. A typed force of at least half of
-        it is accepted, even if it is small.
+        Requested force of the press, in mN. A typed force below 98 mN (10 g) is accepted only if
+        it is at least half of the requested force.
 
     Returns
     -------

@@ -14,7 +14,8 @@ from .parser import CommandList, Parser
 
 # In the order in which `spots --help` lists their commands.
 _GROUPS = boards, look, applications, recordings, remote
-# Entry points by which other packages add such modules, see `CommandList.add`.
+# Group of the entry points by which other packages add modules with commands, see
+# `CommandList.add`.
 _MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT
@@ -63,7 +64,10 @@ def _run(arguments: list[str] | None) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(prog="spots", description="Host side of SPOTS, the optical tactile sensor.")
+    parser = Parser(
+        prog="spots",
+        description="Commands for SPOTS, an optical strip that senses touch.",
+    )
     parser.add_argument("--version", action="version", version=__version__)
     commands = CommandList(parser)
     for group in (*_GROUPS, *(entry.load() for entry in entry_points(group=_MORE))):

@@ -30,7 +30,10 @@ def keyboard(parser: Parser):
       spots keyboard --layout mini --dry-run
     """
     parser.option(
-        "--layout", "LAYOUT", "key layout: a .toml file, or a name such as mini", default="digits"
+        "--layout",
+        "LAYOUT",
+        "key layout: a .toml file, or a name such as mini; digits if not given",
+        default="digits",
     )
     _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.keyboard.keyboard:keyboard_command")
@@ -42,7 +45,9 @@ def wearable(parser: Parser):
     example:
       spots wearable --dry-run
     """
-    parser.option("--gestures", "FILE.toml", "gestures file; default: the package's own")
+    parser.option(
+        "--gestures", "FILE.toml", "file of keys for gestures; the package's own if not given"
+    )
     _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.wearable.wearable:wearable_command")
 
@@ -54,14 +59,14 @@ def controller(parser: Parser):
       spots controller --calibrate
       spots controller --dry-run
     """
-    parser.option("--settings", "FILE.toml", "settings file; default: the package's own")
+    parser.option("--settings", "FILE.toml", "settings file; the package's own if not given")
     parser.flag("--calibrate", "measure middle and ends of the axes, and write a settings file")
     _add_output(parser, "print the gamepad's states, but emulate no gamepad")
     return calls("spots.controller.controller:controller_command")
 
 
 def twin(parser: Parser):
-    """Show the digital twin of a five-bar linkage.
+    """Show the end point of a five-bar linkage, computed from the strips in its joints.
 
     examples:
       spots twin --linkage mine.toml --port /dev/ttyACM0 --port /dev/ttyACM1
@@ -73,7 +78,7 @@ def twin(parser: Parser):
     parser.option(
         "--record",
         "FILE.spots",
-        "file for a new recording; once for each board",
+        "file for a new recording; give this option once for each board",
         action="append",
         default=[],
     )

@@ -7,7 +7,7 @@ from ..link.ports import known
 from ..plugins import entry_points
 
 PORTS = f"serial port, {known()}"
-# Entry points of other packages: functions that add options to a parser.
+# Group of the entry points of other packages: functions that add options to a parser.
 _OPTIONS = "spots.options"
 _BOARD = {"sensor": "default", "scenario": "demo", "seed": 0}
 _LINKAGE = {"sensor": "default", "seed": 0, "path": None, "exposure_us": None, "picture": None}
@@ -23,7 +23,7 @@ def add_port(parser: argparse.ArgumentParser) -> None:
 
 def add_ports(parser: argparse.ArgumentParser) -> None:
     """Add the options that name one board, or the two boards of a linkage."""
-    text = f"{PORTS}; give it once for each joint of a linkage"
+    text = f"{PORTS}; found on USB if not given; for a linkage, give it for each joint"
     parser.add_argument("--port", action="append", default=[], help=text)
     add_zenoh_config(parser)
 
@@ -35,7 +35,7 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
 
 
 def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
-    """Add the options of installed packages for a simulated board or linkage.
+    """Add the options for a simulated board or linkage, which other packages may provide.
 
     Parameters
     ----------

@@ -94,12 +94,15 @@ def calibrate(parser: Parser):
         "--out", "FILE.toml", "calibration file to write; named like the session if not given"
     )
     parser.option(
-        "--places", "N", "number of presses, positions, forces or angles", type=arguments.places
+        "--places",
+        "N",
+        "number of presses, positions, forces or angles to take, depending on KIND",
+        type=arguments.places,
     )
     parser.option(
         "--length-mm",
         "N",
-        "length of the strip at rest in mm; 85 if not given",
+        "length of the strip at rest in mm; if not given, that of the session, or 85",
         type=arguments.length_mm,
     )
     parser.option(
@@ -108,7 +111,11 @@ def calibrate(parser: Parser):
         "strain of the strip in percent, for KIND 'strain'",
         type=arguments.strain_percent,
     )
-    parser.option("--plan", "F3,F4,...", "six channels to measure; the best ones if not given")
+    parser.option(
+        "--plan",
+        "F3,F4,...",
+        "six channels to measure; if not given, the best ones, or with --rough the present ones",
+    )
     parser.flag("--keep-settings", "do not adjust gain and LED current")
     return calls("spots.calibrate.calibrate:calibrate_command")
 
@@ -129,7 +136,7 @@ def rezero(parser: Parser):
     )
     arguments.add_port(parser)
     parser.flag("--quick", "press only the middle mark; this cannot correct a bleached dye")
-    parser.flag("--joint", "use two end stops and a middle stop of a joint as marks")
+    parser.flag("--joint", "use both end stops and a middle stop of a joint as marks")
     parser.option(
         "--presses", "N", "number of presses at each mark", type=arguments.presses, default=1
     )
@@ -144,7 +151,7 @@ def rezero(parser: Parser):
 
 
 def dark(parser: Parser):
-    """Take the dark frame (counts without the LED) of a board whose LED is always on.
+    """Take the dark frame of a board that cannot switch its LED off: asks you to unplug it.
 
     example:
       spots dark

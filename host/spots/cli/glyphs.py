@@ -22,7 +22,10 @@ PLAIN = {glyph: plain for plain, glyphs in _STAND_INS.items() for glyph in glyph
 
 
 def plain(error: UnicodeError) -> tuple[str, int]:
-    """Replace characters that cannot be encoded; an error handler for `codecs.register_error`."""
+    """Error handler for `codecs.register_error` that replaces characters.
+
+    It returns the replacement text, and the index at which encoding continues.
+    """
     text = error.object[error.start : error.end]
     return "".join(PLAIN.get(character, "?") for character in text), error.end
 

@@ -36,17 +36,21 @@ def serve(parser: Parser):
     parser.option("--linkage", "FILE.toml", "show the five-bar linkage of this file")
     arguments.add_simulation(parser)
     parser.option(
-        "--layout", "LAYOUT", "key layout: a .toml file, or a name such as mini", default="digits"
+        "--layout",
+        "LAYOUT",
+        "key layout: a .toml file, or a name such as mini; digits if not given",
+        default="digits",
     )
     parser.add_argument(
         "--address",
         default="127.0.0.1",
-        help="address to listen on; other machines need the token, which 'spots serve' prints",
+        help="address to listen on; 127.0.0.1 (only this machine) if not given; other machines "
+        "need the token, which 'spots serve' prints",
     )
     parser.option(
         "--http-port",
         "N",
-        "TCP port of the server; 0 for any free port",
+        "TCP port of the server; 8765 if not given, 0 for any free port",
         type=arguments.http_port,
         default=8765,
     )
@@ -69,7 +73,7 @@ def serve(parser: Parser):
 
 
 def command(parser: Parser):
-    """Send one line to a board and print its reply.
+    """Send a command to a board and print its reply.
 
     examples:
       spots command get

@@ -83,7 +83,7 @@ def _record(options: argparse.Namespace) -> None:
     from ..recording.record import record
 
     rotate_bytes = options.rotate_mb and round(1e6 * options.rotate_mb)
-    # Before a board is opened, so that a bad file is reported at once.
+    # Before a board is opened, so that an invalid file is reported first.
     calibration = options.calibration and list(load(Path(options.calibration)).lines)
     with arguments.open_board(options) as board:
         record(board, options.file, options.seconds, rotate_bytes, calibration)

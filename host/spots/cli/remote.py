@@ -29,7 +29,8 @@ def subscribe(parser: Parser):
         nargs="?",
         default="spots/*/*/touch",
         metavar="EXPR",
-        help="key expression, such as spots/**; the touches of all boards if not given",
+        help="key expression of Zenoh that selects messages, such as spots/**; the touches of all "
+        "boards if not given",
     )
     parser.flag("--json", "print each sample as a JSON object on its own line")
     arguments.add_seconds(parser)

@@ -23,7 +23,7 @@ from .gamepad_engine import Controller
 from .stick import picture
 
 _TICK_S = 0.005  # largest delay of a state that a timeout changes
-_READINGS_BRIDGED = 1.5
+_READINGS_BRIDGED = 1.5  # least `release_ms`, as a multiple of the time between two readings
 
 
 def controller_command(options: argparse.Namespace) -> None:
@@ -83,7 +83,8 @@ def play(
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. This function switches its ``baseline`` setting on.
+        Board with a calibrated strip. This function switches its ``baseline`` setting on: the board
+        then follows slow changes of the untouched strip's light.
     controller : Controller
         Controller that computes the states.
     gamepad : Gamepad

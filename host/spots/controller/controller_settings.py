@@ -1,6 +1,7 @@
 """Reads and writes the settings of the controller: a TOML file whose keys are validated.
 
-The default file ``data/controller.toml`` explains each key.
+The default file ``data/controller.toml`` explains each key. The zone of a button is the part of the
+strip from `from_percent` to `to_percent`.
 """
 
 from pathlib import Path
@@ -15,7 +16,8 @@ DEFAULT = Path(__file__).parent / "data" / "controller.toml"
 Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Force = Annotated[float, msgspec.Meta(ge=0, le=65_535)]
-# A smaller value is probably in N: a strip cannot measure a press that is lighter than this.
+# Least force of a finger. A smaller value in a file is probably in N, because a strip cannot
+# measure so light a press.
 _FINGER_MN = 50
 Time = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
 # At a lower rate, the lift of a finger would be reported too late.
@@ -24,7 +26,7 @@ Hertz = Annotated[float, msgspec.Meta(ge=0.01, le=1000)]
 
 
 class Smooth(toml.Strict):
-    """Settings of the filter of an axis. The filter's signal is the deflection, from -1 to 1.
+    """Settings of the 1-Euro filter that smooths the deflection of an axis, from -1 to 1.
 
     Attributes
     ----------
@@ -96,6 +98,8 @@ class Pressed(_Button, tag="pressed"):
     ----------
     press_mN, release_mN : float
         Least force that presses the button, and force below which the button is released, in mN.
+        If `press_mN` is 0, every touch presses the button. If `release_mN` is 0, the button stays
+        down until the finger lifts.
     """
 
     press_mN: Force = 0.0
@@ -113,7 +117,7 @@ class Pressed(_Button, tag="pressed"):
 
 
 class Tapped(_Button, tag="tapped"):
-    """A button that is pressed after a short touch that began in the button's zone.
+    """A button that is down for a short time after a short touch that began in the button's zone.
 
     Attributes
     ----------
@@ -128,7 +132,7 @@ class Tapped(_Button, tag="tapped"):
 
 
 class Anchored(_Button, tag="anchored"):
-    """A button that is down while a finger rests in the button's zone, where it touched first.
+    """A button that is down from a first touch in the button's zone until this finger lifts.
 
     This finger is the anchor: it moves no axis and presses no other button. Position axes follow a
     second finger.
@@ -147,7 +151,7 @@ class ControllerSettings(toml.Strict):
     rate_hz : float
         Largest number of states that are sent to the gamepad per second.
     x, y, z : PositionAxis, ForceAxis or None
-        Settings of the axes; None for an axis that is not used.
+        Settings of the axes; None for an axis that is not used. `z` cannot be a `PositionAxis`.
     button : list of Pressed, Tapped or Anchored
         Settings of the buttons.
     """

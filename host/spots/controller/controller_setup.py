@@ -15,13 +15,13 @@ from .controller_settings import DEFAULT, ControllerSettings, ForceAxis, Positio
 
 _SETTLE_S = 0.3  # the start of a touch is not used
 _HELD_S = 1.0  # duration of the measurement
-_WAIT_S = 60.0
-_LIFTED_S = 0.1
-_RATIO_LEAST = 1.5
-_APART_PERCENT = 5.0
+_WAIT_S = 60.0  # longest wait for a touch or a lift
+_LIFTED_S = 0.1  # duration of a lift
+_RATIO_LEAST = 1.5  # least ratio of the hard press to the light press
+_APART_PERCENT = 5.0  # least distance of the middle from each end, in % of the strip's length
 
 _STEPS = {
-    "rest": "hold a finger where the middle of the stick shall be",
+    "rest": "hold a finger where the middle of the stick should be",
     "near": "now hold the finger at the end of the stick that is nearer to the sensor",
     "far": "now hold the finger at the other end of the stick",
     "light": "now touch the strip lightly, as if by accident, and hold the finger there",
@@ -40,13 +40,13 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
         Settings file to write. An existing file keeps its other settings, but loses its comments;
         a new file gets default values for all other settings.
     say : callable
-        Function that takes a line to print.
+        ``say(line)`` shows a line of text to the user.
 
     Raises
     ------
     SpotsError
-        If a finger does not touch or lift within 60 s, or the touches are too close together for a
-        stick. Nothing is then written.
+        If a finger does not touch or lift within 60 s, or the positions or forces of the touches
+        are too similar. Nothing is then written.
     """
     there, shown = Path(path).exists(), printable(str(path))
     settings = load(path if there else DEFAULT)
@@ -92,7 +92,10 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
 
 
 def _touch(board: Board) -> Touch:
-    """Wait until a finger rests on the strip, and return the median of the readings."""
+    """Wait until a finger rests on the strip; return a reading with its median position and force.
+
+    The medians leave out the readings of the first moment, in which the finger settles.
+    """
     readings: list[Touch] = []
     for touch in _readings(board, "no touch was held"):
         readings = [*readings, touch] if touch.trusted else []

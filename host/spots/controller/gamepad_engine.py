@@ -1,9 +1,9 @@
 """Computes the state of a gamepad from readings. No I/O; the caller passes all times.
 
-An axis follows the finger, and returns to 0 when the finger lifts. If the first finger rests in the
-zone of an `Anchored` button (this finger is the anchor), axes follow the second finger. While
-readings are untrusted or missing, the last valid state is kept for `hold_ms`; then all axes are 0
-and all buttons released.
+An axis follows the finger, and returns to 0 when the finger lifts. If the first finger touches in
+the zone of an `Anchored` button, this finger is the anchor, and position axes follow a second
+finger. While readings are untrusted or missing, the last valid state is kept for `hold_ms`; then
+all axes are 0 and all buttons are released.
 """
 
 import math
@@ -28,9 +28,9 @@ from .shaping import deflection, shaped
 
 # A reading with one of these flags shows neither a touch nor the end of a touch.
 _BLIND = decode.SATURATED | decode.MISFIT | decode.LED_OFF | decode.NOT_CALIBRATED
-_TURN_US = 1 << 32  # the board's clock wraps
+_TURN_US = 1 << 32  # after this time, the board's clock begins again at 0
 _FORGET_S = 1.0  # after a longer pause a movement or a tap is stale
-_WAITING_MAX = 16
+_WAITING_MAX = 16  # largest number of states that wait to be sent
 _SIGMA_UM = 3_000  # a second finger with a larger uncertainty moves no axis
 
 
@@ -44,8 +44,8 @@ class Controller:
     length_um : float
         Length of the strip, in um.
     decay : int, optional
-        Decay of the light by the dye, from the board's reply to ``hello``; used to find a second
-        finger.
+        Decay of the light by the dye in log2 units per um, times 2**24, from the board's reply to
+        the command ``hello``; used to find a second finger. A typical value if not given.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
-    rests = 0  # a controller never detects a resting object, see `link.calibrated.fed`
+    rests = 0  # a controller detects no objects that are not fingers, see `link.calibrated.fed`
 
     def __init__(self, settings: ControllerSettings, length_um: float, decay: int | None = None):
         self.length_um = length_um
@@ -69,13 +69,13 @@ class Controller:
         self._buttons = [_BUTTONS[type(one)](one, length_um / 100) for one in settings.button]
         self._anchors = [one for one in self._buttons if isinstance(one, _AnchoredButton)]
         self._finder = ContactFinder(round(length_um), decay) if self._anchors else None
-        self._anchored = False  # the touch began in the zone of an anchor
+        self._anchored = False  # whether the touch began in the zone of an `Anchored` button
         self._anchor_id: int | None = None
         self._located_us = 0
         self.state = REST
         self.held = False
         self._touched = False
-        self._lifted = False  # a reading without a touch came after the last valid touch
+        self._lifted = False  # whether a reading without a touch followed the last valid touch
         self._began_us = self._last_us = 0
         self._until_s = -math.inf
 
@@ -198,7 +198,7 @@ class Controller:
         self._anchor_id = None
         for axis in self._axes.values():
             axis.end()
-        # A tap needs a measured and recent lift: the process may have been stopped meanwhile.
+        # A tap needs a measured and recent lift: the process may have been stopped since the touch.
         tapped = self._lifted and now_s - self._until_s < _FORGET_S
         lasted_ms = (self._last_us - self._began_us) % _TURN_US / 1000 if tapped else math.inf
         for button in self._buttons:
@@ -217,7 +217,7 @@ class _Axis:
         self._move(getattr(touch, self._field), dt_s)
 
     def take_position(self, position_um: float, dt_s: float) -> None:
-        """Move the axis to `position_um`, `dt_s` after the last value.
+        """Give the axis the position `position_um`; `dt_s` is the time since its previous value.
 
         Do nothing if the axis follows the force.
         """
@@ -238,8 +238,8 @@ class _Axis:
 def usable(touch: Touch) -> bool:
     """Return whether a reading is accurate enough for a controller.
 
-    Such a reading is trusted, or has the flags `TWO_FIT`: its spectrum fits one press well enough,
-    but the strip has drifted, or two fingers touch the strip. See docs/drift.md.
+    Such a reading is trusted, or has the flags `TWO_FIT`. These mean: the spectrum fits one press
+    after subtraction of the drift, or although two fingers may touch. See docs/drift.md.
     """
     return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
 
@@ -301,7 +301,7 @@ class _Button:
         """Handle the start of a touch; `mine` is true if the touch may press this button.
 
         A touch may press a button if it begins in the button's zone, after a reading without a
-        touch. If it begins in the zone of an `Anchored` button, it presses only such buttons.
+        touch. If it begins in the zone of an `Anchored` button, it presses no other kind of button.
         """
         self._mine = mine
 

@@ -20,7 +20,8 @@ def picture(
     state : State
         State of the gamepad to draw.
     held : bool
-        Whether the last valid state is kept because readings are untrusted or missing.
+        Whether to add a remark that `state` is the last valid state, because the latest readings
+        are untrusted or missing.
     buttons : int
         Number of buttons to draw.
     title : str

@@ -12,14 +12,15 @@ from ..errors import SpotsError, missing
 from . import constants, manifest, names
 from .staging import CONFIG, Device, device_of, stage
 
-# Names by number in the header of an .mpy file; 0 is bytecode (MicroPython, py/persistentcode.h).
+# Architectures by their number in the header of an .mpy file (MicroPython, py/persistentcode.h).
+# Number 0 is bytecode, which runs on every chip.
 ARCHITECTURES = (
     None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp",
     "xtensa", "xtensawin", "rv32imc", "rv64imc",
 )  # fmt: skip
 
-# Source text that corrects the sign of a number in words of 64 bits (see kernel_viper.py), and its
-# replacement for boards: in their words of 32 bits, the correction changes nothing.
+# Source text in kernel_viper.py that corrects the sign of a number on computers with 64-bit words,
+# and its replacement for boards: with their 32-bit words, the correction changes nothing.
 _SIGN = " ^ sign) - sign", ")"
 
 
@@ -54,7 +55,7 @@ def mpy_header(data: bytes) -> MpyHeader:
 
 
 def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
-    """Build the files of a board in the folder ``root/board``.
+    """Build the firmware's files for a board in the folder ``root/board``.
 
     Parameters
     ----------
@@ -73,20 +74,21 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
     Raises
     ------
     SpotsError
-        If the board is unknown or cannot have so many strips, mpy-cross is missing or cannot
-        compile a module, or the folder cannot be written or contains files that no build made. On
-        an error the folder is unchanged.
+        If the board is unknown or cannot have this number of strips; if mpy-cross is missing or
+        cannot compile a module; if the folder cannot be written, or was not written by ``spots
+        build``. On an error the folder is unchanged.
     """
     device = device_of(board, strips)
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
         raise SpotsError(
-            f"{target} was not written by 'spots build': move this folder, or build in another"
+            f"{target} was not written by 'spots build': move this folder, or run the command in "
+            "another folder"
         )
     try:
         _build(device, target, strips)
     except OSError as error:
-        # The error of a copied tree is a list of (from, to, reason).
+        # `shutil.copytree` raises an error with a list of (source, destination, reason).
         is_tree = isinstance(error, shutil.Error)
         reason = error.args[0][0][2] if is_tree else error.strerror
         raise SpotsError(
@@ -144,8 +146,8 @@ def _compile(folder: Path, device: Device) -> None:
     constants.inline(package)
     names.shorten(package)
     for source in sorted(package.rglob("*.py")):
-        # A traceback on the board shows this name of the module. -O3 leaves out line numbers, which
-        # take 7 % of flash and heap.
+        # A traceback on the board shows this name of the module. -O3 omits line numbers, which take
+        # 7 % of flash and heap.
         name = source.relative_to(package).with_suffix("").as_posix()
         code = source.read_text(encoding="utf-8")
         source.write_text(code.replace(*_SIGN), encoding="utf-8")

@@ -1,8 +1,8 @@
-"""Writes values in place of the names of integer constants, in a copy of the firmware's package.
+"""Replaces names of integer constants by their values, in a copy of the firmware's package.
 
 On a board, the name of a constant takes 10 to 30 bytes of flash and heap in each module that uses
-it, and each look-up takes 2 us. MicroPython's own ``const`` works in one module only. The compiler
-evaluates each ``const(...)`` and needs no import of it.
+it, and each look-up takes 2 us. MicroPython's own ``const`` works in one module only. The
+imports of ``const`` are removed: mpy-cross evaluates ``const(...)`` without an import.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ _CONST = "from micropython import const"
 def inline(package: Path) -> None:
     """Replace public integer constants by their values; remove their definitions and imports.
 
-    A constant has a name in capitals. Its module assigns it once, a value that follows from numbers
-    and other constants. Constants that are used as attributes of a module are not changed.
+    A constant has a name in capitals, and only one assignment in its module. Its value is computed
+    from numbers and other constants. Names that a module uses as an attribute (``module.NAME``) are
+    not changed, nor are the constants of the package's module ``__init__``.
 
     Parameters
     ----------
@@ -42,6 +43,8 @@ def inline(package: Path) -> None:
 
 
 class _Module:
+    """A module of the firmware, with the values of the constants that it defines or imports."""
+
     def __init__(self, path: Path):
         self._path = path
         self._text = path.read_bytes()
@@ -64,12 +67,17 @@ class _Module:
         self._remove_const()
 
     def evaluate(self, name: str, modules: dict[str, _Module], kept: set[str]) -> None:
+        """Find the values of the constants that the module defines or imports.
+
+        `name` is the module's path in the package. `modules` contains all modules of the package,
+        by their paths. `kept` contains the names that must not be replaced by values.
+        """
         for node in self._imports:
             folder = name.split("/")[: -node.level]
             origin = modules.get("/".join([*folder, *(node.module or "").split(".")]))
             if origin is not None:
                 self._import(node, origin.values)
-        if name == "__init__":  # other programs read its constants
+        if name == "__init__":  # other programs use the constants of this module
             return
         known = self._imported | self.values
         for node in self._tree.body:
@@ -111,7 +119,7 @@ class _Module:
                 self._import(node, {})
 
     def write(self) -> None:
-        """Write the module with its constants replaced."""
+        """Write the module's file again, with values in place of the names of constants."""
         known = self._imported | self.values
         lines = self._text.splitlines(keepends=True)
         starts = [0]

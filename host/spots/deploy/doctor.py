@@ -1,4 +1,4 @@
-"""Checks port, firmware, sensor, LED and calibration of a board; prints a remedy per problem."""
+"""``spots doctor``: checks a board, its sensor, LED and calibration; prints remedies."""
 
 import math
 import os
@@ -19,20 +19,20 @@ from ..link.replies import Get
 from ..link.serial_link import SerialLink
 from .place import the_board
 
-_SPECTRA = 12
+_SPECTRA = 12  # least number of spectra from which the rate is measured
 # Readings with the LED on that are compared with the dark frames before and after them: at least
-# `_LIT`, and for at least `_LIT_S`, a mains period at 50 Hz.
+# `_LIT`, and for at least `_LIT_S` seconds, a mains period at 50 Hz.
 _LIT = 4
 _LIT_S = 0.02
-# Time for a person to press (an untouched strip is dark), or to unplug an LED.
+# Time in s for a person to press the strip, which is dark without a press, or to unplug an LED.
 _WITHIN_S = 10.0
-_DIM = 0.01  # share of full scale; with less light a position is noise
-_BRIGHTEST = 0.95  # share of full scale; with more light a channel may saturate
-# Least rate, as a share of the highest possible one: transfers and dark frames take time, too.
+_DIM = 0.01  # share of full scale; with less light, a position is mostly noise
+_BRIGHTEST = 0.95  # share of full scale; with more light, a channel may saturate
+# Least rate, as a share of the highest possible rate: transfers and dark frames take time, too.
 _SLOWEST = 0.7
-_RATE_S = 0.5  # duration of the readings; the commands before and after them cost little time
-_MISSED = 0.15  # largest share of missed samples; commands and dark frames cost less
-# Wire to check first, by kind of the LED.
+_RATE_S = 0.5  # least duration of the spectra; the commands before and after take far less time
+_MISSED = 0.15  # largest share of missed samples; commands and dark frames cause fewer
+# What to check first if the LED gives no light, by the setting `led`.
 _WIRES = {
     "ldr": "the wire from LDR to the LED's cathode",
     "gpio": "the wire to the board's STRIP_LED_PIN",
@@ -41,7 +41,7 @@ _WIRES = {
 
 
 class Finding(NamedTuple):
-    """Result of a check.
+    """Result of one check of ``spots doctor``.
 
     Attributes
     ----------
@@ -71,11 +71,11 @@ def doctor(port: str | None = None) -> None:
         problems += not ok
         print(f"{'ok' if ok else 'problem':8} {check:10} {printable(text)}")
     if problems:
-        raise SpotsError(f"{problems} checks found a problem: follow the advice in their lines")
+        raise SpotsError(f"problems found: {problems}; follow the advice in the lines above")
 
 
 def examine(port: str | None = None) -> Iterator[Finding]:
-    """Check a port and its board; yield each result, and stop if no further check is possible."""
+    """Check a port and its board; yield each result; stop if no further check is possible."""
     check, advice = "port", ""
     try:
         if not scheme_name(port):
@@ -113,7 +113,7 @@ def examine_board(board: Board) -> Iterator[Finding]:
     count = max(_SPECTRA, round(_RATE_S / reading_s))
     missed = board.command("get")["missed"]
     spectra = list(islice(board.spectra(1 + 3 * count * reading_s), count))
-    missed = max(0, board.command("get")["missed"] - missed)  # 0 again if the sensor restarted
+    missed = max(0, board.command("get")["missed"] - missed)  # negative if the sensor restarted
     if state["led"] == "ldr" and not state["led_mA"]:
         yield Finding("light", False, "the LED is off: run 'spots command set led_mA=20'")
     else:
@@ -161,9 +161,10 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
 def _await(
     board: Board, reading_s: float, done: Callable[[float], bool]
 ) -> tuple[float, int, bool]:
-    """Repeat `_led_light` until ``done(light)`` is true, for at most `_WITHIN_S` seconds.
+    """Call `_led_light` repeatedly until ``done(light)`` is true, for 10 s at most.
 
-    Returns the last result of `_led_light`.
+    `reading_s` is the duration of a reading, in seconds. Return the light, the peak and the fit of
+    the last call, see `_led_light`.
     """
     end_s = board.now_s() + _WITHIN_S
     while True:
@@ -176,7 +177,8 @@ def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
     """Measure the light of the LED, by samples with the LED on between two dark frames.
 
     A press also couples ambient light into the strip, and ambient light changes. So for each
-    channel, the larger dark count is subtracted from the smallest count with the LED on.
+    channel, the larger one of the two dark counts is subtracted from the smallest count with the
+    LED on.
 
     Parameters
     ----------
@@ -188,11 +190,12 @@ def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
     Returns
     -------
     light : float
-        Counts due to the LED in the brightest channel.
+        Counts due to the LED, in the channel where they are largest; 0 without a sample.
     peak : int
-        Largest raw count of all channels.
+        Largest raw count in any channel while the LED was on; 0 without a sample.
     fits : bool
-        Whether at least one sample fits the calibration, see `decode.MISFIT`.
+        Whether the spectrum of at least one sample fits the calibration, see `decode.MISFIT`; True
+        without a sample.
     """
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2
@@ -215,7 +218,7 @@ def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
 
 def _lamps(board: Board, state: Get) -> Iterator[Finding]:
     mains_hz = state.get("mains_hz")
-    if mains_hz is None:  # an older firmware
+    if mains_hz is None:  # the firmware is too old for this setting
         return
     found_hz = lamps.mains_hz(board)
     text = f"lamps flicker at {2 * found_hz} Hz: " if found_hz else "no lamp flickers: "
@@ -225,7 +228,7 @@ def _lamps(board: Board, state: Get) -> Iterator[Finding]:
 
 
 def _missed(exposure_us: int, share: float) -> Finding:
-    # The time that the board needs for a sample, plus 10 %.
+    # The time in us that the board needs for a sample, plus 10 %, rounded up to 100 us.
     longer_us = 100 * math.ceil(0.011 * exposure_us / (1 - share))
     text = f"the board misses {share:.0%} of the sensor's samples: run 'spots command "
     return Finding("rate", False, f"{text}set exposure_us={longer_us}'")
@@ -234,10 +237,10 @@ def _missed(exposure_us: int, share: float) -> Finding:
 def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     if len(spectra) < 2:
         return Finding("rate", False, "the board sends no spectra: run 'spots command reboot'")
-    # While the LED is off, a frame is a single exposure, and not an average of several.
+    # While the LED is off, a frame contains a single exposure, not the average of several.
     steps = list(pairwise(spectra))
     steps = [(a, b) for a, b in steps if not (a.flags | b.flags) & decode.LED_OFF] or steps
-    # Sequence numbers count the frames that the link lost, too.
+    # Sequence numbers also count frames that were lost on the link.
     frames = sum((b.sequence - a.sequence) % (1 << 16) for a, b in steps)
     passed_us = sum((b.t_us - a.t_us) % (1 << 32) for a, b in steps)
     rate_hz, most_hz = frames / passed_us * 1e6, 1 / reading_s

@@ -13,19 +13,20 @@ from .nofollow import Tree
 from .prompt import Prompt
 
 _ABOUT = "boot_out.txt"  # CircuitPython writes this file at every start
-_ABOUT_BYTES = 4096  # longer than any such file
+_ABOUT_BYTES = 4096  # more than this file ever has
 _VERSION = re.compile(r"CircuitPython (\d+)\.(\d+)\.(\d+)")
 _BOARD_ID = re.compile(r"Board ID: ?(\S+)|$")
 _UID = re.compile(r"UID: ?(\S+)|$")
 _FAT = ("vfat", "msdos", "fat", "fat12", "fat16", "fat32")
 _BLOCK_DEVICES = Path("/sys/class/block")
-_CLUSTER = 4096  # assumed size of a cluster, larger than on any such drive
+_CLUSTER = 4096  # bytes; assumed size of a cluster, at least that of every CIRCUITPY drive
 
 
 class Drive(Tree):
     """A mounted CIRCUITPY drive, with the same file operations as `deploy.prompt.Prompt`.
 
-    Nothing outside the drive is ever read, written or removed: links on the drive are not followed.
+    Symbolic links on the drive are not followed, so nothing outside the drive is ever read, written
+    or removed.
 
     Parameters
     ----------
@@ -37,8 +38,9 @@ class Drive(Tree):
     Attributes
     ----------
     facts : dict
-        Facts about the board: ``runtime``, ``version``, ``board_id``, ``uid``; of its file system,
-        in bytes: ``block`` (size of a block) and ``free``.
+        Facts about the board: ``runtime`` ("circuitpython"), ``version`` (tuple of 3 int),
+        ``board_id`` and ``uid`` (unique id of the chip; None if unknown). Facts about its file
+        system, in bytes: ``block`` (size of a block) and ``free``.
 
     Raises
     ------
@@ -79,7 +81,7 @@ class Drive(Tree):
             with suppress(SpotsError):
                 Prompt(self._console).reset()
                 return
-        print("press the board's reset button")
+        print("press the board's reset button, to restart the board")
 
 
 def drives() -> list[str]:

@@ -10,7 +10,9 @@ from .staging import ENTRIES, device_of
 
 
 def erase(board: str, port: str | None = None, yes: bool = False) -> None:
-    """Ask for a confirmation, then remove the firmware's files from a board; keep other files.
+    """Ask for a confirmation, then remove the firmware and what it has stored from a board.
+
+    This includes settings, calibration and layout. Other files stay.
 
     Parameters
     ----------
@@ -34,8 +36,8 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
         with there.open() as target:
             if target.facts["runtime"] != device.runtime:
                 raise SpotsError(
-                    f"the board on {there.name} runs {target.facts['runtime']}, but {board} needs "
-                    f"{device.runtime}: name the board that is plugged in"
+                    f"the board on {there.name} runs {target.facts['runtime']}, but a board of "
+                    f"type {board} needs {device.runtime}: give the type of this board"
                 )
             known = Known(target, device.runtime, USER_FILES)
             ours = {
@@ -45,10 +47,11 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
             }
             changed = sorted(known.listed & set(known.sizes) - ours)
             if changed:
-                # Without the manifest, the names of the changed files would mark them as firmware.
+                # The changed files stay. Without the manifest, `Known` would take them for files of
+                # the firmware, because of their names.
                 ours.discard(MANIFEST)
-            # The entry file first, since a partial firmware must not start. The manifest last,
-            # since it lists the others.
+            # The entry file first, since a partial firmware must not start. The manifest last:
+            # after an interruption it still lists the firmware's files.
             order = {entry: 0, MANIFEST: 2}
             for path in sorted(ours, key=lambda path: (order.get(path, 1), path)):
                 target.remove(path)

@@ -23,11 +23,12 @@ from .prompt import Prompt
 from .released import FILES
 from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
 
-# MicroPython: the first version with USB devices. CircuitPython: the first version whose clock is
-# finer than milliseconds on the RP2040.
+# Name and oldest suitable version of each runtime. MicroPython: the first version in which a
+# program can be a USB keyboard. CircuitPython: the first version whose clock is finer than
+# milliseconds on the RP2040.
 _OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
-_RETURN_S = 20.0
-_POLL_S = 0.2
+_RETURN_S = 20.0  # longest time for the restart of a board
+_POLL_S = 0.2  # pause between two attempts to open the restarted board
 _PART = ".part"  # suffix of a file while it is written
 # Files that the user's commands stored on the board. `flash` leaves them, `erase` removes them.
 USER_FILES = tuple(
@@ -40,7 +41,7 @@ USER_FILES = tuple(
 
 @dataclass(frozen=True)
 class Plan:
-    """Changes that bring the firmware on a board up to date.
+    """Changes of a board's files that bring its firmware up to date.
 
     Attributes
     ----------
@@ -51,8 +52,9 @@ class Plan:
     need : int
         Number of free bytes that the copy needs on the board.
     claim : bytes
-        Manifest of old and new files, stored on the board during the copy. After an interrupted
-        copy, the next flash finds the firmware's files in this manifest.
+        Manifest (list of paths and SHA-256) of old and new files, which is stored on the board
+        during the copy. After an interrupted copy, the next ``spots flash`` finds the firmware's
+        files in this manifest. Empty if the manifest does not change.
     """
 
     remove: list[str]
@@ -104,7 +106,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
     facts : dict
         Facts about the board, see `Prompt` and `Drive`.
     device : staging.Device
-        Content of the board file for which the files were built.
+        Description of the board for which the files were built.
     files : dict of str to bytes
         Content of each file, by its path on the board.
     port : str
@@ -113,7 +115,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
     Raises
     ------
     SpotsError
-        If the board has another runtime, version, chip or board ID.
+        If the board has another runtime, an unsuitable version, another chip or another board ID.
     """
     runs = f"the board on {port} runs {facts['runtime']}"
     if facts["runtime"] != device.runtime:
@@ -187,7 +189,7 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
     block = target.facts["block"] or 1
     taken = sum(_on_disk(len(files[path]), block) for path in copy)
     gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} if path in there)
-    # The old file stays until the hash of the new one is verified, so both need room.
+    # An old file stays until the hash of the new file is verified, so there must be room for both.
     most = max(_on_disk(len(files[path]), block) for path in copy)
     most += _on_disk(len(claim), block)
     return Plan(remove, copy, max(taken - gone + most, most), claim)
@@ -196,9 +198,9 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
 class Known:
     """Separates the firmware's files on a board from the user's files.
 
-    A file that the manifest on the board lists belongs to the firmware if its hash is unchanged.
-    An unlisted file belongs to the firmware if this version, or version 0.1.0 (which wrote no
-    manifest), has a file of that name.
+    A file that the manifest on the board lists belongs to the firmware if its SHA-256 is unchanged.
+    Version 0.1.0 wrote no manifest. So an unlisted file belongs to the firmware if `claimed` is
+    true, and this version or version 0.1.0 has a file of that name.
 
     Parameters
     ----------
@@ -207,14 +209,15 @@ class Known:
     runtime : str
         ``micropython`` or ``circuitpython``.
     more : iterable of str
-        Further paths whose sizes are looked up.
+        Paths of other files to include in `sizes`.
 
     Attributes
     ----------
     sizes : dict
-        Size in bytes of each file that exists, by its path.
+        Size in bytes of each file that exists, by its path. Only the paths of the firmware, of the
+        manifest and of `more` are looked up, and the partial copies of such files.
     entries : set of (str, str)
-        Path and hash of each file in the manifest on the board.
+        Path and SHA-256 of each file in the manifest on the board.
     listed : set of str
         Paths in the manifest.
     claimed : bool
@@ -230,13 +233,13 @@ class Known:
         self._names = {MANIFEST, *FILES[runtime], *names(runtime)}
         every = self._names | self.listed | set(more)
         self.sizes = target.files(sorted(every | {path + _PART for path in every}))
-        # Other programs have a main.py or a lib, too. Without a manifest such a file belongs to
-        # the firmware only if the board has files of its packages.
+        # Other programs have a main.py or a lib, too. Without a manifest, a main.py belongs to the
+        # firmware only if the board also has files of the firmware's packages.
         in_packages = ("/" in path and not path.startswith("lib/") for path in self.sizes)
         self.claimed = bool(self.entries) or any(in_packages)
 
     def is_ours(self, path: str) -> bool:
-        """Return whether a file in `sizes` belongs to the firmware, and so may be removed."""
+        """Return whether the file `path`, a key of `sizes`, belongs to the firmware."""
         if path in self.listed:
             return (path, self._target.sha256(path)) in self.entries
         whole = path.removesuffix(_PART)
@@ -290,7 +293,7 @@ def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
         Paths of the removed files.
     """
     folders = {str(parent) for path in removed for parent in PurePosixPath(path).parents} - {"."}
-    for folder in sorted(folders, reverse=True):  # a folder after the folders in it
+    for folder in sorted(folders, reverse=True):  # inner folders first
         target.remove_folder(folder)
 
 

@@ -1,4 +1,4 @@
-"""Reads and writes files below a folder, and follows no symbolic link in any part of a path."""
+"""Reads and writes files below a folder; symbolic links in a path are refused, not followed."""
 
 import contextlib
 import errno
@@ -10,7 +10,8 @@ from typing import BinaryIO
 
 from ..errors import SpotsError
 
-# Windows cannot open a file relative to a folder: there each part is checked right before its use.
+# Windows cannot open a file relative to a folder. On Windows, each part of a path is therefore
+# checked right before its use.
 _BY_HANDLE = os.open in os.supports_dir_fd
 _PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | _PLAIN
@@ -35,15 +36,15 @@ class Tree:
     Attributes
     ----------
     port : str
-        Path of the folder, which names the drive in messages.
+        Path of the folder; error messages call it the drive.
 
     Raises
     ------
     OSError
         If the folder cannot be opened.
     SpotsError
-        From every method: if the file system reports an error, a part of the path is a link or a
-        device, or the path of a file names a folder.
+        Raised by every method if the file system reports an error; if a part of the path is a link
+        or a special file; if it is on another file system; or if a file's path leads to a folder.
     """
 
     def __init__(self, folder: str):
@@ -152,7 +153,8 @@ class Tree:
     def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
         """Yield the descriptor of the folder that contains the file `path`, and the file's name.
 
-        If `make` is true, a missing folder is created.
+        On Windows, the descriptor is None, and the name is the whole path. If `make` is true, a
+        missing folder is created.
         """
         *folders, name = path.split("/")
         handle, prefix = (os.dup(self._root), "") if _BY_HANDLE else (None, f"{self.port}/")
@@ -190,7 +192,7 @@ class Tree:
         return status
 
     def _check(self, path: str, is_kind, status: os.stat_result) -> None:
-        # A junction (Windows) or a mount (other systems) also leads out of the folder.
+        # Junctions on Windows and mounts on other systems also lead out of the folder.
         leads_away = getattr(status, "st_file_attributes", 0) & stat.FILE_ATTRIBUTE_REPARSE_POINT
         mounted = self._device not in (None, status.st_dev)
         if leads_away or mounted or not is_kind(status.st_mode):
@@ -212,8 +214,8 @@ class Tree:
             elif error.errno in _READ_ONLY:
                 what = (
                     "is read-only, because the board itself may write to it: reset the board and "
-                    "at once hold its button for two seconds; then wait until the drive is mounted "
-                    "again, and flash again"
+                    "immediately hold its button for two seconds; then wait until the drive is "
+                    "mounted again, and flash again"
                 )
             else:
                 what = f"fails ({error.strerror}): replug the board and flash again"
@@ -223,7 +225,7 @@ class Tree:
 def settle(folder: int | None) -> None:
     """Wait until the disk has stored all renames in the folder whose descriptor is `folder`.
 
-    With None (on Windows, where folders have no descriptors), do nothing.
+    If `folder` is None, do nothing: on Windows, folders have no descriptors.
     """
-    if folder is not None:  # Windows writes to a removable drive at once
+    if folder is not None:  # Windows does not delay writes to a removable drive
         os.fsync(folder)

@@ -1,4 +1,4 @@
-"""Finds a board's file system, and the port on which the board answers after a restart."""
+"""Finds a board's file system, and the serial port on which the board answers after a restart."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -33,12 +33,12 @@ class Place:
 
 @contextlib.contextmanager
 def place(device: Device, port: str | None) -> Iterator[Place]:
-    """Find the only board, or start a virtual board that runs until the ``with`` block ends.
+    """Find a board to flash, or start a simulated board that runs until the ``with`` block ends.
 
     Parameters
     ----------
     device : staging.Device
-        Content of the wanted board's board file.
+        Description of the board to find.
     port : str, optional
         Name of a serial port, or folder of a CircuitPython drive. If not given, find the board.
 
@@ -50,7 +50,7 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
     Raises
     ------
     SpotsError
-        If no board or more than one board is found.
+        If `port` is not given, and no board or more than one board is found.
     """
     started = offered(port or device.port, "flash_place")
     if started is not None:
@@ -89,7 +89,7 @@ def _on_drive(folder: str) -> Place:
     with Drive(folder) as drive:
         uid = (drive.facts["uid"] or "").lower()
 
-    def ports_now() -> list[str]:  # the console first
+    def ports_now() -> list[str]:  # the console first, then the port of the frames
         ports = usb_ports() if uid else []
         return [usb.device for usb in ports if (usb.serial_number or "").lower() == uid]
 

@@ -1,4 +1,4 @@
-"""A board's raw prompt (raw REPL): runs programs; lists, hashes, writes and removes files."""
+"""A board's raw prompt (raw REPL): runs programs on the board, and reads and writes its files."""
 
 import ast
 import contextlib
@@ -14,14 +14,16 @@ import serial
 from ..errors import SpotsError, missing
 from ..link.serial_link import SerialLink
 
-_TIMEOUT_S = 10.0
-# Timeouts of the attempts to enter the prompt: a board that is starting misses the first.
+_TIMEOUT_S = 10.0  # of each write to the port and each read from it
+# Timeouts of the attempts to enter the prompt, in s. A board that is starting misses the first.
 _ENTER_S = (2.0, 4.0, 8.0)
-_GARBLED = (SyntaxError, ValueError, TypeError)  # raised when a reply without facts is parsed
+# Raised when the board's reply to `_FACTS` is damaged and cannot be parsed.
+_GARBLED = (SyntaxError, ValueError, TypeError)
 _CHUNK = 512  # bytes of a file in one transfer: a file may be larger than the board's memory
 _PATHS = 50  # number of paths in one program: a longer list may not fit into the board's memory
-_DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")
+_DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")  # in an error of a board with a full disk
 
+# Programs for the board.
 _SIZES = """
 import os
 for path in {!r}:
@@ -82,14 +84,15 @@ class Prompt:
     Attributes
     ----------
     facts : dict
-        Facts about the board: ``runtime``, ``version``, ``mpy`` (format version and architecture
-        of .mpy files); of its file system, in bytes: ``block`` (size of a block) and ``free``.
+        Facts about the board: ``runtime`` (a name), ``version`` (tuple of 3 int), and ``mpy``:
+        format version and architecture of .mpy files, as in `build.MpyHeader`. Facts about its file
+        system, in bytes; None if unknown: ``block`` (size of a block) and ``free``.
 
     Raises
     ------
     SpotsError
-        If mpremote is missing, the port cannot be opened, or no prompt answers. From every method:
-        if a program on the board fails, the file system is full, or the board is disconnected.
+        If mpremote is missing, the port cannot be opened, or no prompt answers. Every method raises
+        it if a program on the board fails, the file system is full, or the board is disconnected.
     """
 
     def __init__(self, port: str):
@@ -100,7 +103,7 @@ class Prompt:
             raise missing("flashing needs", "mpremote", "flash") from None
         self.port = port
         self._refused = TransportExecError
-        # At a disconnect, mpremote raises one of these, depending on its present operation.
+        # At a disconnect, mpremote raises one of these errors, depending on its present operation.
         self._failures = (TransportError, serial.SerialException, OSError, struct.error)
         SerialLink(port).close()  # its error explains why a port cannot be opened
         self._transport = None
@@ -121,7 +124,7 @@ class Prompt:
 
     def __exit__(self, *exception) -> None:
         if self._transport is not None:
-            self.reset()  # entering interrupted the application
+            self.reset()  # the prompt has interrupted the application
 
     def run(self, program: str) -> str:
         """Run a program on the board and return its output."""
@@ -191,7 +194,7 @@ class Prompt:
         Raises
         ------
         SpotsError
-            If the content is damaged during the transfer; see also the class.
+            If the content is damaged during the transfer; also for the reasons that `Prompt` lists.
         """
         for folder in map(str, [*PurePosixPath(path).parents][-2::-1]):
             self.run(_MAKE_FOLDER.format(folder))
@@ -203,7 +206,8 @@ class Prompt:
 
     def reset(self) -> None:
         """Restart the board, as its reset button does, and close the port."""
-        with contextlib.suppress(*self._failures):  # some ports vanish before the last byte is sent
+        # Some ports disappear before the last byte is sent.
+        with contextlib.suppress(*self._failures):
             self._transport.exec_raw_no_follow(_RESET)
         self.close()
 
@@ -232,10 +236,7 @@ class Prompt:
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
-        """Enter the raw prompt.
-
-        Return facts about the board, which a program on the board prints.
-        """
+        """Enter MicroPython's raw REPL, run `_FACTS` there, and return the dict that it prints."""
         serial_port = self._transport.serial
         serial_port.write_timeout = _TIMEOUT_S
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors
@@ -244,7 +245,8 @@ class Prompt:
                     serial_port.timeout = 1.0
                     self._transport.enter_raw_repl(soft_reset=False, timeout_overall=within_s)
                     serial_port.timeout = _TIMEOUT_S
-                    # The prompt may answer an earlier attempt: only the facts prove a ready prompt.
+                    # A reply may belong to an earlier attempt: only the facts prove that the prompt
+                    # is ready.
                     return {**ast.literal_eval(self._transport.exec(_FACTS).decode())}
                 except (*self._failures, *_GARBLED):
                     if within_s == _ENTER_S[-1]:

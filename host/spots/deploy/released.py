@@ -1,4 +1,4 @@
-"""File names of version 0.1.0, the only release that wrote no manifest.
+"""Names of the firmware's files in version 0.1.0, the only release that wrote no manifest.
 
 This data never changes. `staging.names` returns the file names of the present version.
 """

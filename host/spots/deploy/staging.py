@@ -25,27 +25,28 @@ BOARDS = _ROOT / "boards"
 # The files that a runtime runs at its start, in this order; the last one runs the application.
 ENTRIES = {"micropython": ("main.py",), "circuitpython": ("boot.py", "code.py")}
 CONFIG = "board_config.py"
-# code.py has a folder of its own: in `firmware`, which is on this Python's path, it would hide the
-# standard module `code`.
+# code.py has a folder of its own: the folder `firmware` is on the path of the host's Python, where
+# code.py would hide the standard module `code`.
 _ENTRY_FOLDERS = {"micropython": "firmware", "circuitpython": "firmware/circuitpython"}
-# Libraries that a runtime needs in `lib`, copied from this Python's packages.
+# Libraries that a runtime needs in `lib`, copied from the packages of the host's Python.
 LIBRARIES = {
     "micropython": (),
     "circuitpython": ("adafruit_as7341", "adafruit_bus_device", "adafruit_register"),
 }
 
-# The modules of a board with several strips, and the bus behind a multiplexer: only boards that use
-# these modules get them.
+# Modules for several strips, and modules for strips behind a multiplexer of the I2C bus. They are
+# copied only to boards that use them.
 _SEVERAL, _MULTIPLEXER = ("several.py", "aligned.py"), "multiplexer*.py"
 STRIPS_MAX = 4
 
-# A module with this suffix is a version, as machine code, of the module without the suffix. A board
-# gets one of the two, under the name without the suffix.
+# A module with this suffix contains the same functions as the module without the suffix, but
+# MicroPython's viper compiles them to machine code. A board gets one of the two modules, under the
+# name without the suffix.
 VIPER = "_viper"
 
 
 class Device(toml.Strict, kw_only=True):
-    """Content of a board file, board.toml.
+    """Content of a board file (board.toml), which describes a kind of board.
 
     Attributes
     ----------
@@ -56,12 +57,12 @@ class Device(toml.Strict, kw_only=True):
     port : str or None
         Port of a board that is not on USB, such as ``virtual``.
     march : str or None
-        Architecture for ``mpy-cross -march``; None for bytecode alone, and for CircuitPython.
+        Architecture for ``mpy-cross -march``; None for bytecode only, and for CircuitPython.
     viper : bool
         Whether MicroPython's viper compiles the firmware's module `kernel` to machine code;
         requires `march`.
     board_id : str or None
-        Board ID by which CircuitPython names the board.
+        CircuitPython's ID of the board, in boot_out.txt; None for MicroPython.
     device : dict
         Names and values for board_config.py, including the board's ``NAME``.
     strips : tuple of dict
@@ -86,8 +87,8 @@ class Device(toml.Strict, kw_only=True):
             raise ValueError("viper needs runtime = micropython, and the key march: add them")
         if not 1 <= len(self.strips) <= STRIPS_MAX:
             raise ValueError(
-                f"there must be 1 to {STRIPS_MAX} [[strips]] tables; a board with one strip needs "
-                "none"
+                f"write 1 to {STRIPS_MAX} [[strips]] tables, or leave them out for a board with "
+                "one strip"
             )
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
@@ -107,15 +108,16 @@ def board_names() -> list[str]:
 
 
 def device_of(board: str, strips: int = 1) -> Device:
-    """Return the content of a board's board file.
+    """Read the board file of a board.
 
     Parameters
     ----------
     board : str
         A name that ``spots boards`` lists.
     strips : int
-        Number of strips on the board. If it is more than 1, `Device.device` has ``SENSORS``: a
-        list with all values of each strip.
+        Number of strips on the board. For more than 1, the dict `Device.device` of the result has
+        the key ``SENSORS``, with a list of one dict for each strip: the strip's pins
+        and other configuration, by name.
 
     Returns
     -------
@@ -125,8 +127,8 @@ def device_of(board: str, strips: int = 1) -> Device:
     Raises
     ------
     SpotsError
-        If the board is unknown or has no pins for so many strips, or its board file is damaged or
-        has viper without `march`.
+        If the board is unknown or has no pins for this number of strips, or its board file is
+        invalid.
     """
     known = board_names()
     if board not in known:
@@ -148,8 +150,8 @@ def device_of(board: str, strips: int = 1) -> Device:
 def names(runtime: str) -> set[str]:
     """Return the paths of this version's files on a board, both as sources and compiled.
 
-    The paths identify the firmware on a board without a manifest, to which ``mip`` or a person
-    has copied the files.
+    The paths identify the firmware on a board without a manifest. Such a board got its files by
+    MicroPython's ``mip``, or a person copied them.
     """
     modules = [path.relative_to(_FIRMWARE.parent) for path in _FIRMWARE.rglob("*.py")]
     forms = {path.with_suffix(end).as_posix() for path in modules for end in (".py", ".mpy")}
@@ -171,7 +173,8 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
     Raises
     ------
     SpotsError
-        If the board is unknown or cannot have so many strips, or a library is not installed here.
+        If the board is unknown or cannot have this number of strips, or a library is not installed
+        on this computer.
     """
     device = device_of(board, strips)
     sensors = device.device.get("SENSORS", ())

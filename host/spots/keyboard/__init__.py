@@ -1,1 +1,1 @@
-"""Zones of a strip as keys: layouts, key engine, ``spots keyboard`` and ``spots keys``."""
+"""Zones of a strip as keys: layouts, key events, ``spots keyboard`` and ``spots keys``."""

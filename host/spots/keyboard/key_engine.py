@@ -1,4 +1,4 @@
-"""Computes key events from readings on the host, with the code and the layout of a board."""
+"""Computes key events from readings on the host, with the firmware's code and a key layout."""
 
 from spots_device.decode import LED_OFF
 from spots_device.keypad import Keypad
@@ -23,8 +23,8 @@ class KeyEngine:
     sink : KeySink
         Receiver of the key events.
     decay : int, optional
-        Decay of the light by the dye, from the board's reply to ``hello``; a typical value if not
-        given.
+        Attenuation of the light by the dye in log2 units per um, times 2**24: the value of
+        ``decay`` in the board's reply to ``hello``. If not given, or 0, a typical value is used.
 
     Attributes
     ----------
@@ -33,7 +33,8 @@ class KeyEngine:
     firm_mN : int
         Least force of a firm press, in mN.
     rests : int
-        Number of times that an object, not a finger, was detected on the strip.
+        Number of times that an object instead of a finger was detected on the strip; the caller may
+        set it to 0.
     """
 
     def __init__(self, layout: KeyLayout, length_um: int, sink: KeySink, decay: int | None = None):
@@ -53,7 +54,7 @@ class KeyEngine:
         return self._names[self._pad.layer]
 
     def take(self, touch: Touch, now_s: float) -> None:
-        """Add a reading, and send the key events that it causes.
+        """Add a reading, and send the key events that this reading causes.
 
         Parameters
         ----------
@@ -70,7 +71,15 @@ class KeyEngine:
             self._heard_s = now_s
 
     def tick(self, now_s: float) -> None:
-        """Release all keys and drop pending actions if no reading has arrived for `RELEASE_S`."""
+        """Release all keys and drop pending actions if no reading arrives for `RELEASE_S` seconds.
+
+        Call `tick` regularly.
+
+        Parameters
+        ----------
+        now_s : float
+            Present time in seconds, by the same clock as in `take`.
+        """
         if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             if self._pad.contact.touched:

@@ -36,26 +36,29 @@ def type_on(
 ) -> None:
     """Press this computer's keys when a strip is touched. Release all keys on every exit path.
 
+    While the board is disconnected, no key is pressed; this function waits until it reconnects.
+
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. Its ``baseline`` setting is switched on.
+        Board with a calibrated strip. This function switches its ``baseline`` setting on: the board
+        then follows slow changes of the untouched strip's light.
     layout : KeyLayout
         Keys of the strip.
     keyboard : KeySink
         Keyboard that gets the key events.
     seconds : float, optional
-        Time after which to end, in seconds by the clock of `Board.now_s`; no limit if not given.
+        Time after which this function ends, in seconds of `Board.now_s`; no limit if not given.
 
     Raises
     ------
     SpotsError
-        If the board has no calibration, is too slow or is lost, or if the keyboard refuses
-        events.
+        If the board has no calibration, is too slow or refuses a command, or if the keyboard
+        refuses events.
     """
     info = hello_often(board, RELEASE_S)
     engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"])
-    board.patience_s = math.inf  # wait for a lost board: no key is down meanwhile
+    board.patience_s = math.inf  # waits for a lost board, while `engine` holds no key
     try:
         for _ in fed(board, engine, seconds, _TICK_S):
             pass

@@ -30,7 +30,9 @@ def show(name: str) -> None:
 
 
 def push(board: Board, layout: KeyLayout) -> str | None:
-    """Upload a layout to a board, switch on keys and baseline tracking, and save everything.
+    """Upload a layout to a board, switch on keys and baseline tracking, and store all on the board.
+
+    Baseline tracking follows slow changes of the untouched strip's light.
 
     Parameters
     ----------
@@ -100,7 +102,8 @@ def say(layout: KeyLayout, action: int) -> str:
     Returns
     -------
     str
-        Modifiers and key, joined by ``+``, or a verb and a layer; empty for no action.
+        Modifiers and key, joined by ``+``; or ``layer``, ``toggle`` or ``once``, and the name of a
+        layer. Empty for no action.
     """
     if not action:
         return ""

@@ -1,10 +1,14 @@
 """Layout files: validates these TOML files and compiles them to the lines that a board stores.
 
-A file contains layers, and a layer contains keys. A key is either one action, that of a tap, or a
-table of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
-``slide_plus`` (away from the sensor). An action is the name of a computer's key with modifiers
-(``LEFT_SHIFT+A``), or selects a layer: ``layer NAME`` while the key is held, ``toggle NAME`` until
-the next toggle, or ``once NAME`` for one key. Key names are those of `outputs.usages`.
+A file contains layers, and a layer contains keys. A key is either the action of a tap, or a table
+of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
+``slide_plus`` (away from the sensor). A layer may also contain an action for a swipe (a quick
+movement along the strip) in each direction.
+
+An action either presses a key of the computer, or selects a layer. To press a key, the action is
+the key's name with modifiers (``LEFT_SHIFT+A``); `outputs.usages` has all names. To select a layer,
+the action is ``layer NAME`` (as long as a finger holds this key of the strip), ``toggle NAME``
+(until the next toggle) or ``once NAME`` (for one key).
 """
 
 import re
@@ -23,6 +27,7 @@ from ..outputs.usages import USAGES, chord_of, usage_of
 
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
+# Rules that decide between tap and hold, see docs/keyboard.md; the index is the firmware's number.
 FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
 LAYER_VERBS = {"layer": lines_of.MOMENTARY, "toggle": lines_of.TOGGLE, "once": lines_of.ONCE}
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
@@ -99,12 +104,12 @@ class KeyLayout:
     lines : list of str
         The layout as the board stores it, see `spots_device.layout`.
     typed : frozenset of int
-        All actions of keys and swipes that press a computer's key, as encoded by
+        All actions in the layout that press a key of the computer, as encoded by
         `spots_device.layout.action`.
     text : str
         Text of the layout file.
     content : dict
-        Parsed content of the file, without the keys that have their default value.
+        Parsed content of the file, without the TOML keys whose values are the defaults.
     """
 
     name: str
@@ -126,13 +131,13 @@ def load(name: str | Path) -> KeyLayout:
     Raises
     ------
     SpotsError
-        If the file does not exist or is invalid; the message names line, key and remedy.
+        If the file does not exist or is invalid; the message names the place and the remedy.
     """
     return compiled(*toml.find(name, FOLDER, "layout"))
 
 
 def compiled(path: Path, text: str) -> KeyLayout:
-    """Compile the text of a layout file.
+    """Validate and compile the text of a layout file.
 
     Parameters
     ----------
@@ -148,7 +153,7 @@ def compiled(path: Path, text: str) -> KeyLayout:
     Raises
     ------
     SpotsError
-        If the text is invalid; the message names line, key and remedy.
+        If the text is invalid; the message names the place and the remedy.
     """
     try:
         file = toml.convert(toml.loads(text), _File)
@@ -290,7 +295,7 @@ def typed(page: int, usage: int) -> str:
 
 
 def _line_of(text: str, pattern: str) -> str:
-    """Return the place of a regular expression in a text as ``, line 7``; empty if not found."""
+    """Return ``, line 7`` if line 7 is the first that matches a pattern; empty without a match."""
     for number, line in enumerate(text.splitlines(), 1):
         if re.search(pattern, line):
             return f", line {number}"
@@ -298,6 +303,9 @@ def _line_of(text: str, pattern: str) -> str:
 
 
 def _line_of_key(text: str, keys: list[str]) -> str:
-    """Return the line of the first of the TOML `keys` in a text as ``, line 7``; else empty."""
+    """Return ``, line 7`` if line 7 sets one of the TOML keys `keys`; empty without such a line.
+
+    If the text sets several of the keys, the first one in `keys` is used.
+    """
     found = (_line_of(text, rf"(?<!\w){re.escape(key)}\s*=") for key in keys)
     return next(filter(None, found), "")

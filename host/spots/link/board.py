@@ -1,8 +1,9 @@
 """The class `Board`: connects to a SPOTS board, sends commands and receives frames.
 
-A frame is one message of a board, such as a reading (`frames.Touch`). A stream is a kind of frame
-that the board sends by itself after the command ``stream``. A board with several strips has one
-sensor for each strip; sensors are numbered from 0.
+A SPOTS board is a microcontroller that measures presses on one or more tactile strips. A frame is
+one message of a board, such as a reading (`frames.Touch`). A stream is a kind of frame that the
+board sends by itself after the command ``stream``. A board with several strips has one sensor for
+each strip; sensors are numbered from 0.
 """
 
 import asyncio
@@ -28,20 +29,23 @@ from .serial_link import Link
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
 from .turn import Turn
 
-# Timeouts of replies. These commands reply when their work is done, others at once. The usual
-# timeout is long, because a virtual board may get no processor time for seconds on a busy computer.
+# Timeouts of replies, in s. These commands reply when their work is done, all others immediately.
+# The usual timeout is long, because on a busy computer a simulated board may get no processor time
+# for seconds.
 _REPLY_S = {"auto": 120.0, "dark": 30.0, "save": 10.0}
 _USUAL_REPLY_S = 4.0
+# Timeouts and numbers of attempts when a board is opened.
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
-_POLL_S = 0.1
+_POLL_S = 0.1  # longest wait in one call of the link
 _SYNC_TIMEOUT_S = 0.5
 _SYNC_TRIES = 4
-_STREAM_TRIES = 3
-_LATEST_S = 2.0
-_RATE_READINGS = 64
-# Streams by kind of frame. Keys have none: they come after the command `keys on`. Contacts
-# come only while a finger touches, so readings show that the board runs.
+_STREAM_TRIES = 3  # attempts to resume the streams after a restart
+_LATEST_S = 2.0  # usual timeout of `Board.read_latest`
+_RATE_READINGS = 64  # number of readings from which the rate is computed
+# Streams by kind of frame. Keys need no stream: the board sends them after the command `keys on`.
+# Contacts come only while a finger touches, so readings are streamed, too: they show that the board
+# runs.
 _STREAMS: dict[type, tuple[str, ...]] = {
     Touch: ("touch",),
     Spectrum: ("spectrum",),
@@ -86,8 +90,8 @@ def addressed(line: str, sensor: int) -> str:
     Returns
     -------
     str
-        The command with ``sensor=``. A command for all strips, or a line of an upload, stays
-        unchanged.
+        The command with ``sensor=``. A command for all strips is returned unchanged. In an upload,
+        the first line names the sensor for all its lines; the other lines are returned unchanged.
     """
     if line.partition(" ")[0] in _OF_ALL or _UPLOADED.match(line):
         return line
@@ -97,13 +101,14 @@ def addressed(line: str, sensor: int) -> str:
 class Board:
     """A connected SPOTS board. Close this object, or use it in a ``with`` block.
 
-    A board that restarts (a brown-out, a crash) stops its streams, and its port may disappear for
-    a while and appear again under another name. While a program waits for frames, this object
-    opens the port again and resumes the streams; see `state` and `stats.restarts`. If another
-    board is on the port, this object refuses that board.
+    When a board restarts, for example after a brown-out, its streams stop. Its port may disappear
+    and appear again under another name. While a program waits for frames, this object opens the
+    port again and resumes the streams; see `state` and `stats.restarts`. If another board is on the
+    port, this object refuses that board.
 
-    Several threads may use this object in parallel. Each iterator over frames yields every frame of
-    its kinds. A command in one thread does not delay frames for other threads.
+    Several threads may use this object in parallel. A frame is one message of the board, such as a
+    reading. Each iterator over frames, such as `touches`, yields every frame of its kinds. A
+    command in one thread does not delay frames for other threads.
 
     Parameters
     ----------
@@ -123,8 +128,8 @@ class Board:
     patience_s : float
         Time in seconds for which a streaming board may be unplugged before PortLostError is raised.
     calibration : list of str or None
-        Lines of the calibration that this object uploaded, otherwise None: a board reports only
-        their checksum.
+        Lines of the latest calibration that this object uploaded to sensor 0; None if there was no
+        upload. They cannot be read from a board, which reports only their checksum.
     read_only : bool
         True for a recording or a remote board, which no command can change.
     ended : bool
@@ -206,7 +211,7 @@ class Board:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate of the last 64 readings by the board's clock; NaN before the second reading.
+        """Mean rate of the last 64 readings in Hz, by the board's clock; NaN before two readings.
 
         On a board with several strips, this is the rate of sensor 0.
         """
@@ -217,7 +222,10 @@ class Board:
 
     @property
     def drift_ppm(self) -> float:
-        """How much faster the board's clock is than the host's, in ppm; valid after a minute."""
+        """How much faster the board's clock runs than the host's, in ppm.
+
+        Valid after the board has streamed for a minute; before that, it may be 0.
+        """
         return self._clocks.clock.drift_ppm
 
     @property
@@ -324,7 +332,7 @@ class Board:
             timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         with self._turn:
             if self._late:
-                # The board replies in order, so no late reply follows the reply to this `hello`.
+                # The board replies in order: a late reply comes before the one to `hello`.
                 hello_s = min(timeout_s, _HELLO_TIMEOUT_S)
                 self._late = self._exchange("hello", hello_s) is None
             reply = self._exchange(line, timeout_s)
@@ -378,10 +386,11 @@ class Board:
         return range(count if isinstance(count, int) and 0 < count <= _SENSORS_MAX else 1)
 
     def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
-        """Iterate over the readings of all strips as they arrive; unread older readings come first.
+        """Iterate over the readings of all strips as they arrive.
 
-        This starts the stream of readings, which continues until the board is closed. On a board
-        with several strips, `frames.Touch.sensor` is the number of the strip.
+        Earlier readings that no iterator has read come first. This method starts the stream of
+        readings, which continues until the board is closed. On a board with several strips,
+        `frames.Touch.sensor` is the number of the strip.
 
         Parameters
         ----------
@@ -422,9 +431,9 @@ class Board:
         """
         if not self.read_only and not self.command("hello")["keys"]:
             raise SpotsError(
-                f"the keys of the board on {self.port} are off: send the command 'keys on'"
+                f"the keys of the board on {self.port} are off: run 'spots command keys on'"
             )
-        self._want(Touch)  # without a stream, a restart of the board would not be noticed
+        self._want(Touch)  # a stream that stops shows that the board has restarted
         return self._start(seconds, Key)
 
     def contacts(self, seconds: float | None = None) -> FrameIterator[Contact]:
@@ -451,8 +460,8 @@ class Board:
         """Iterate over frames of all kinds; see `touches`.
 
         This starts the streams of readings and spectra, unless ``command("stream ...")`` has chosen
-        the streams. Contacts are included after `contacts` or such a command has started their
-        stream.
+        the streams. Contacts are included only after `contacts` or
+        ``command("stream contact touch")`` has started their stream.
         """
         kinds = () if self._chosen else (Touch, Spectrum)
         self._want(*kinds)
@@ -551,7 +560,7 @@ class Board:
         )
 
     def close(self) -> None:
-        """Stop the streams and close the port. Idempotent; iterators raise ClosedError."""
+        """Stop the streams and close the port. Idempotent; iterators then raise ClosedError."""
         if self._closed:
             return
         self._closed = True  # other threads stop using the link
@@ -581,7 +590,7 @@ class Board:
         except PortLostError:
             if not before:
                 raise
-            self._streams[sensor] = sorted(streams)  # they start when it is connected again
+            self._streams[sensor] = sorted(streams)  # they start when the board is connected again
         except CommandError as error:
             if Contact not in kinds:
                 raise
@@ -675,16 +684,17 @@ class Board:
     def tap(self, look: Callable[[bytes, float], None]) -> Handle:
         """Register ``look(data, now_s)``, which is called with all bytes that arrive from now on.
 
-        The call comes before the bytes are decoded.
+        `now_s` is the link's time in seconds. The call comes before the bytes are decoded. Return a
+        handle that cancels the registration.
         """
         return Handle(self._on_data, look)
 
     def when_closed(self, action: Callable[[], None]) -> Handle:
-        """Register ``action()``, which is called after the port is closed."""
+        """Register ``action()``, to be called after the port is closed; return a `Handle`."""
         return Handle(self._on_close, action)
 
     def when_state_changes(self, action: Callable[[str], None]) -> Handle:
-        """Register ``action(state)``, which is called at each change of `state`.
+        """Register ``action(state)``, to be called at each change of `state`; return a `Handle`.
 
         The call comes from the thread that waits for frames.
         """
@@ -702,7 +712,7 @@ class Board:
         replies = (self._exchange("hello", _HELLO_TIMEOUT_S) for _ in range(_HELLO_TRIES))
         info = self._checked(next(filter(None, replies), None))
         self._late = False
-        # The bytes before the reply may start in the middle of a frame.
+        # The bytes before the reply may start in the middle of a frame: that is no loss.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
         return info
 
@@ -751,7 +761,7 @@ class Board:
             except SpotsError:
                 if not tries_left:
                     raise
-                # The board answers in order, so a late reply is not taken for the next one.
+                # A late reply comes before the reply to `hello`, and is dropped.
                 self._hello()
             else:
                 self._clocks.clock.round_trip(sent_s, reply["t_us"], self.now_s())
@@ -779,7 +789,7 @@ class Board:
             self._link.write(question)
 
     def _reconnect(self, timeout_s: float) -> None:
-        # One attempt only: an application must return in time to release its keys.
+        # Only one attempt in each call: an application must return in time to release its keys.
         loss = self._loss
         wait_s = loss.reopen_s - self.now_s()
         if wait_s > 0:
@@ -789,11 +799,11 @@ class Board:
             if not loss.is_open:
                 self._link.reopen()
                 loss.reopened()
-                self._decoded(b"\0")  # ends the frame that was cut off
+                self._decoded(b"\0")  # ends the frame that the disconnect cut off
             reply = self._exchange("hello", WHO_S)
             loss.tries += 1
             if reply is None and loss.tries < WHO_TRIES:
-                return  # its firmware may be starting
+                return  # the board's firmware may be starting
             info, known = self._checked(reply), self.info.get("id")
             if info.get("id") != known:
                 self._link.close_port()
@@ -823,9 +833,9 @@ class Board:
             return
         known = self._validated(reply)
         if known["stream"] != [] and not self._stopped:
-            return  # it still streams, or its firmware does not report its streams
+            return  # the board still streams, or its firmware does not report its streams
         if not self._stopped:
-            # This reply may answer any query since the first one.
+            # This reply may belong to any query since the first one.
             self._restarted(loss.first_asked_s, known["t_us"])
         for _ in range(_STREAM_TRIES):
             try:

@@ -16,7 +16,7 @@ from .replies import Hello
 from .timeouts import ANSWER_S
 from .untrusted import Untrusted
 
-_FOLLOW = "set baseline=1"
+_FOLLOW = "set baseline=1"  # turns on the board's baseline tracking
 
 
 def hello_calibrated(board: Board) -> Hello:
@@ -78,19 +78,20 @@ def fed(
 ) -> Iterator[tuple[Touch | None, Any]]:
     """Feed the readings of a board to an engine, such as a `KeyEngine`; yield its results.
 
-    The setting ``baseline=1`` turns on the board's baseline tracking; it is sent again after a
-    restart of the board. When this process is resumed after Ctrl-Z, older readings are dropped, and
-    the engine releases the present touch. When all readings become untrusted, the cause is printed
-    on stderr. If the engine detects an object that is not a finger, the present light becomes the
-    board's baseline (the light of the untouched strip).
+    The baseline is the light of the untouched strip. This function makes the board track slow
+    changes of the baseline, also after a restart of the board. If the engine detects an object that
+    is not a finger, the light at that moment becomes the board's baseline. When this process is
+    resumed after Ctrl-Z, stale readings are dropped, and ``engine.release()`` is called. When all
+    readings become untrusted, the cause is printed on stderr.
 
     Parameters
     ----------
     board : Board
         The board to read.
     engine : object
-        Has ``take(touch, now_s)``, ``tick(now_s)``, ``release()`` and ``rests``, the number of
-        detected objects that are not fingers; this function sets ``rests`` to 0.
+        Has the methods ``take(touch, now_s)``, ``tick(now_s)`` and ``release()``. Its attribute
+        ``rests`` is the number of detected objects that are not fingers; this function resets it
+        to 0.
     seconds : float or None
         Duration, in seconds by the clock of `Board.now_s`; no limit if None. The end of a
         recording also ends the iteration.

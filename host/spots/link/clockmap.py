@@ -8,13 +8,13 @@ import numpy as np
 
 from .frames import Reading, Text
 
-_WRAP = 1 << 32
-_TURN_S = _WRAP * 1e-6
-_SURE_S = 60.0  # far more than the error of the clocks
-_TRIPS = 64
-_DRIFT_US = 30_000_000  # shorter observations show no drift
-_DRIFT_MOST = 300e-6  # no pair of crystals drifts more
-_HALVINGS = 60
+_WRAP = 1 << 32  # us after which the board's time starts at 0 again
+_TURN_S = _WRAP * 1e-6  # the same in seconds: 71.6 minutes
+_SURE_S = 60.0  # allowed error when wraps are counted: far more than the error of the clocks
+_TRIPS = 64  # number of stored round trips
+_DRIFT_US = 30_000_000  # round trips over a shorter time show no drift
+_DRIFT_MOST = 300e-6  # no pair of crystals drifts more (seconds per second)
+_HALVINGS = 60  # steps of the search for the drift
 _OFF_S = 1.0  # a larger error of the board's time shows that the board restarted
 
 
@@ -26,14 +26,15 @@ class ClockMap:
     b. So the host time of t lies between a and b: each round trip bounds the offset between the
     clocks from both sides. All bounds together are tighter than those of the shortest round trip.
     Because clocks drift, the offset is a linear function of time. Its slope is chosen so that
-    the gap between the lower and the upper bounds of the latest round trips is largest.
+    the gap between the lower and the upper bounds of the latest 64 round trips is largest.
 
     Parameters
     ----------
     last_us : int
         Latest board time, unwrapped, in us.
     low_s, high_s : float
-        Bounds on host time minus board time at `at_us`, in seconds.
+        Bounds on host time minus board time at `at_us`, in seconds; infinite before the first round
+        trip.
     at_us : int
         Board time of the latest round trip, unwrapped, in us.
     slope : float
@@ -51,7 +52,7 @@ class ClockMap:
 
     @property
     def uncertainty_s(self) -> float:
-        """Largest possible error of the host times that this map returns, in seconds."""
+        """Largest possible error of the host times at `at_us`, in seconds."""
         return abs(self.high_s - self.low_s) / 2
 
     @property
@@ -62,7 +63,7 @@ class ClockMap:
     def unwrap(self, t_us: int) -> int:
         """Return the board time `t_us` (modulo 2**32) as a count in us that never wraps.
 
-        Call this at least every 35 minutes of board time, or a wrap is missed.
+        Call this at least every 35 minutes (half a wrap), or a wrap is missed.
         """
         step = (t_us - self.last_us + _WRAP // 2) % _WRAP - _WRAP // 2
         self.last_us += step
@@ -73,7 +74,7 @@ class ClockMap:
         return asdict(self)
 
     def timed(self, frame: Reading | Text, arrived_s: float) -> Reading | Text:
-        """Return a frame with its host time in `time_s`; return a text unchanged.
+        """Return a frame with its host time in `time_s`; return a `Text` unchanged.
 
         Parameters
         ----------
@@ -85,14 +86,14 @@ class ClockMap:
         Returns
         -------
         Touch, Spectrum, Key, Contact or Text
-            A copy of the frame, or the text.
+            A copy of the frame, or the unchanged `Text`.
         """
         if isinstance(frame, Text):
             return frame
         return frame._replace(time_s=self.host_s(frame.t_us, arrived_s))
 
     def round_trip(self, sent_s: float, t_us: int, received_s: float) -> None:
-        """Narrow the bounds with the times of a round trip.
+        """Narrow the bounds of the offset with the times of a round trip.
 
         Parameters
         ----------
@@ -118,7 +119,7 @@ class ClockMap:
         t_us : int
             Board time modulo 2**32, in us.
         arrived_s : float
-            Host time at which `t_us` arrived, in seconds; resolves the wrap of `t_us`.
+            Host time at which `t_us` arrived, in seconds; shows how often `t_us` has wrapped.
 
         Returns
         -------
@@ -158,6 +159,8 @@ class ClockMap:
     def shows_restart(self, sent_s: float, t_us: int, received_s: float) -> bool:
         """Return whether a round trip shows that the board has restarted.
 
+        A restarted board counts its time from 0, so the reply does not fit this map.
+
         Parameters
         ----------
         sent_s : float
@@ -182,7 +185,7 @@ class ClockMap:
         return abs(off_s) > _OFF_S + (received_s - sent_s) / 2 + _DRIFT_MOST * since_s
 
     def _unwrap(self, t_us: int, arrived_s: float) -> int:
-        """Return the unwrapped board time of `t_us`; `arrived_s` resolves gaps of several wraps."""
+        """Return the unwrapped board time; `arrived_s` shows wraps during a gap between frames."""
         board_us = self.unwrap(t_us)
         if self.high_s != float("inf"):
             age_s = arrived_s - (board_us * 1e-6 + self._offset_s(board_us))
@@ -204,7 +207,7 @@ class ClockMap:
     def _best_slope(self) -> float:
         if self._trips[-1][0] - self._trips[0][0] < _DRIFT_US:
             return 0.0
-        # The distance of the bounds is a concave function of the slope.
+        # The gap between the bounds is a concave function of the slope: a ternary search.
         low, high = -_DRIFT_MOST, _DRIFT_MOST
         for _ in range(_HALVINGS):
             third = (high - low) / 3

@@ -26,13 +26,14 @@ def open(
     Parameters
     ----------
     port : str or Path, optional
-        Name of a serial port, or one of these: ``"virtual"`` starts a simulated board in real time,
-        ``"recording:FILE"`` plays a recording, ``"zenoh:ID"`` reads a board that ``spots publish``
-        publishes on another machine, and ``"zenoh:"`` reads the only published board. If not given,
-        the only board on USB is opened; to find it, ``hello`` is sent to every USB serial port.
+        Name of a serial port; ``"PORT#N"`` opens only strip N of a board with several strips. Other
+        values: ``"virtual"`` starts a simulated board in real time. ``"recording:FILE"`` plays a
+        recording. ``"zenoh:ID"`` reads a board that ``spots publish`` publishes on another machine;
+        ``"zenoh:"`` reads the only published board. If not given, the only board on USB is opened;
+        to find it, ``hello`` is sent to every USB serial port.
     sensor, scenario : str
-        Sensor file and scenario file of the virtual board: a path, or the name of a file in the
-        package.
+        Sensor file (the strip) and scenario file (the presses) of the virtual board: a path, or the
+        name of a file in the package.
     seed : int
         Seed of the virtual board's noise, 0 or more.
 
@@ -70,14 +71,14 @@ def _opened(port: str) -> Board:
     if not mark or not number.isdecimal():
         return Board(SerialLink(port))
     board = Board(SerialLink(name), int(number))
-    if board.info.get("sensor", 0) != int(number):  # a firmware for one strip
+    if board.info.get("sensor", 0) != int(number):  # the firmware is for one strip
         board.close()
         raise SpotsError(f"the board on {name} has one strip: leave out #{number}")
     return board
 
 
 def open_named(options: Namespace) -> Board:
-    """Open the board that the options of a command name: port, sensor, scenario and seed."""
+    """Open a board with a command's options ``port``, ``sensor``, ``scenario`` and ``seed``."""
     return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
 
 
@@ -106,8 +107,8 @@ def find() -> tuple[list[Board], list[str]]:
 def survey() -> list[dict[str, str]]:
     """Try to open a board on each USB serial port; return a row for each port.
 
-    A row has the name of the port, the USB device, and the answer: a line with board, firmware,
-    runtime and id, or the error message.
+    Keys of a row: ``port``, its name; ``device``, the USB device's description; ``answer``, a line
+    with board, firmware, runtime and id, or the error message.
     """
     rows: list[dict[str, str]] = []
     for port in usb_ports():
@@ -164,7 +165,7 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     ------
     SpotsError
         If the calibration is invalid, or was made on another board or with other settings. The
-        board then keeps its old calibration.
+        board then keeps its previous calibration.
     """
     made = _checked(calibration)
     i: Any = board.command(of_sensor("hello", sensor))
@@ -181,12 +182,12 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
 
 
 def upload_lines(board: Board, command: str, lines: Sequence[str], sensor: int = 0) -> str:
-    """Upload lines to a board.
+    """Upload a calibration or a key layout to a board.
 
     Parameters
     ----------
     board : Board
-        Board that gets the lines.
+        The board.
     command : str
         ``cal`` for a calibration, ``layout`` for a key layout.
     lines : sequence of str
@@ -202,7 +203,7 @@ def upload_lines(board: Board, command: str, lines: Sequence[str], sensor: int =
     Raises
     ------
     SpotsError
-        If the board refuses the lines. It then keeps the previous ones.
+        If the board refuses the lines. The board is then unchanged.
     """
     board.command(of_sensor(f"{command} begin", sensor))
     for line in lines:

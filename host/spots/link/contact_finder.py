@@ -19,7 +19,8 @@ TYPICAL_DECAY = 289  # log2 units per um, times 2**24; for boards that do not re
 def tracker_arguments(touch: Touch) -> tuple[int, int, int, int, int]:
     """Convert a reading to the arguments of `ContactTracker.take` and `Keypad.take`.
 
-    The flag `DROPPED` is cleared: the board has processed every sample, even if the host has not.
+    These are: flags, position in um, force in mN, brightness times 2**20, time in units of
+    `TICK_US`. The flag `DROPPED` is cleared, because these methods get no such flag on a board.
     """
     t = touch.t_us // TICK_US % TICKS
     return touch.flags & ~DROPPED, *touch.integers, touch.brightness_q20, t
@@ -33,8 +34,8 @@ class ContactFinder:
     length_um : int
         Length of the strip in um, from the board's reply to ``hello``.
     decay : int, optional
-        Decay of the light by the dye, from the board's reply to ``hello``; a typical decay if not
-        given.
+        Attenuation of the light by the dye in log2 units per um, times 2**24: the value of
+        ``decay`` in the board's reply to ``hello``. If not given, or 0, a typical value is used.
     """
 
     def __init__(self, length_um: int, decay: int | None = None):
@@ -65,8 +66,11 @@ class ContactFinder:
 
         Parameters
         ----------
-        sensor, number, state, x_um, sigma_um, force_mN : int
-            Number of the sensor, and the body of a CONTACT frame; see docs/protocol.md.
+        sensor : int
+            Number of the sensor.
+        number, state, x_um, sigma_um, force_mN : int
+            `id`, `state`, `position_um`, `sigma_um` and `force_mN` of the `frames.Contact`; a force
+            of 0 is unknown.
         """
         touch = self._touch
         if touch is not None:

@@ -1,4 +1,6 @@
-"""Decodes the bytes of a board into frames; see docs/protocol.md. Encodes notes of recordings.
+"""Decodes the bytes of a board into frames; see docs/protocol.md.
+
+A recording also contains notes: frames that the recorder adds. They are encoded and decoded here.
 
 The decoder has no I/O and no threads. Live links, recordings and the simulator all use it.
 """
@@ -24,22 +26,25 @@ _SPECTRUM = struct.Struct(_SPECTRUM_BODY)
 _KEY = struct.Struct(frame.KEY_BODY)
 _CONTACT = struct.Struct(frame.CONTACT_BODY)
 _CRC = struct.Struct("<I")
-# COBS adds one byte, and another for every 254 bytes.
+# Bytes of the longest frame, without its delimiter. COBS adds one byte, and another for every 254
+# bytes.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
 _SEQUENCES = 1 << 16
 _READINGS = frame.TOUCH, frame.SPECTRUM, frame.CONTACT
-NOTE = 15
+NOTE = 15  # kind of a note
 
 
 def whole(data: bytes) -> int:
-    """Return the number of bytes up to and including the last delimiter (a zero byte).
+    """Return the number of bytes after which data can be cut without splitting a frame.
 
-    Without a delimiter, return 0; but if the data is longer than any frame, return ``len(data)``.
+    The cut is after the last delimiter (a zero byte). Without a delimiter, return 0, because the
+    frame is incomplete. But data longer than the longest valid frame is damaged: return its length.
     """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
 
 
+# Flags of an untrusted reading.
 DOUBTFUL = (
     decode.SATURATED | decode.TOO_DARK | decode.MISFIT | decode.NOT_CALIBRATED | decode.LED_OFF
 )
@@ -62,16 +67,16 @@ class Touch(NamedTuple):
     sensor : int
         Number of the sensor on the board, from 0.
     sequence : int
-        Number of the frame on its link, modulo 2**16.
+        Number of the frame, modulo 2**16; the board counts all its frames.
     t_us : int
-        Board time of the middle of the integration, in us, modulo 2**32.
+        Board time of the middle of the exposure, in us, modulo 2**32.
     flags : int
-        Bits that the module `spots_device.decode` defines.
+        Bits that the module `spots_device.decode` defines, such as `TOUCHING`.
     contrast_q20, brightness_q20 : int
         Values of `contrast` and `brightness`, times 2**20.
     position_um : float
-        Distance of the press from the sensor's end of the strip, in um; NaN without a press, and
-        while the LED is off. Inaccurate below the force of a touch (while `touching` is false).
+        Distance of the press from the sensor's end of the strip, in um. NaN without a press,
+        without a calibration, and while the LED is off. Inaccurate while `touching` is false.
     force_mN : float
         Force of the press, in mN; NaN without a calibration, and while the LED is off. If
         ``board.info["relative_force"]`` is true, the force has no unit.
@@ -99,7 +104,7 @@ class Touch(NamedTuple):
 
     @property
     def touching(self) -> bool:
-        """Whether a finger is on the strip, with hysteresis."""
+        """Whether a finger touches. A touch ends at a lower force than it begins (hysteresis)."""
         return bool(self.flags & decode.TOUCHING)
 
     @property
@@ -118,14 +123,14 @@ class Touch(NamedTuple):
 
     @property
     def contrast(self) -> float:
-        """Weighted sum of log2 counts that depends only on the position; NaN if unknown."""
+        """Weighted sum of the counts' log2, which depends only on the position; NaN if unknown."""
         return _log2(self.contrast_q20, self.flags)
 
     @property
     def brightness(self) -> float:
-        """Weighted sum of log2 counts that depends only on the coupled light; NaN if unknown.
+        """Weighted sum of the counts' log2, which depends only on the coupled light; may be NaN.
 
-        The coupled light is the light that a press lets into the dyed guide.
+        The coupled light is the light that a press lets into the dyed guide. NaN if unknown.
         """
         return _log2(self.brightness_q20, self.flags)
 
@@ -140,7 +145,7 @@ class Spectrum(NamedTuple):
     gain : int
         Code of the gain register, 0 to 10 for 0.5x to 512x.
     counts : tuple of int
-        Counts of ADC 0 to 5, in the order of the board's channel plan.
+        Counts of ADC 0 to 5. The board's setting ``plan`` names the channel of each ADC.
 
     Examples
     --------
@@ -233,7 +238,14 @@ class Contact(NamedTuple):
 
 
 class Text(NamedTuple):
-    """A reply to a command, or a log line, of the board.
+    """A board's reply to a command, or a log line.
+
+    Attributes
+    ----------
+    sensor, sequence, t_us
+        See `Touch`; in a reply, `t_us` is the time at which it was sent.
+    content : dict
+        The JSON object of the reply or log line, see docs/protocol.md.
 
     Examples
     --------
@@ -253,7 +265,7 @@ class Note(NamedTuple):
     Attributes
     ----------
     since_us : int
-        Host time since the recording began, in us; 48 bits.
+        Host time since the recording's file began, in us; 48 bits.
     content : dict
         Content of the entry; empty if the entry only has the time.
 
@@ -278,7 +290,7 @@ class LinkStats:
     Attributes
     ----------
     frames : int
-        Number of valid frames, including frames of unknown kinds, but not notes.
+        Number of valid frames, including frames of unknown kinds, but not the notes in a recording.
     lost : int
         Number of missing frames, computed from gaps in the sequence numbers.
     bad_crc : int
@@ -317,7 +329,7 @@ class Decoder:
     stats : LinkStats
         Statistics of the stream.
     restarts : int
-        Number of restarts of the board, from calls of `restarted` or from notes.
+        Number of restarts of the board, from calls of `restarted` or from notes of a recording.
 
     Examples
     --------
@@ -342,7 +354,7 @@ class Decoder:
         return self._rest
 
     def forget(self) -> None:
-        """Drop the incomplete frame, and accept any sequence number next."""
+        """Drop the incomplete frame, and do not count a gap before the next frame as loss."""
         self._rest, self._overlong, self._expected = b"", False, None
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -356,9 +368,9 @@ class Decoder:
     def restarted(self, restarts: int) -> None:
         """Set the number of restarts of the board.
 
-        If the number has grown, the board's sequence numbers have started from 0 again. The gap in
-        the sequence numbers is then not counted as loss: after a restart, a board sends no readings
-        until its streams resume.
+        A restarted board counts its frames from 0 again, which looks like a loss of frames. So, if
+        the number of restarts has grown, losses counted since the last reading are removed from
+        `stats`. No reading was lost: a restarted board sends none until its streams resume.
         """
         if restarts > self.restarts:
             self.restarts = restarts
@@ -424,12 +436,12 @@ def checked(piece: bytes) -> bytes | None:
 
 
 def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
-    """Encode a note.
+    """Encode a note, an entry that a recorder adds between frames; see `Note`.
 
     Parameters
     ----------
     since_us : int
-        Host time since the recording began, in us, 0 to 2**48 - 1.
+        Host time since the recording's file began, in us, 0 to 2**48 - 1.
     content : dict, optional
         Content of the note, up to `spots_device.frame.TEXT_MAX` bytes as JSON.
 
@@ -493,7 +505,7 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TEXT: _text,
     NOTE: _note,
 }
-# Kinds whose body has one size: their type, and the format of the body for `struct`.
+# Kinds of frames whose body has a fixed size: their type, and the body's format for `struct`.
 LAYOUTS: dict[int, tuple[type[Reading], str]] = {
     frame.TOUCH: (Touch, TOUCH_BODY),
     frame.SPECTRUM: (Spectrum, _SPECTRUM_BODY),

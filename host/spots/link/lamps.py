@@ -1,4 +1,4 @@
-"""Finds the mains frequency of lamps from the flicker of a board's counts."""
+"""Finds the mains frequency of lamps from the flicker of the light that a board measures."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,13 +13,14 @@ from .board import Board
 # like 100 or 120 Hz at one of these sample rates (aliasing), but not at both.
 _EXPOSURES_US = 2_780, 3_200
 _SECONDS = 0.5  # at each exposure
-_MAINS_HZ = 50, 60
-_OFF_HZ = np.linspace(-1, 1, 5)  # deviation of the flicker's frequency, which is within 1 %
+_MAINS_HZ = 50, 60  # a lamp flickers at twice the mains frequency
+# Deviations in Hz from 100 or 120 Hz at which flicker is searched: mains are within 1 %.
+_OFF_HZ = np.linspace(-1, 1, 5)
 # Least power of a flicker, relative to the noise. Noise alone exceeds this limit in one of 10^7
 # measurements.
 _LEAST = 20.0
-_SAMPLES_MIN = 30
-_ROUNDING = 1 / 12  # variance of a count
+_SAMPLES_MIN = 30  # with fewer samples, nothing is measured
+_ROUNDING = 1 / 12  # variance of the rounding of a count
 
 
 def mains_hz(board: Board) -> int:
@@ -36,7 +37,7 @@ def mains_hz(board: Board) -> int:
     Returns
     -------
     int
-        Value of the setting ``mains_hz``: 50 or 60; 0 if no light flickers at 100 or 120 Hz.
+        Value of the setting ``mains_hz``: 50 or 60; 0 if no flicker at 100 or 120 Hz is found.
 
     Raises
     ------
@@ -56,11 +57,11 @@ def mains_hz(board: Board) -> int:
 def _light(
     board: Board, exposure_us: int, settings: Mapping[str, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Take n samples; return the time of each in s, and the sum of its counts, shape (n,) each.
+    """Measure the light around the strip; return n times in s and n values: arrays of shape (n,).
 
-    The sum is over the channels. Time 0 is the first sample. The exposure and the `settings` are
-    sent to the board first. If the settings contain ``led_mA``, only samples without the LED are
-    returned; otherwise, only samples with the LED.
+    A value is the sum of the counts of all channels. Time 0 is the first sample. The exposure and
+    the `settings` are sent to the board first. If the settings contain ``led_mA`` (0, to switch the
+    LED off), samples with the LED on are left out; otherwise, samples with the LED off.
     """
     board.set(exposure_us=exposure_us, **settings)
     begun_s = board.now_s() + 1e-6 * exposure_us

@@ -1,7 +1,8 @@
 """Port schemes: names for `open` and ``--port`` that are not names of serial ports.
 
-A scheme is a module, registered as an entry point of the group ``spots.ports``. The name of the
-entry point is the word before the colon: ``zenoh`` in ``zenoh:ID``. The module must have
+A scheme is the word before the colon: ``zenoh`` in ``zenoh:ID``. Each scheme has a module, which is
+registered as an entry point of the group ``spots.ports`` with the scheme's name. The module must
+have
 
 ``open_port(rest, *, sensor, scenario, seed)``
     Returns a `Board`, or raises SpotsError. `rest` is the text after the colon; the other arguments
@@ -10,12 +11,15 @@ entry point is the word before the colon: ``zenoh`` in ``zenoh:ID``. The module 
 and may have
 
 ``check(rest, *, sensor, scenario, seed)``
-    Raises SpotsError for wrong arguments, with which no board can ever be opened.
+    Raises SpotsError if the arguments are invalid, so that every call of ``open_port`` would fail.
 ``calibration_setup(options, made, path, guide)``
-    Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. ``made`` is the
-    session of ``spots calibrate``, or the calibration file that ``spots rezero`` corrects.
+    Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. `options` are
+    those of the command line. `made` is the `Session` of ``spots calibrate``, or the
+    `CalibrationFile` that ``spots rezero`` corrects. `path` is the calibration file to write.
+    `guide` prints the progress.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
-    Returns a `linkage.twin_source.DrivenLinkage`: a five-bar linkage that opens its boards itself.
+    Returns a `linkage.twin_source.DrivenLinkage`: a five-bar linkage whose method ``open``
+    opens the boards of its joints. `sensor`, `linkage` and `path` (a movement) are names of files.
     `path`, `seed` and `exposure_us` must have defaults.
 ``run_linkage(options)``
     Runs ``spots twin`` with a simulated linkage, and compares the twin with the true positions.
@@ -42,20 +46,20 @@ def known() -> str:
 
 
 def no_port(port: str) -> str:
-    """Return the error message for a port that does not exist; suggest a similar scheme."""
+    """Return the error message for a port that does not exist; suggest a similar name."""
     names = (entry.name for entry in entry_points(group=GROUP))
     hint = did_you_mean(port.partition(":")[0], names, "'spots ports' lists the ports", _FORMS)
     return f"there is no port {port}: {hint}"
 
 
 def scheme_name(port: str | None) -> str:
-    """Return the name of a port's scheme; empty for a serial port and for None."""
+    """Return the scheme of a port: ``zenoh`` for ``zenoh:ID``, empty for a serial port or None."""
     name = (port or "").partition(":")[0]
     return name if entry_points(group=GROUP, name=name) else ""
 
 
 def scheme(port: str | None) -> tuple[ModuleType | None, str]:
-    """Return the module of a port's scheme, and the text after the colon.
+    """Return the module that opens a port such as ``zenoh:ID``, and the text after the colon.
 
     Parameters
     ----------
@@ -87,18 +91,20 @@ def scheme(port: str | None) -> tuple[ModuleType | None, str]:
 
 
 def offered(port: str | None, what: str) -> Any:
-    """Return an optional function of a port's scheme.
+    """Return an optional function of the module that opens a port such as ``zenoh:ID``.
+
+    The docstring of this file lists these functions.
 
     Parameters
     ----------
     port : str or None
         Port as for `spots.open`.
     what : str
-        Name of the function in the module of the scheme.
+        Name of the function.
 
     Returns
     -------
     callable or None
-        None if the scheme has no such function.
+        None if the module has no such function, or the port is a serial port.
     """
     return getattr(scheme(port)[0], what, None)

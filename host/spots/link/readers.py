@@ -61,7 +61,7 @@ class FrameLog:
                 self._begin += 1
 
     def join(self, reader: FrameIterator[_ReadingT]) -> int:
-        """Add a reader, and return the number of its first frame."""
+        """Add a reader, and return the number of its first frame, counted since the start."""
         with self._lock:
             self._readers.add(reader)
             return self._taken
@@ -109,7 +109,7 @@ class FrameIterator(Generic[_ReadingT]):
     Attributes
     ----------
     place : int
-        Number of the next frame in the log.
+        Number of the next frame to look at, counted since the start of the log.
     missed : bool
         Whether frames were dropped since the last yielded frame.
     sensor : int or None
@@ -187,7 +187,7 @@ class Subscription(Generic[_ReadingT]):
         self._thread.start()
 
     def cancel(self) -> None:
-        """Start no further calls, and return at once; a call that has started may still run."""
+        """Start no further calls, and return immediately; a running call may still continue."""
         self._frames.close()
 
     def _run(self) -> None:

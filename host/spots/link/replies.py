@@ -8,9 +8,10 @@ from spots_device.smux import CHANNELS
 
 from ..errors import printable
 
-# A reply has up to `frame.TEXT_MAX` bytes on the wire; a published sample has less than twice that.
+# Longest JSON text from another machine. A board's reply has up to 640 bytes (`frame.TEXT_MAX`); a
+# published sample has less than twice that.
 JSON_BYTES_MAX = 4096
-_NESTING_MAX = 64
+_NESTING_MAX = 64  # largest number of opening brackets in such a text
 
 _Number = Annotated[int, msgspec.Meta(ge=0, le=1 << 31)]
 _Count = Annotated[int, msgspec.Meta(ge=1, le=1 << 31)]
@@ -34,8 +35,8 @@ class Settings(TypedDict):
 class Changed(Settings, total=False):
     """The reply to ``set`` and ``auto``: all settings after the change.
 
-    ``note`` warns that the calibration or the layout does not fit these settings. ``rate_mHz`` is
-    the expected rate, in readings per 1000 s.
+    ``note`` is only present as a warning that the calibration or the layout does not fit these
+    settings. ``rate_mHz`` is the expected rate, in readings per 1000 s.
     """
 
     rate_mHz: _Number
@@ -45,8 +46,8 @@ class Changed(Settings, total=False):
 class Hello(Settings):
     """The reply to ``hello``: the board's identity and settings.
 
-    A value is None if the board has no id, no calibration (``length_um``, ``decay``,
-    ``relative_force``, ``calibration``) or no layout.
+    ``id`` is None if the board has no id; ``layout`` is None if it has no layout. If it has no
+    calibration, ``length_um``, ``decay``, ``relative_force`` and ``calibration`` are None.
     """
 
     board: str
@@ -61,7 +62,12 @@ class Hello(Settings):
 
 
 class Get(Settings):
-    """The reply to ``get``: the board's settings and state."""
+    """The reply to ``get``: the board's settings and state, see docs/protocol.md.
+
+    ``led`` is the way in which the LED is connected, such as "ldr". ``full_scale`` is the largest
+    possible count. ``dark`` is the dark frame, see `DarkFrame`. ``missed`` is the number of missed
+    samples. ``fault`` is the reason why the sensor does not answer; None if it answers.
+    """
 
     led: str
     full_scale: _Number
@@ -71,13 +77,17 @@ class Get(Settings):
 
 
 class DarkFrame(TypedDict):
-    """The reply to ``dark``: for each channel, the sum of 64 counts without the LED."""
+    """The reply to ``dark``: a list of the six mean counts without the LED, each times 64."""
 
     dark: _Dark
 
 
 class Sync(TypedDict):
-    """The reply to ``sync``: the board's time in us, modulo 2**32, and the names of its streams."""
+    """The reply to ``sync``: the board's time and its streams.
+
+    ``t_us`` is the board's time in us, modulo 2**32. ``stream`` has the kinds of frames that the
+    board streams; None if the firmware does not report them.
+    """
 
     t_us: _Time
     stream: list[str] | None
@@ -98,7 +108,7 @@ _HELLO: dict[str, object] = {
     **dict.fromkeys(("id", "length_um", "decay", "relative_force")),
     **dict.fromkeys(("calibration", "layout")),
 }
-# The full scale is unknown until the sensor answers.
+# A full scale of 0 is unknown: the sensor has not answered yet.
 _GET: dict[str, object] = {
     "led": "ldr",
     "full_scale": 0,
@@ -106,8 +116,8 @@ _GET: dict[str, object] = {
     "missed": 0,
     "fault": None,
 }
-# By command: the type of its reply, and the defaults of missing keys. No program depends on the
-# replies to other commands.
+# By command: the type of its reply, and the defaults of missing keys. Replies to other commands are
+# not validated, because no program depends on them.
 _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
     "hello": (Hello, _SETTINGS | _HELLO),
     "get": (Get, _SETTINGS | _GET),
@@ -127,12 +137,12 @@ def decoded(data: Any) -> dict[str, Any]:
     Parameters
     ----------
     data : bytes or zenoh.ZBytes
-        Text of the object, copied only if it is short enough.
+        Text of the object; copied only if it is at most `JSON_BYTES_MAX` bytes long.
 
     Raises
     ------
     ValueError
-        If the data is not a JSON object, is too long, or is nested too deep.
+        If the data is not a JSON object, is too long, or contains too many lists and objects.
     """
     if len(data) > JSON_BYTES_MAX:
         raise ValueError(f"a message must have at most {JSON_BYTES_MAX} bytes")

@@ -13,8 +13,9 @@ from .ports import no_port
 
 try:
     import termios
-except ImportError:  # Windows has none
+except ImportError:  # Windows has no termios
     termios = None
+# Errors of a port that is disconnected or cannot be opened.
 _FAILURES = (serial.SerialException, OSError, *([termios.error] if termios else []))
 
 WRITE_TIMEOUT_S = 2.0
@@ -42,7 +43,7 @@ class Link(Protocol):
         return time.monotonic()
 
     def read(self, timeout_s: float) -> bytes:
-        """Return the bytes that have arrived; wait up to `timeout_s` for the first one."""
+        """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first."""
         ...
 
     def write(self, data: bytes) -> None:
@@ -71,7 +72,7 @@ class Link(Protocol):
 
 
 class SerialLink(Link):
-    """A serial port that pyserial opens for this program only.
+    """Link to a board over a serial port, which no other program can open meanwhile.
 
     Parameters
     ----------
@@ -196,7 +197,8 @@ def _usb_numbers() -> dict[str, str | None]:
 def usb_boards() -> list[list[str]]:
     """Return the port names of each USB device.
 
-    On a board with two ports, the first one is the prompt, and the last one sends the frames.
+    A CircuitPython board may have two ports. The first one is the prompt of Python (REPL); the last
+    one sends the frames.
     """
     boards: dict[str, list[str]] = {}
     for port in usb_ports():
@@ -205,6 +207,7 @@ def usb_boards() -> list[list[str]]:
 
 
 def _why_not(port: str, error: Exception) -> str:
+    """Return the message for a port that cannot be opened: the reason and a remedy."""
     number = getattr(error, "errno", None)
     text = str(error).lower()
     if number == errno.ENOENT or "no such file" in text or "cannot find" in text:

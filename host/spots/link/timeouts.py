@@ -2,29 +2,30 @@
 
 When readings stop, the link sends a query to the board after `ASK_S`. Applications release their
 keys after `RELEASE_S`. The state becomes stalled after `STALLED_S`. The web UI closes the board and
-searches again after `SEARCH_S`. The search for an unplugged port has a growing back-off, and
-`Board.frames` raises an error after `PATIENCE_S`.
+searches again after `SEARCH_S`. The search for an unplugged port has a growing back-off; iterators
+over frames raise PortLostError after `PATIENCE_S`.
 """
 
 # States of a link; a program that has not found a board yet is in the state SEARCHING.
 SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
 LOST, REFUSED = "lost", "refused"
 
-_NEVER = float("inf")
+_NEVER = float("inf")  # time of an event that is not expected
 # On slow boards ASK_S, STALLED_S and SEARCH_S are at least the time of this number of readings.
 _SILENT_READINGS = 3
 
+# Times in s without a reading, see the top of this file.
 ASK_S = 0.15
-RELEASE_S = 0.3  # the touch is unknown after so long without a reading
+RELEASE_S = 0.3  # without a reading for longer, it is unknown whether a finger touches
 STALLED_S = 0.5
 SEARCH_S = 2.0
 PATIENCE_S = 10.0  # after a restart a board needs some seconds to appear on USB
 
-# Timeout for the reply of a board that may have restarted. Queries and replies may be damaged,
-# so the next query follows soon; then the pause grows by a step, up to a limit.
+# Timeout for the reply of a board that may have restarted. A query or its reply may be damaged, so
+# the second query follows immediately. Then the pause grows by a step, up to a limit.
 ANSWER_S = 0.1
-_ASK_LATER_S = 0.05
-_ASK_EVERY_S = 0.5
+_ASK_LATER_S = 0.05  # the step
+_ASK_EVERY_S = 0.5  # the limit
 
 # Pause between two searches for a lost port: it doubles each time, up to a limit.
 _REOPEN_S = 0.1
@@ -69,6 +70,8 @@ class LinkLoss:
         Time from one reading to the next, in seconds.
     ask_s : float
         Time of the next query to a silent board, in seconds.
+    reopen_s : float
+        Time of the next search for an unplugged board, in seconds; infinite while it is connected.
     first_asked_s : float
         Time of the first query since the last frame that `heard` recorded, in seconds.
     is_open : bool
@@ -113,12 +116,15 @@ class LinkLoss:
         return now_s - self._expected_s > silent_s(least_s, self.every_s)
 
     def heard(self, now_s: float) -> None:
-        """Record the arrival of a frame of any kind but KEY, which comes without a stream."""
+        """Record the arrival of a frame.
+
+        Do not call this for a KEY frame: a board sends KEY frames even when no stream is on.
+        """
         self._asked = 0
         self.ask_s = now_s + silent_s(ASK_S, self.every_s)
 
     def expect(self, now_s: float | None) -> None:
-        """Record a reading or the start of a stream; with None, expect no more readings."""
+        """Record the time of a reading or of a stream's start; with None, expect no readings."""
         self._expected_s = _NEVER if now_s is None else now_s
 
     def asking(self, now_s: float) -> None:
@@ -167,6 +173,6 @@ class LinkLoss:
         return newly
 
     def plug(self, now_s: float) -> None:
-        """Record that the board is connected again; the next query is due at once."""
+        """Record that the board is connected again; the next query is due now."""
         self._unplugged_s = _NEVER
         self.ask_s = self._expected_s = now_s

@@ -26,14 +26,15 @@ class Turn:
     def take(
         self, timeout_s: float | None = None, unless: Callable[[], bool] = lambda: False
     ) -> bool:
-        """Acquire the lock, unless the timeout expires or `unless` becomes true.
+        """Acquire the lock; stop waiting for it after a timeout, or if ``unless()`` is true.
 
         Parameters
         ----------
         timeout_s : float, optional
             Longest time to wait for the lock, in seconds; no limit if not given.
         unless : callable
-            Called at each release of the lock; ``unless()`` returns True to end the wait.
+            Called at each release of the lock and at each `wake`; ``unless()`` returns True to end
+            the wait.
 
         Returns
         -------
@@ -58,7 +59,7 @@ class Turn:
                 self._changed.notify_all()
 
     def give(self) -> None:
-        """Release the lock; call this once for each successful `take`."""
+        """Release the lock; call this one time for each successful `take`."""
         with self._changed:
             self._depth -= 1
             if not self._depth:
@@ -66,7 +67,7 @@ class Turn:
                 self._changed.notify_all()
 
     def wake(self) -> None:
-        """Let each thread that waits for the lock call its `unless` again."""
+        """Let each thread that waits in `take` call its function `unless` again."""
         with self._changed:
             self._changed.notify_all()
 

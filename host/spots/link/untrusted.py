@@ -7,9 +7,10 @@ from spots_device.contact import TWO_FIT
 
 from .frames import Touch
 
-# Applications need a reading every 0.3 s at least, so the message comes within a second.
+# Time of untrusted readings before a warning, in s. Applications need a reading every 0.3 s at
+# least, so the warning comes within a second.
 _UNTRUSTED_S = 0.7
-# Causes by flags; the first entry whose flags are all set applies.
+# Causes and remedies by flags; the first entry whose flags are all set applies.
 _CAUSES = {
     decode.NOT_CALIBRATED: ("the board has no calibration for its settings; next: spots calibrate"),
     decode.SATURATED: (
@@ -32,9 +33,9 @@ _CAUSES = {
 class Untrusted:
     """Detects that all readings of a strip have been untrusted for 0.7 s.
 
-    Special case: the spectrum of each press does not fit the calibration. Since one press may be
-    too short for a warning, the durations of successive presses are added up, and only a trusted
-    press ends the warning. With any other cause, the next trusted reading ends the warning.
+    Usually the next reading without a fault ends the warning. There is a special case: the spectrum
+    of each press does not fit the calibration. Since one press may be too short for a warning, the
+    durations of successive presses are added up. Only a trusted press then ends the warning.
 
     Attributes
     ----------
@@ -58,7 +59,8 @@ class Untrusted:
         now_s : float
             Time at which the reading arrived, in seconds by the clock of `Board.now_s`.
         """
-        # Without a press, `TWO_FIT` has no meaning: the flag of too little light is always set.
+        # Without a press, `TOO_DARK` is always set. It is cleared here, because `TWO_FIT`, which
+        # is `TOO_DARK` with `MISFIT`, has its meaning only during a press.
         known = touch.flags if touch.touching else touch.flags & ~decode.TOO_DARK
         flag = next((flag for flag in _CAUSES if known & flag == flag), None)
         if flag is None:

@@ -1,6 +1,6 @@
-"""The digital twin of a five-bar linkage: computes its end point from both joint encoders.
+"""The digital twin of a five-bar linkage: computes its end point from the two joint angles.
 
-See Fig. 7D of the paper. The encoder of a joint is a strip, see `encoder`.
+See Fig. 7D of the paper. A strip in each joint measures the angle, see `encoder`.
 """
 
 import math
@@ -16,13 +16,13 @@ from .encoder import Angle, Encoder
 from .fivebar import Limit, LimitError, Linkage
 
 _GAP_S = 1.0  # no interpolation between two readings of a joint that are farther apart
-_SILENT_S = 3.0  # a joint without an angle for so long is reported
-_TRAIL = 4096
-_KEPT = 2048  # angles of a joint that wait for the other joint
-_SIGMAS = 3.0  # a curved movement must exceed the noise by this factor
-_NEAR_IN_LINE_RAD = math.radians(10)
-_POLL_S = 0.005
-_FAILING_S = 10.0  # a restarted board may refuse its commands for so long
+_SILENT_S = 3.0  # time without an angle of a joint after which the user is warned
+_TRAIL = 4096  # number of stored positions
+_KEPT = 2048  # number of stored angles of a joint, which wait for angles of the other joint
+_SIGMAS = 3.0  # the curvature of a movement must exceed the noise by this factor
+_NEAR_IN_LINE_RAD = math.radians(10)  # outer bars with a smaller angle are nearly in line
+_POLL_S = 0.005  # longest wait for readings of one board before the other board is read
+_FAILING_S = 10.0  # longest time for which a restarted board may refuse commands
 
 
 class Terminal(NamedTuple):
@@ -37,16 +37,17 @@ class Terminal(NamedTuple):
     x_mm, y_mm : float or None
         Position in mm; None if the linkage has no solution at these angles.
     velocity_mm_s : tuple of 2 floats or None
-        Velocity in x and in y, in mm/s; None if an encoder has no velocity yet.
+        Velocity in x and in y, in mm/s; None without a position, or before the third
+        reading of a joint.
     covariance_mm2 : tuple of 3 floats or None
-        Variance of x, covariance of x and y, and variance of y, in mm**2.
+        Variance of x, covariance of x and y, and variance of y, in mm**2; None without a position.
     theta_rad : tuple of 2 floats
         Angles of joint 1 and joint 2, in rad.
     limit : Limit
         Reason why there is no position; `Limit.NONE` if there is a position.
     singular : bool
-        Whether the outer bars are nearly in line, where small errors of the angles cause large
-        errors of the position.
+        Whether the outer bars are within 10 degrees of a straight line, where small errors of the
+        angles cause large errors of the position. Also True without a position.
     within : bool
         Whether both joints are inside their calibrated ranges.
     """
@@ -87,7 +88,7 @@ class Terminal(NamedTuple):
         return self.limit.sentence if self.limit else ", ".join(k for k, v in doubts.items() if v)
 
     def message(self) -> dict:
-        """Return the position as a JSON object, whose keys docs/page.md lists."""
+        """Return the position as a dict for JSON; docs/page.md describes its keys."""
         return {
             "time_s": self.time_s,
             "x_mm": self.x_mm,
@@ -117,14 +118,14 @@ class Twin:
     Attributes
     ----------
     trail : collections.deque of Terminal
-        The latest positions of the end point, oldest first.
+        The latest 4096 positions of the end point, oldest first.
 
     Notes
     -----
     The two boards sample at different times. For each reading of one joint, the angle of the other
-    joint is interpolated between that joint's readings. So a position is complete when the next
-    reading of the other joint arrives, and nothing is extrapolated. The order in which the readings
-    of the joints arrive does not matter: recordings give the same positions as the live boards.
+    joint is interpolated between two readings. So a position is complete only when the next reading
+    of the other joint arrives; nothing is extrapolated. The order in which readings of the two
+    joints arrive does not matter: recordings give the same positions as the live boards.
 
     Examples
     --------
@@ -178,11 +179,11 @@ class Twin:
             return []
         own = self._angles[joint]
         if own and angle.time_s <= own[-1].time_s - _GAP_S:
-            for angles in self._angles:  # a recording that is played again
+            for angles in self._angles:  # time has jumped back: a recording is played again
                 angles.clear()
             self._done_s = -math.inf
         elif own and angle.time_s <= own[-1].time_s:
-            own.clear()  # after a restart the clock of the board is mapped to the host's again
+            own.clear()  # the board restarted, and the new map of its clock is slightly different
         own.append(angle)
         found = []
         for time_s in self._moments():
@@ -198,7 +199,10 @@ class Twin:
             yield from self.take(joint, touch)
 
     def silence(self, now_s: float) -> str:
-        """Return a warning that names each joint without a new angle for 3 s; empty if none."""
+        """Return a warning that names each joint without an angle in the last 3 s; may be empty.
+
+        `now_s` is the present time in seconds, by the clock of `Touch.time_s`.
+        """
         silent = [
             f"joint {number}"
             for number, angles in enumerate(self._angles, 1)
@@ -208,9 +212,10 @@ class Twin:
         return f"no angle of {names}: check that the indenter presses the strip" if silent else ""
 
     def _moments(self) -> list[float]:
-        """Return the times of new readings, up to the latest time that both joints have reached.
+        """Return the times for which positions are now complete, in order of time.
 
-        Each time is returned once.
+        They are the times of new readings, up to the earlier one of the two joints' latest angles.
+        No time is returned twice.
         """
         if not all(self._angles):
             return []
@@ -279,17 +284,17 @@ def _between(angles: deque[Angle], time_s: float) -> Angle | None:
 def _is_gap(old: Angle, new: Angle) -> bool:
     """Return whether the angles `old` and `new` are too far apart in time to interpolate.
 
-    This is also true if the board has restarted between them.
+    Also return True if the board has restarted between them.
     """
-    # The clock of a board starts from 0 again at a restart.
+    # At a restart, a board's clock starts from 0 again.
     return not 0 < new.device_s - old.device_s <= _GAP_S
 
 
 def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
-    """Return a correction for linear interpolation between the last two readings, in rad.
+    """Return a correction for linear interpolation between the last two angles, in rad.
 
-    The correction is the distance, at `time_s`, from the line to a parabola through three readings.
-    It is 0 if the curvature is within the noise.
+    The correction is the difference, at `time_s`, between a parabola through the three angles and
+    the line through the last two. It is 0 if the curvature is within the noise.
     """
     first, old, new = last
     before_s, since_s = old.time_s - first.time_s, new.time_s - old.time_s
@@ -319,9 +324,9 @@ def readings(
         Time after which to end, in seconds by the clock of `Board.now_s`. If not given, boards are
         read without a limit, and recordings until all of them have ended.
     restarted : callable, optional
-        Called with a board that has restarted and streams again. The board has lost everything
-        that it had not stored. If the function raises SpotsError, the call is repeated for up to
-        10 s.
+        Called with a board that has restarted and streams again. Such a board has lost all settings
+        and calibrations that were not saved. If the function raises SpotsError, the call is
+        repeated for up to 10 s.
     sensors : sequence of int, optional
         Number of each joint's strip on its board. If not given: 0 and 1 if both joints have
         the same board, else 0 for each.
@@ -356,7 +361,7 @@ def readings(
             try:
                 restarted(board)
                 restarts[i], failing_s[i] = seen, math.inf
-            except SpotsError:  # it may have restarted again
+            except SpotsError:  # the board may have restarted again
                 failing_s[i] = min(failing_s[i], board.now_s())
                 if board.now_s() - failing_s[i] >= _FAILING_S:
                     raise

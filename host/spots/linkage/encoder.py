@@ -1,4 +1,4 @@
-"""The absolute encoder of a joint: a strip under a sliding indenter (paper, section IV)."""
+"""The absolute encoder of a joint: a strip that a sliding indenter presses (paper, section IV)."""
 
 import math
 from collections import deque
@@ -14,38 +14,39 @@ from ..link.clockmap import ClockMap
 from ..link.frames import Touch
 
 _WINDOW_LEAST, _WINDOW = 3, 8  # least and largest number of readings for a velocity
-_CLEAR = 10.0  # a velocity above this number of standard errors needs no more readings
-_WINDOW_S = 2.0  # after a longer pause the readings before it are dropped
+_CLEAR = 10.0  # a velocity of more than this number of standard errors needs no more readings
+_WINDOW_S = 2.0  # after a longer pause, a velocity uses only the readings after the pause
 _MEAN = 4  # number of readings that are averaged to detect a slow movement
 _SIGMAS = 4.0  # a movement must exceed the noise by this factor
 _MARGIN = 0.05  # a joint may exceed its calibrated range by this share of the range
 
 
 class Angle(NamedTuple):
-    """Angle of a joint at one moment.
+    """Angle of a joint at one moment, with velocity and standard errors.
 
     Attributes
     ----------
     time_s : float
         Time in seconds: `Touch.time_s`, or `device_s` if that is None.
     device_s : float
-        Time in seconds by the board's clock, without its wrap-around.
+        Time in seconds by the board's clock, which wraps every 71 minutes; here the wraps are
+        removed.
     angle_rad : float
         Angle in rad.
     sigma_rad : float
-        Standard error of the angle, in rad: noise, deviation from the calibrated line, and backlash
-        while the direction of movement is unknown.
+        Standard error of the angle, in rad. It includes the noise and the error of the calibrated
+        line (angle over position). If the joint rests, it also includes the backlash.
     systematic_rad : float
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
-        Angular velocity and its standard error in rad/s, by the board's clock. The velocity
-        is the mean over the last 3 readings in a fast movement, and over up to 8 in a slow one.
-        None before three readings.
+        Angular velocity and its standard error in rad/s, from times of the board's clock. The
+        velocity is the mean over the last 3 readings in a fast movement, and over up to 8 in a slow
+        movement. None before the third reading.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.
     within : bool
-        Whether the angle is inside the calibrated range.
+        Whether the angle is inside the calibrated range, extended by 5 % at both ends.
     """
 
     time_s: float
@@ -69,26 +70,28 @@ class Encoder:
         of a loaded calibration file.
     offset_rad, gain : float
         Mounting of the strip: the returned angle is ``offset_rad + gain * angle``, where ``angle``
-        is the calibrated angle. `kinematics.calibrate` can measure offset and gain.
+        is computed with the calibration (the calibrated angle). `kinematics.calibrate` can measure
+        offset and gain.
 
     Raises
     ------
     SpotsError
-        If the calibration has no joint, or the gain is 0.
+        If the calibration file is not that of a joint, or `offset_rad` or `gain` is invalid.
 
     Examples
     --------
     >>> encoder = spots.Encoder("joint.toml")
     >>> with spots.open_recording("run.spots", speed=float("inf")) as board:
     ...     angles = [encoder.take(touch) for touch in board.touches()]
-    >>> sum(angle is not None for angle in angles)  # None without a trusted touch
+    >>> sum(angle is not None for angle in angles)  # untrusted readings give None
     92
 
     Notes
     -----
-    With backlash between joint and indenter, the indenter lags the joint by half the backlash. When
-    the position changes by more than its noise, the direction of movement is known. Half the
-    backlash is then added to the angle or subtracted from it.
+    The joint moves an indenter, which presses the strip. With backlash between joint and indenter,
+    the moving indenter lags behind the joint by half the backlash. When the indenter has moved by
+    more than the noise, the direction of movement is known. From then on, half the backlash is
+    added to the angle or subtracted from it.
     """
 
     def __init__(
@@ -107,12 +110,12 @@ class Encoder:
         self.offset_rad, self.gain = offset_rad, gain
         self._clock = ClockMap()
         self._recent: deque[tuple[float, float]] = deque(maxlen=_WINDOW)  # (device s, deg)
-        self._since: list[float] = []  # first and last readings since the last movement
+        self._since: list[float] = []  # first and last angles in deg since the last movement
         self._still_for = 0  # number of readings since the last movement
         self._direction = 0
 
     def take(self, touch: Touch) -> Angle | None:
-        """Compute the joint's angle from a reading; return None if the reading is untrusted."""
+        """Compute the joint's angle from a reading; return None if `touch.trusted` is false."""
         if not touch.trusted:
             return None
         joint = self.joint
@@ -123,10 +126,11 @@ class Encoder:
             self._recent.clear()  # the board restarted, or no touch for a long time
         self._recent.append((device_s, indenter_deg))
         self._follow(indenter_deg, noise_deg)
-        # A joint at rest may be anywhere in its backlash.
+        # A joint at rest may be anywhere in its backlash: a uniform distribution.
         moving = self._direction and self._still_for < _WINDOW
         backlash_var = 0.0 if moving else joint.backlash_deg**2 / 12
-        # Standard error from mean absolute error; half the backlash is corrected below.
+        # The accuracy is a mean absolute error: for normal errors, sqrt(pi / 2) times this value is
+        # the standard error. Half the backlash is corrected below.
         line_var = max(math.pi / 2 * joint.accuracy_deg**2 - joint.backlash_deg**2 / 4, 0.0)
         systematic_deg = math.sqrt(line_var + backlash_var)
         angle_deg = indenter_deg + self._direction * joint.backlash_deg / 2
@@ -166,7 +170,7 @@ class Encoder:
     def _follow(self, indenter_deg: float, noise_deg: float) -> None:
         """Update the direction of movement if the indenter has moved by more than the noise.
 
-        One reading detects a large movement; the means of several readings detect a small one.
+        A large movement is detected in one reading, a small one in means of up to 4 readings.
 
         Parameters
         ----------
@@ -194,9 +198,9 @@ class Encoder:
     def _velocity(self, noise_deg: float) -> tuple[float | None, float | None]:
         """Return velocity and its standard error in degrees per second; None if unknown.
 
-        The velocity is the slope of a line through the last readings. Their number is the smallest
-        for which the slope is clearly larger than its noise. `noise_deg` is the standard deviation
-        of the angles of single readings, in degrees.
+        The velocity is the slope of a line through the last 3 readings. If it is not more than 10
+        times its standard error, a fourth reading is added, and so on, up to 8. `noise_deg` is the
+        standard deviation of the angles of single readings, in degrees.
         """
         slope = sigma = None
         for count in range(_WINDOW_LEAST, len(self._recent) + 1):

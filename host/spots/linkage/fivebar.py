@@ -1,8 +1,9 @@
-"""The planar five-bar linkage: two arms on two base joints; both arms end at the same end point.
+"""The planar five-bar linkage: two arms on two base joints, which meet at a common end point.
 
-An arm consists of an inner and an outer bar, joined at the elbow. This module contains Eqs. 3 and 4
-of the paper for bars of any length, and their inverse. The base joints lie at (0, 0) and (base, 0).
-Each joint's angle is measured from +y towards the other joint. Functions take scalars or arrays.
+An arm consists of an inner and an outer bar, joined at the elbow. This module computes the joint
+angles for an end point (Eqs. 3 and 4 of the paper, here for bars of any length), and the end point
+for joint angles. The base joints lie at (0, 0) and (base, 0). Each joint's angle is measured from
++y towards the other joint. Functions take scalars or arrays.
 """
 
 from enum import IntEnum
@@ -11,16 +12,18 @@ import numpy as np
 
 from ..errors import SpotsError
 
-# Rounding alone may exceed a limit by this share of the lengths: 0.1 nm on 100 mm.
+# Rounding errors may exceed a limit by this share of the lengths: 0.1 nm on 100 mm.
 _ROUNDING = 1e-12
-# Two bars count as in line if the sine of the angle between them is less than this.
+# Two bars are in line if the sine of the angle between them is less than this value.
 _IN_LINE = 1e-9
 _ANGLES = "the angles ({:.6g}, {:.6g}) rad"
 _TERMINAL = "an end point at ({:.6g}, {:.6g}) mm"
 
 
 class Limit(IntEnum):
-    """Reason why a linkage has no solution; `NONE` if it has a solution.
+    """Reason why a linkage has no solution for given angles or positions.
+
+    `NONE` (0) means that there is a solution.
 
     Attributes
     ----------
@@ -93,8 +96,8 @@ class Linkage:
 
     Notes
     -----
-    Without a solution, a method raises `LimitError` for scalars. For arrays, a method always
-    returns masked arrays (`numpy.ma.MaskedArray`); elements without a solution are masked NaN.
+    If there is no solution, a method raises `LimitError` for scalars. For arrays, a method always
+    returns masked arrays (`numpy.ma.MaskedArray`); elements without a solution are NaN and masked.
     `forward_limits` and `inverse_limits` return the reason for each element. Masked input elements
     stay masked. `inverse` assumes that the elbows point outwards, as Eqs. 3 and 4 do.
 
@@ -149,7 +152,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the linkage cannot be closed at these angles.
+            For scalars, if the outer bars cannot meet at these angles.
         """
         return _answer(self._forward, _ANGLES, theta1_rad, theta2_rad)
 
@@ -184,7 +187,7 @@ class Linkage:
         Returns
         -------
         numpy.ndarray of int8
-            Codes; 0 where the linkage can be closed.
+            Codes; 0 where the outer bars can meet.
         """
         return self._forward(*_arrays(theta1_rad, theta2_rad))[-1]
 
@@ -214,13 +217,12 @@ class Linkage:
         Returns
         -------
         numpy.ndarray or numpy.ma.MaskedArray, shape (..., 2, 2)
-            Jacobian in mm/rad, with a row for x and a row for y; not masked for scalars.
+            Jacobian in mm/rad, with a row for x and a row for y. A plain array for scalars.
 
         Raises
         ------
         LimitError
-            For scalars, if the linkage cannot be closed at these angles, or the outer bars are in
-            line.
+            For scalars, if the outer bars cannot meet at these angles, or are in line.
         """
         (found,) = _answer(self._jacobian, _ANGLES, theta1_rad, theta2_rad)
         return found
@@ -268,7 +270,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the linkage cannot be closed at these angles.
+            For scalars, if the outer bars cannot meet at these angles.
         """
         (found,) = _answer(self._outer_angle, _ANGLES, theta1_rad, theta2_rad)
         return found
@@ -278,7 +280,7 @@ class Linkage:
         _, b1, b2, _ = self.bar_mm
         x, y, apart2, off2 = assembled(self.bar_mm, self.base_mm, self.side, theta1, theta2)
         limit = np.zeros(np.shape(x), np.int8)
-        # This test is cheap; to compute the exact limits takes as long as the solution itself.
+        # This test is cheap; the exact limits take as long to compute as the solution.
         if not ((off2 >= 0) & (apart2 > _ROUNDING * b1 * b1)).all():
             apart = np.sqrt(apart2)
             codes = Limit.ELBOWS_APART, Limit.ELBOWS_CLOSE, Limit.ELBOWS_MEET
@@ -329,9 +331,10 @@ class Linkage:
 
 
 def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
-    """Return the position of the end point for two joint angles, without checks.
+    """Return the position of the end point for two joint angles; do not check that it exists.
 
-    The end point is an intersection of two circles around the elbows (Eqs. 3 and 4 of the paper).
+    The outer bars are the radii of two circles around the elbows. The end point is one of the two
+    intersections of these circles.
 
     Parameters
     ----------
@@ -345,8 +348,8 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
         Angles of joint 1 and joint 2, in rad from +y towards the other joint; the shapes must
         broadcast.
     least : float
-        Lower bound of `off2` in the solution. A value above 0 keeps a fit smooth at angles where
-        the linkage cannot be closed.
+        If `off2` is lower than this value, the position is computed with this value instead. A
+        value above 0 keeps a fit smooth at angles where the outer bars cannot meet.
 
     Returns
     -------
@@ -356,7 +359,7 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
         Squared distance of the elbows, in mm**2.
     off2 : numpy.ndarray
         Squared distance of the end point from the line through the elbows, divided by `apart2`;
-        negative where the linkage cannot be closed.
+        negative where the outer bars cannot meet.
     """
     a1, b1, b2, a2 = bar_mm
     x1, y1 = a1 * np.sin(theta1), a1 * np.cos(theta1)
@@ -373,12 +376,11 @@ def assembled(bar_mm, base_mm, side, theta1, theta2, least=0.0):
 
 
 def _arm(x, y, inner, outer):
-    """Return the angle of an arm's inner bar in rad, and a `Limit` code of arm 1.
+    """Return the angle of an arm's inner bar in rad, and a `Limit` code as for arm 1.
 
-    The caller changes the code if the arm is arm 2.
-
-    (`x`, `y`) is the end point relative to the arm's base joint; `inner` and `outer` are the
-    lengths of the arm's bars, all in mm.
+    If the arm is arm 2 and the code is not 0, the caller adds 1 to get the code of arm 2. (`x`,
+    `y`) is the end point relative to the arm's base joint, with x towards the other joint. `inner`
+    and `outer` are the lengths of the arm's bars. All are in mm.
     """
     reach = np.hypot(x, y)
     # The cosine rule; for equal bars it is Eq. 3's sqrt(x^2 + y^2) / 2l.
@@ -418,21 +420,26 @@ def _arrays(first, second):
 
 
 def _answer(solve, what, first, second):
-    """Call `solve`. Without a solution, raise LimitError for scalars; for arrays, mask elements.
+    """Call `solve`; raise LimitError or mask elements where the linkage has no solution.
 
     Parameters
     ----------
     solve : callable
         ``solve(first, second)`` returns the results and, as last value, the `Limit` codes.
     what : str
-        Format of the arguments in an error message.
+        Format string that writes `first` and `second` in an error message.
     first, second : float or array_like
         Arguments of `solve`.
 
     Returns
     -------
     tuple
-        Results: scalars (or LimitError is raised), or masked arrays if the arguments are arrays.
+        Results of `solve`: scalars for scalar arguments, else masked arrays.
+
+    Raises
+    ------
+    LimitError
+        For scalar arguments, if there is no solution.
     """
     *found, limit = solve(*_arrays(first, second))
     if limit.ndim == 0:

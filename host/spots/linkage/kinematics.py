@@ -1,7 +1,7 @@
 """Kinematic calibration: fits lengths and mounting of a linkage to measured end points.
 
 Uses robust least squares of scipy (the extra ``kinematics``), and reports which parameters the
-positions determine.
+measured points determine.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,9 @@ import numpy as np
 from ..errors import SpotsError, missing
 from .fivebar import Linkage, assembled
 
-# Prior standard deviation of each parameter. It scales parameters of different units, and keeps a
-# parameter near its start value if the points do not determine the parameter.
+# Prior standard deviation of each parameter; of a length, as a share of the length. It scales
+# parameters of different units. It also keeps a parameter near its start value if the points do not
+# determine the parameter.
 _LENGTH_SHARE = 0.05
 _PRIORS = {
     "offset1_rad": 0.1,
@@ -25,20 +26,23 @@ _PRIORS = {
     "frame_rad": 0.1,
     "frame_scale": 0.05,
 }
+# Names of the parameters. Bars are in the order of `Linkage`; `FRAME` is the linkage's position and
+# rotation in the measuring frame. `STANDARD` are the parameters that `calibrate` fits by default.
 LENGTHS = ("bar1_mm", "bar2_mm", "bar3_mm", "bar4_mm", "base_mm")
 MOUNTING = ("offset1_rad", "offset2_rad", "gain1", "gain2")
 FRAME = ("frame_x_mm", "frame_y_mm", "frame_rad")
 NAMES = LENGTHS + tuple(_PRIORS)
 STANDARD = LENGTHS + MOUNTING + FRAME
-_ROBUST = 2.0  # above this number of standard errors, a residual is weighted less
-_OUTLIER = 5.0  # above this number of standard errors, a point is an outlier
-# A linear combination of parameters is determined if its error is below this share of its prior.
+_ROBUST = 2.0  # residuals of more than this number of standard errors get less weight
+_OUTLIER = 5.0  # points with residuals of more than this number of standard errors are outliers
+# The points determine a linear combination of parameters if its standard error is below this share
+# of its prior standard deviation.
 _KNOWN = 0.5
 # A combination is reported with the parameters whose coefficients are at least this share of the
 # largest one.
 _NAMED = 0.3
 _ROUNDS = 4  # number of fits; each uses weights and outliers of the previous fit
-_NONSENSE = 0.02  # a fit with residuals above this share of a bar length is refused
+_NONSENSE = 0.02  # a fit is refused if its median residual is above this share of a bar length
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,8 @@ class Kinematics:
         Names of the fitted (free) parameters.
     values, standard_errors : dict of str to float
         Value and standard error of each parameter, by name. The error of a fixed parameter is 0. If
-        the measured points do not determine a parameter, its error is the prior standard deviation.
+        the points do not determine a parameter, its error is close to its prior standard deviation:
+        5 % of a length, or the value in `_PRIORS`.
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
@@ -69,7 +74,7 @@ class Kinematics:
         Scatter of the residuals divided by the scatter that the given standard errors predict;
         about 1 if the standard errors are right.
     outliers : tuple of int
-        Indices of the points that do not fit.
+        Indices of the points that do not fit; these points are excluded from the result.
     """
 
     names: tuple[str, ...]
@@ -106,12 +111,13 @@ class Kinematics:
         Parameters
         ----------
         angles_rad : array_like, shape (2, ...)
-            Angles of encoder 1 and encoder 2 by their own calibrations, in rad.
+            Calibrated angles of encoder 1 and encoder 2 in rad, without `offset_rad` and `gain`.
 
         Returns
         -------
         x_mm, y_mm : float or numpy.ma.MaskedArray
-            Position in mm, in the frame of the positions that were given to `calibrate`.
+            Position in mm, in the coordinate frame of the arguments `x_mm` and `y_mm` of
+            `calibrate`.
         """
         theta = [o + g * a for o, g, a in zip(self.offset_rad, self.gain, angles_rad)]
         return framed(self.values, *self.linkage.forward(*theta))
@@ -155,23 +161,24 @@ def calibrate(
     Parameters
     ----------
     angles_rad : array_like, shape (2, n)
-        Angles of encoder 1 and encoder 2 at each of n points, in rad, by their own calibrations.
+        Calibrated angles of encoder 1 and encoder 2 at each of n points, in rad, without offset and
+        gain of the mounting.
     x_mm, y_mm : array_like, shape (n,)
-        Measured position of the linkage's end point for each of the n points, in mm, in the frame
-        of the measuring device (a grid, for example).
+        Measured position of the linkage's end point at each of the n points, in mm. The coordinate
+        frame is that of the measuring device, for example a grid.
     start : Linkage
         Nominal linkage, where the fit starts.
     angle_sigma_rad : float or array_like, shape (2, n)
-        Standard error of the angles in rad, see `Angle.sigma_rad`.
+        Standard error of the angles in rad, see `encoder.Angle.sigma_rad`.
     place_sigma_mm : float
         Standard error of each measured coordinate, in mm.
     offset_rad, gain : pair of float
         Nominal mounting of encoder 1 and encoder 2, see `Encoder`.
     free : tuple of str
-        Names of the parameters to fit, from `NAMES`; the others keep their nominal values.
+        Names of the parameters to fit, from `NAMES`; other parameters keep their nominal values.
         ``frame_x_mm``, ``frame_y_mm`` and ``frame_rad`` are position and rotation of the linkage in
-        the measuring frame. ``frame_scale`` is the number of measured units per mm, for a picture
-        of unknown scale; the default `STANDARD` does not include it.
+        the measuring frame. ``frame_scale`` is the number of measured units per mm, for positions
+        from a photo of unknown scale; the default `STANDARD` does not include it.
 
     Returns
     -------
@@ -180,8 +187,8 @@ def calibrate(
     Raises
     ------
     SpotsError
-        If scipy is missing, an argument has a wrong shape or value, there are too few points, or
-        the angles do not belong to the positions.
+        If scipy is missing, an argument has a wrong shape or value, there are too few points, or no
+        linkage near the nominal one fits the points.
     """
     if find_spec("scipy") is None:
         raise missing("kinematic calibration needs", "scipy", "kinematics")
@@ -216,7 +223,7 @@ def calibrate(
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
         raise SpotsError(
             "the angles do not belong to the positions: measure both at the same moment, and give "
-            "positions in mm, and angles in the unit that ends their name (rad or deg)"
+            "positions in mm, and angles in the unit of the argument or column (_rad or _deg)"
         )
     _check_enough(int((~outlier).sum()), names, f"without {outlier.sum()} outliers, ")
     jacobian = fit.jacobian(found, scale)[np.repeat(~outlier, 2)]
@@ -238,11 +245,12 @@ def calibrate(
 
 
 class _Fit:
-    """Model of the measured positions, for a least-squares fit.
+    """Least-squares fit of a linkage to n measured positions.
 
     The argument `found` of the methods is an array of shape (p,): differences of the p free
-    parameters from their start values, divided by their prior standard deviations. `scale` contains
-    the whitening matrices from `weights`, shape (n, 2, 2).
+    parameters from their start values, divided by their prior standard deviations. `scale` has
+    shape (n, 2, 2): matrices from `weights` that divide residuals by their standard errors
+    (whitening).
     """
 
     def __init__(self, angles, places, start, names, side):
@@ -265,7 +273,7 @@ class _Fit:
         return np.einsum("nij,pnj->nip", scale, slopes).reshape(-1, len(found))
 
     def solve(self, scale, begin) -> np.ndarray:
-        """Fit with the weights `scale`, starting from `begin`; return `found` of the best fit."""
+        """Fit with the matrices `scale`, starting from `begin`; return `found` of the best fit."""
         from scipy.optimize import least_squares
 
         def residuals(found):
@@ -297,15 +305,15 @@ class _Fit:
         bar_mm = [values[name] for name in LENGTHS[:4]]
         t1 = values["offset1_rad"] + values["gain1"] * angles[0]
         t2 = values["offset2_rad"] + values["gain2"] * angles[1]
-        # A fit may pass through angles at which the linkage cannot be closed.
+        # A fit may pass through lengths with which the outer bars cannot meet.
         x, y, *_ = assembled(bar_mm, values["base_mm"], self._side, t1, t2, least=1e-12)
         return np.stack(framed(values, x, y), axis=-1)
 
 
 def _slopes(function, at, step):
-    """Return the derivatives of `function` at `at`, with respect to each element of this array.
+    """Return the derivatives of `function` with respect to each element of the array `at`.
 
-    They are central differences with the step `step`.
+    They are central differences at `at`, with the step `step`.
     """
     shifts = step * np.eye(len(at))
     return [(function(at + shift) - function(at - shift)) / (2 * step) for shift in shifts]
@@ -335,7 +343,7 @@ def framed(values, x_mm, y_mm):
 
 
 def _identified(jacobian, names, misfit):
-    """Return which parameters a fit determines.
+    """Find out which parameters the points of a fit determine.
 
     Parameters
     ----------

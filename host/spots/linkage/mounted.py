@@ -15,7 +15,7 @@ from .encoder import Encoder
 from .fivebar import Linkage
 from .kinematics import Kinematics
 
-# A shorter length is probably in metres.
+# In mm. A shorter length is probably in metres.
 _Length = Annotated[float, msgspec.Meta(ge=1, le=10_000)]
 _Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
 
@@ -28,7 +28,7 @@ class Mounting(toml.Strict, kw_only=True):
     calibration : str
         Path of the strip's calibration file, relative to the folder of the linkage file.
     offset_deg : float
-        Joint angle (Eqs. 3 and 4 of the paper) where the calibrated angle is 0, in degrees.
+        Joint angle (as in `Linkage`) at which the strip's calibration gives 0, in degrees.
     gain : float
         About 1, or about -1 if the calibrated angle grows in the opposite direction.
     """
@@ -43,7 +43,7 @@ class Mounting(toml.Strict, kw_only=True):
 
 
 class Mounted(toml.Strict, kw_only=True):
-    """Content of a linkage file.
+    """Content of a linkage file: the linkage's lengths, and the strips in its joints.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Mounted(toml.Strict, kw_only=True):
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     joint : list of Mounting
-        Mounting in joint 1, at (0, 0), and in joint 2, at (base, 0).
+        Mounting of the strip in joint 1, at (0, 0), and in joint 2, at (base, 0).
     """
 
     bar_mm: tuple[_Length, _Length, _Length, _Length]
@@ -94,7 +94,7 @@ class Mounted(toml.Strict, kw_only=True):
         Parameters
         ----------
         path : Path
-            Path of this linkage file; the calibration files are named relative to its folder.
+            Path of this linkage file; paths of calibration files are relative to its folder.
 
         Raises
         ------
@@ -146,7 +146,10 @@ class Mounted(toml.Strict, kw_only=True):
 
 
 def is_mounted(name: str) -> bool:
-    """Return whether a linkage file is for real boards, and not for a simulated linkage."""
+    """Return whether a linkage file is for real boards, and not for a simulated linkage.
+
+    `name` is the file's path. The result is also False if the file cannot be read.
+    """
     try:
         content = toml.loads(read_text(name))
     except (OSError, ValueError, msgspec.ValidationError, SpotsError):

@@ -1,4 +1,4 @@
-"""``spots twin``: shows a linkage's digital twin; also calibrates or tests a linkage."""
+"""``spots twin``: shows a linkage's digital twin, or calibrates or simulates a linkage."""
 
 import argparse
 import json
@@ -69,14 +69,15 @@ def twin_command(options: argparse.Namespace) -> None:
 
 
 def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
-    """Show a linkage's digital twin as a live picture or as lines, until the end or Ctrl-C.
+    """Show a linkage's digital twin as a live picture or as lines, until Ctrl-C or `seconds`.
 
     Parameters
     ----------
     source : Source
         The twin and its boards.
     seconds : float or None
-        Time after which to end, in seconds; no limit if None.
+        Time after which to end, in seconds; no limit if None. When recordings end, this function
+        ends, too.
     as_json : bool
         Whether to print each position as a JSON object. Otherwise a terminal window shows a
         picture, and any other output gets four lines a second.
@@ -124,7 +125,7 @@ def _json(terminal: Terminal) -> None:
 
 
 class Lines:
-    """Prints positions of the end point as lines, at most four a second."""
+    """Prints positions of the end point as lines, at most four in a second."""
 
     def __init__(self):
         self._began_s: float | None = None
@@ -145,7 +146,7 @@ def line(terminal: Terminal, began_s: float) -> str:
     terminal : Terminal
         The position to print.
     began_s : float
-        Time to print as 0, in seconds by the clock of `Terminal.time_s`.
+        Time that the line shows as 0 s, in seconds by the clock of `Terminal.time_s`.
 
     Returns
     -------

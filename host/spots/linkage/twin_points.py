@@ -18,9 +18,10 @@ from .encoder import Angle, Encoder
 from .kinematics import calibrate
 from .twin_source import Source
 
+# Columns of a table of points: position, angles of the joints, standard errors of the angles.
 COLUMNS = ("x_mm", "y_mm", "joint1_deg", "joint2_deg", "sigma1_deg", "sigma2_deg")
-LASTS_S = 1.0  # duration of a measurement
-_LEAST = 3  # least number of readings of each joint
+LASTS_S = 1.0  # duration of the measurement of a point
+_LEAST = 3  # least number of angles of each joint
 
 
 def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) -> str:
@@ -29,14 +30,15 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     Parameters
     ----------
     points : Path
-        Table of points with the columns `COLUMNS`: measured position of the end point (in any
-        frame), joint angles by the joints' own calibrations, and standard errors of the angles.
+        Table of points with the columns `COLUMNS`: measured position of the end point in any fixed
+        coordinate frame, calibrated angles without offset and gain of the mounting, and standard
+        errors of the angles.
     linkage : Path
         Linkage file with the nominal lengths and mounting.
     place_sigma_mm : float
         Standard error of each measured coordinate, in mm.
     out : Path or None
-        Linkage file to write; nothing is written if None.
+        Linkage file to write with the fitted parameters; nothing is written if None.
 
     Returns
     -------
@@ -81,9 +83,10 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
 
 
 def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say=print) -> int:
-    """Measure points: ask for the end point's position, read the joints, append both to a table.
+    """Measure points of a kinematic calibration, and append them to a table.
 
-    This repeats until the answer is empty.
+    For each point, the user types the end point's position, and the joint angles are measured. An
+    empty line ends the measurement.
 
     Parameters
     ----------
@@ -92,7 +95,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
     points : Path
         Table of points. An existing table is continued.
     ask : callable
-        Function that takes a question and returns the answer.
+        Function that takes a question and returns the user's answer.
     say : callable
         Function that takes a line to print.
 
@@ -133,7 +136,7 @@ def _angles(source: Source) -> list[list[Angle]]:
     angles: list[list[Angle]] = [[], []]
     since_s = source.boards[0].now_s()
     for joint, touch in source.readings(LASTS_S):
-        # Older readings are of another position.
+        # Older readings were measured at another position.
         angle = encoders[joint].take(touch) if touch.time_s >= since_s else None
         if angle is not None:
             angles[joint].append(angle)
@@ -146,7 +149,7 @@ def _angles(source: Source) -> list[list[Angle]]:
 
 
 def mean_angle(angles: list[Angle]) -> tuple[float, float]:
-    """Return the mean angle of a joint at rest and its standard error, in rad.
+    """Return the mean angle of a joint at rest, and the standard error of this mean, in rad.
 
     `angles` are one or more angles of this joint, in order of time.
     """
@@ -173,7 +176,7 @@ def _append(path: Path, row: Iterable[float]) -> None:
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
-    """Read a table; return an array with a row for each point, and the line number of each."""
+    """Read a table of n points; return an array, shape (n, 6), and the line number of each row."""
     try:
         text = read_text(path, POINTS_MAX_BYTES, "utf-8-sig")
         table = csv.DictReader(io.StringIO(text))
@@ -213,4 +216,4 @@ def _relative(path: Path, folder: Path) -> str:
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:
-        return path.resolve().as_posix()  # another drive of Windows
+        return path.resolve().as_posix()  # on Windows, the file is on another drive

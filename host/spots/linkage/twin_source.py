@@ -29,13 +29,14 @@ class Source(NamedTuple):
     Attributes
     ----------
     twin : Twin
-        The twin that `follow` updates.
+        The twin, which `follow` updates.
     boards : list of Board
         Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
     restarted : callable
-        Called with a board after it restarted, see `digital_twin.readings`.
-    sensors : tuple of int
-        Number of each joint's strip on its board.
+        Called with a board after it restarted, to upload its calibrations again.
+    sensors : tuple of int or None
+        Number of each joint's strip on its board. If None: 0 and 1 if both joints have the same
+        board, else 0 for each.
     """
 
     twin: Twin
@@ -54,9 +55,10 @@ class Source(NamedTuple):
 
 @contextmanager
 def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -> Iterator[Source]:
-    """Open the one or two boards of a linkage file; use it in a ``with`` block.
+    """Open the one or two boards of a linkage file, until the end of a ``with`` block.
 
-    The calibration of a joint must be from the joint's board, and is uploaded to this board.
+    Each joint's calibration is uploaded to the joint's board. A calibration must have been made on
+    the board to which it is uploaded.
 
     Parameters
     ----------
@@ -76,7 +78,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
     Raises
     ------
     SpotsError
-        If a file is wrong, a board is missing, or a board does not belong to its calibration.
+        If a file is invalid, a board is missing, or a calibration was made on another board.
     """
     twin, strips = loaded(linkage, ports)
     played = [is_recording(port) for port in ports]
@@ -129,7 +131,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     Raises
     ------
     SpotsError
-        If a file is wrong, or there are more than two ports.
+        If a file is invalid, or there are more than two ports.
     """
     path = Path(linkage)
     arm = mounted.load(path)
@@ -143,7 +145,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
 
 
 class DrivenLinkage(Protocol):
-    """A linkage that itself opens the boards of its joints, such as a simulated linkage.
+    """A linkage that opens its joints' boards itself, such as a simulated linkage.
 
     Attributes
     ----------
@@ -161,9 +163,10 @@ class DrivenLinkage(Protocol):
 
 
 def linkage_factory(ports: list[str]):
-    """Return the function `linkage` of the first port whose scheme has this function, else None.
+    """Return a function that makes a `DrivenLinkage`, or None if no port has such a function.
 
-    The function makes a `DrivenLinkage`, see `link.ports`.
+    A port's module may have this function under the name `linkage`, see `link.ports`. The first
+    port that has the function is used.
     """
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
@@ -192,9 +195,10 @@ def board_of(strip: CalibrationFile) -> str:
 
 
 def give(board: Board, strip: CalibrationFile, number: int) -> int:
-    """Find the strip of a joint's calibration file on a board, and upload the calibration.
+    """Find a joint's strip on a board, and upload the strip's calibration.
 
-    A recording or a read-only board accepts no upload, and must already use this calibration.
+    The calibration file contains the id of the strip. A recording or another read-only board
+    accepts no upload; it must already use this calibration.
 
     Parameters
     ----------
@@ -213,8 +217,8 @@ def give(board: Board, strip: CalibrationFile, number: int) -> int:
     Raises
     ------
     SpotsError
-        If the board does not belong to the calibration file, refuses the calibration, or is
-        read-only and uses another calibration.
+        If the calibration was made on another board, the board refuses the calibration, or a
+        read-only board uses another calibration.
     """
     infos: list[Hello] = [board.command(of_sensor("hello", sensor)) for sensor in board.sensors]
     ids = [str(info["id"]) for info in infos]
@@ -244,8 +248,8 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
         raise SpotsError(
-            f"both joints have a calibration of board {wanted[0]}, but each joint needs a strip: "
-            "correct the linkage file, or name ports with --port"
+            f"both joints have a calibration of the same strip ({wanted[0]}): name the "
+            "calibrations of two strips in the linkage file"
         )
     wanted = list(dict.fromkeys(map(board_of, strips)))
     there = {board.info["id"]: stack.enter_context(board) for board in find()[0]}

@@ -12,7 +12,7 @@ from ..link.frames import LinkStats
 from ..terminal.view import framed
 from .digital_twin import Terminal, Twin
 
-_COLUMNS, _ROWS = 74, 20
+_COLUMNS, _ROWS = 74, 20  # characters of the plot
 # A braille character has 4 rows and 2 columns of dots; these are the bits of its code.
 _DOTS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
 _BRAILLE = 0x2800
@@ -20,7 +20,7 @@ _LAST_DOT = np.array([4 * _ROWS - 1, 2 * _COLUMNS - 1])
 
 
 class TwinView:
-    """Draws a digital twin in a plot whose range grows to contain all points shown so far.
+    """Draws a digital twin in a plot whose range grows to contain all points that were drawn.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class TwinView:
     def __init__(self, twin: Twin, names: list[str]):
         self._twin = twin
         self._title = f"SPOTS twin  {' · '.join(names)}"
-        self._frame = np.empty((0, 2))  # its corners, in mm
+        self._frame = np.empty((0, 2))  # lower left and upper right corner of the plot, in mm
 
     def picture(self, stats: list[LinkStats], now_s: float) -> Panel:
         """Return the picture of the digital twin at its newest position.
@@ -43,7 +43,8 @@ class TwinView:
         stats : list of LinkStats
             Link statistics of each board.
         now_s : float
-            Present time in seconds, by the clock of `Touch.time_s`.
+            Present time in seconds, by the clock of `Touch.time_s`; used to warn of a joint that
+            has had no angle for 3 s.
 
         Returns
         -------
@@ -72,14 +73,17 @@ class TwinView:
             codes[at], styles[at] = ord("●"), "bold red"
         text = Text()
         for row in zip(codes, styles):
-            # Runs of one style: a style for each character would take most of the time.
+            # Characters of one style together: one style per character takes most of the time.
             for style, run in groupby(zip(*row), key=lambda cell: cell[1]):
                 text.append("".join(chr(code) for code, _ in run), style=style)
             text.append("\n")
         return text
 
     def _cells(self, *lines: np.ndarray) -> np.ndarray:
-        """Draw lines (arrays of points in mm); return each character's braille dots as bits."""
+        """Draw lines; return each character's braille dots as bits, shape (rows, columns).
+
+        A line is an array of points in mm, shape (n, 2).
+        """
         dots = np.zeros(_LAST_DOT + 1, int)
         for points in lines:
             if len(points):
@@ -92,7 +96,7 @@ class TwinView:
         return min((dots / mm for dots, mm in spans if mm > 0), default=1.0)
 
     def _dots(self, points: np.ndarray) -> np.ndarray:
-        """Return row and column of the braille dot for each point in mm."""
+        """Return row and column of the braille dot of each point; `points` are in mm."""
         low, high = self._frame
         x_mm, y_mm = (points - [(low[0] + high[0]) / 2, low[1]]).T * self._scale()
         dots = np.stack([_LAST_DOT[0] - y_mm, _LAST_DOT[1] / 2 + x_mm], axis=-1)
@@ -102,7 +106,7 @@ class TwinView:
 def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
     """Return the corners of each arm in mm, shape (n, 2): joint, elbow and, if known, end point.
 
-    `terminal` is the position to draw.
+    `terminal` is the position of the end point, from which the other corners are computed.
     """
     inner1, _, _, inner2 = twin.linkage.bar_mm
     base_mm = twin.linkage.base_mm

@@ -1,8 +1,8 @@
-"""Keyboard for macOS and Windows, which uses pynput.
+"""Keyboard for macOS and Windows, which uses the Python package pynput.
 
 Keys are identified by their characters, not by their positions: a key stands for the character that
-it types on an American keyboard. The key that types this character in the computer's own keyboard
-layout is then pressed.
+it types on an American keyboard. This keyboard presses the key that types the same character in the
+computer's own keyboard layout.
 """
 
 from ..errors import SpotsError
@@ -41,7 +41,8 @@ class DesktopKeyboard(Keyboard):
             (self._controller.press if pressed else self._controller.release)(self._key(one))
         except Exception as error:  # the type depends on the desktop
             raise SpotsError(
-                f"the desktop refuses the key {one.name} ({error!r}): allow this program to type"
+                f"the desktop refuses the key {one.name} ({error!r}): allow this program to type, "
+                "in the settings of the desktop"
             ) from None
 
     def _key(self, one: Usage):

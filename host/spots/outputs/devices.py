@@ -98,14 +98,19 @@ class KeySink(Protocol):
         page, usage : int
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            Modifier keys that are pressed with the key, as bits of a USB keyboard report.
+            Modifier keys that are pressed with the key, as bits of a USB keyboard report: bit i is
+            the key with the usage `usages.MODIFIERS_FROM` + i.
         pressed : bool
             True for a press, False for a release.
         """
 
 
 class Keyboard(Output):
-    """Base class of keyboards: a key that several events need is pressed only once."""
+    """Base class of keyboards.
+
+    If several pressed keys need the same modifier, it is pressed with the first of these keys, and
+    released with the last one.
+    """
 
     def __init__(self):
         self._held: dict[tuple[int, int], int] = {}  # pressed keys with their modifiers
@@ -119,8 +124,8 @@ class Keyboard(Output):
         page, usage : int
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            Modifier keys, as bits of a USB keyboard report. They are pressed before the key, and
-            released with the key unless another key needs them. Ignored if `pressed` is false.
+            Modifier keys, as in `KeySink.key`. They are pressed before the key, and released with
+            the key unless another key needs them. Ignored if `pressed` is false.
         pressed : bool
             True to press, False to release. To press a pressed key, or to release a released
             key, has no effect.
@@ -143,7 +148,7 @@ class Keyboard(Output):
             self._apply()
 
     def release(self) -> None:
-        """Release all keys; if the release of a key fails, still release the others."""
+        """Release all keys; if the release of a key fails, still release the other keys."""
         with SECTION:
             self._held.clear()
             self._apply()

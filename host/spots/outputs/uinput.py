@@ -9,7 +9,7 @@ from .usages import USAGES, Usage
 
 _NODE = "/dev/uinput"
 _UINPUT_RULE = 'KERNEL=="uinput", SUBSYSTEM=="misc", OPTIONS+="static_node=uinput", TAG+="uaccess"'
-# Name of the package with a binary wheel, which needs no compiler.
+# Package to install. The wheel of evdev-binary needs no compiler, but exists only for x86-64.
 _PACKAGE = "evdev-binary" if platform.machine() == "x86_64" else "evdev"
 
 

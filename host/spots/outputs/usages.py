@@ -1,4 +1,4 @@
-"""Names of keys in the USB HID Usage Tables, and the keys' names on Linux and in pynput.
+"""Names of keys in the USB HID Usage Tables, on Linux, and in the Python package pynput.
 
 Key names are those of the tables (version 1.5, pages 0x07 and 0x0C), in capitals with underscores.
 The character that a key types on an American keyboard is also a name of the key: ``usage_of("1")``
@@ -112,7 +112,7 @@ def chord_of(text: str) -> tuple[int, int, int]:
     Raises
     ------
     SpotsError
-        If the key or a modifier is unknown, or the key cannot have modifiers.
+        If the key or a modifier is unknown, or a media key (HID page 0x0C) has modifiers.
     """
     *modifiers, name = text.split("+") if len(text) > 1 else [text]
     bits = 0

@@ -18,14 +18,14 @@ from .recording import Recording
 
 # Decoding a block needs about twenty times this size as working memory.
 _BLOCK_BYTES = 1 << 18
-_COBS_SIZE = 1
+_COBS_SIZE = 1  # bytes that COBS adds to a short frame
 
 _TIMES = [("time_s", "<f8"), ("arrived_s", "<f8")]
 _HEADER = [*_TIMES, ("t_us", "<u4"), ("sequence", "<u2"), ("sensor", "u1")]
 
 
 class _Table:
-    """Layout of one kind of frame: as bytes on the link, and as a row of an array.
+    """One kind of frame: its layout as bytes on the link, and as a row of an array.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class _Table:
         columns = list(zip(names, ["<" + code for code in re.findall(r"\d*\w", body)]))
         self._wire = np.dtype(header + columns)
         self.size = self._wire.itemsize + CRC_SIZE + _COBS_SIZE
-        # On the wire, true is any byte but 0.
+        # On the link, any byte except 0 means true.
         columns = [(name, "?" if name == "pressed" else code) for name, code in columns]
         self.dtype = np.dtype([*_HEADER, *columns], align=True)
 
@@ -76,21 +76,22 @@ _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
 }
 
 
-# By kind: indices of the pieces, and the bytes of their payloads, a column for each piece.
+# By kind of frame: indices of its pieces, and their payloads, shape (bytes, number of pieces).
 _Groups = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 class _Run(NamedTuple):
-    """Consecutive pieces of a stream: frames except texts, and notes that contain only a time.
+    """Consecutive pieces of a recording: frames except texts, and notes that contain only a time.
 
-    A piece is the bytes between two delimiters. Indices count these pieces from 0.
+    A note is metadata that the recorder adds between frames. A piece is the bytes between two
+    delimiters. Indices count these pieces from 0.
 
     Attributes
     ----------
     t_us : ndarray, shape (n,), int64
         Time of each piece in us: board time modulo 2**32, or the low 32 bits of a note's time.
     notes_at, since_us : ndarray of int64
-        Index of each note, and its time in us since the recording began.
+        Index of each note, and its time in us since the recording's file began.
     tables : dict
         For each kind of frame: indices of its frames, and an array whose columns are the payloads.
     """
@@ -169,10 +170,10 @@ class Arrays:
 
     ========== === =============================================================
     time_s     f8  time of the measurement on the host's monotonic clock, in s;
-                   NaN if the clocks were never compared
+                   NaN if the clocks of board and host were never compared
     arrived_s  f8  time of arrival on the same clock, in s, as in `Recording`
     t_us       u4  board time in us, modulo 2**32
-    sequence   u2  number of the frame on its link, modulo 2**16
+    sequence   u2  number of the frame, modulo 2**16, as in `Touch`
     sensor     u1  number of the sensor on the board
     ========== === =============================================================
 
@@ -267,7 +268,7 @@ class RecordingBlocks(Recording):
 
 
 def _joined(parts: list[np.ndarray], dtype: np.dtype) -> np.ndarray:
-    # Usually a block has one part, and copying it costs a tenth of the decoding.
+    # Usually a block has one part. A copy of it would take a tenth of the decoding time.
     if len(parts) == 1:
         return parts[0]
     return np.concatenate(parts) if parts else np.empty(0, dtype)

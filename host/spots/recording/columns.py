@@ -1,4 +1,4 @@
-"""Decodes COBS and checks CRC-32 of many frames of one length together.
+"""Decodes COBS and checks CRC-32 of many frames of one length in one call.
 
 A *piece* is an encoded frame without its delimiter.
 
@@ -12,11 +12,11 @@ import numpy as np
 
 from spots_device.kernel import CRC_SIZE
 
-# In a longer piece, a COBS group may end without a zero.
+# Bytes of the longest piece. In a longer piece, a COBS group may end without a zero.
 SIZE_MAX = 254
 # CRC-32 is linear: the CRC of a piece is the CRC of as many zero bytes, plus (XOR) a table entry
 # for each byte, which depends on the byte's value and on the number of bytes after it.
-_POLYNOMIAL = 0xEDB88320
+_POLYNOMIAL = 0xEDB88320  # of CRC-32, with its bits reversed
 
 
 def _tables() -> np.ndarray:
@@ -52,12 +52,12 @@ def payloads(data: np.ndarray, starts: np.ndarray, size: int) -> tuple[np.ndarra
         Whether each piece is valid.
     """
     columns = np.empty((size - 1, len(starts)), np.uint8)
-    ahead = data.take(starts)  # distance of the next code byte
+    ahead = data.take(starts)  # distance of the next COBS code byte
     for j, column in enumerate(columns, 1):
         data[j:].take(starts, out=column, mode="clip")  # unlike "raise", it needs no copy
         ahead -= 1
         code = column * (ahead == 0)
-        column -= code  # in its place, the payload has a zero
+        column -= code  # in place of a code byte, the payload has a zero
         ahead += code
     good = ahead == 1  # the last group must end with the piece
     columns, ends = columns[:-CRC_SIZE], columns[-CRC_SIZE:]

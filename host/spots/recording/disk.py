@@ -13,10 +13,10 @@ _SYNC_EVERY_S = 1.0
 
 
 class Disk:
-    """A new file. Appended bytes reach the operating system at once, and the disk within a second.
+    """A new file to append to; no appended byte waits in the program's memory.
 
-    If the process is killed, no appended byte is lost; a power cut loses about the last second.
-    `append` does not wait for the disk; a separate thread waits.
+    If the process is killed, no appended byte is lost. A separate thread flushes the file to the
+    disk every second, so a power cut loses about the last second. `append` does not wait for this.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Disk:
             ) from None
 
     def close(self) -> None:
-        """Close the file as soon as all bytes are on the disk."""
+        """Flush the file to the disk, and close it."""
         self._closing.set()
         self._syncer.join()
         self._file.close()

@@ -21,7 +21,7 @@ from .foxglove import LOG_SCHEMA, log_message, schema
 from .header import Header
 from .table import Table, rows
 
-# Rows of a table in memory; the memory of an export does not grow with the recording.
+# Number of rows of a table in memory; so memory use does not grow with the recording.
 _BLOCK_ROWS = 1024
 Records = Iterable[tuple[Table, tuple]]
 
@@ -35,7 +35,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
         File of the recording. If this is the first of several files of one recording, the other
         files are converted too.
     kind : str
-        Name of the format, a key of `EXPORTS`.
+        Name of the format: ``mcap``, ``csv`` or ``npz``.
     out : str or Path, optional
         Name of the new file; the default is the recording's name with another suffix. CSV makes
         one file for each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ...
@@ -76,7 +76,10 @@ class _Files(ExitStack):
         return file
 
     def sync(self) -> list[Path]:
-        """Flush all files to the storage medium; call this before the first file is renamed."""
+        """Flush all files to the storage medium, and return their paths.
+
+        Call this before the end of the ``with`` block, because there the files get their names.
+        """
         for path, file in self._files.items():
             try:
                 sync(file)
@@ -87,7 +90,7 @@ class _Files(ExitStack):
 
 def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:
     writers: dict[str, Callable] = {}
-    stem = out.stem if out.suffix == ".csv" else out.name  # another suffix belongs to the name
+    stem = out.stem if out.suffix == ".csv" else out.name  # any other suffix is a part of the name
     for table, row in records:
         write = writers.get(table.name)
         if write is None:
@@ -119,7 +122,7 @@ def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
         spools: dict[str, _Spool] = {}
         for table, row in records:
             if table.name not in spools:
-                # In the folder of the file: the folder for temporary files may be in memory.
+                # In the folder of the new file: the folder for temporary files may be in memory.
                 spool = stack.enter_context(tempfile.TemporaryFile(dir=out.parent))
                 spools[table.name] = _Spool(table, spool)
             spools[table.name].add(row)
@@ -131,7 +134,7 @@ def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
 
 
 class _Spool:
-    """Stores the rows of a table on disk until their number is known, for the array's header."""
+    """Stores rows of a table on disk until their number, which an array starts with, is known."""
 
     def __init__(self, table: Table, file: IO):
         self._table, self._file = table, file

@@ -7,7 +7,7 @@ from .table import Table
 _TYPES = {"?": "boolean", "f": "number", "i": "integer", "u": "integer", "U": "string"}
 _TIME = {"type": "object", "title": "time"}
 _TIME["properties"] = {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}
-# Foxglove's Log schema; its Log panel shows every topic that has it.
+# Foxglove's Log panel shows every topic with this schema.
 LOG_SCHEMA = {
     "title": "foxglove.Log",
     "type": "object",
@@ -20,7 +20,7 @@ LOG_SCHEMA = {
         "line": {"type": "integer"},
     },
 }
-_REPLY_LEVEL = 1
+_REPLY_LEVEL = 1  # level of replies in Foxglove's Log schema: debug
 _LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
 
 

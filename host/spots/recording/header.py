@@ -15,8 +15,9 @@ from ..link.replies import validated
 
 VERSION = 1
 _PIECE = 200  # characters of the header in a note; JSON's escapes may double their number
-_COPIES = 2
-# Both copies of a header with the longest calibration of a board, and some reserve.
+_COPIES = 2  # of the header in a file
+# Number of bytes that are searched for the header: enough for both copies of a header with the
+# longest calibration.
 _SEARCHED_BYTES = 1 << 17
 
 # Seconds since the start of a clock; at 1e9 s a float still resolves 1e-6 s.
@@ -43,11 +44,13 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         Version of the file format.
     program : str
         Name and version of the program that wrote the recording.
-    set, part : str, int
-        Random name that all files of one recording share, and the number of this file, from 0.
+    set : str
+        Random name that all files of one recording share.
+    part : int
+        Number of this file in the recording, from 0.
     host_s, utc_s : float
-        Start of the recording, which is time 0 of its notes, in seconds: on the host's monotonic
-        clock, and since 1970.
+        Start of the file, in seconds: on the host's monotonic clock, and since 1970. Times in the
+        file's notes (metadata between frames) count from this start.
     info : dict
         The board's reply to ``hello``.
     clock : Clock
@@ -71,7 +74,10 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def encoded(header: Header) -> bytes:
-    """Return a header as notes. Each note occurs twice, in case one copy is damaged."""
+    """Encode a header as notes, which are pieces of metadata in a recording.
+
+    Each note occurs twice, in case one copy is damaged.
+    """
     text = json.dumps(msgspec.to_builtins(header))  # ASCII, so no cut divides a character
     pieces = [text[i : i + _PIECE] for i in range(0, len(text), _PIECE)]
     of = len(pieces)

@@ -13,6 +13,14 @@ from .table import TABLES, shown
 def summary(path: str | Path) -> dict:
     """Read a recording to its end and return its summary, as ``spots info --json`` prints it.
 
+    Returns
+    -------
+    dict
+        ``files``: paths; ``bytes``: size of all files; ``begun``: start in UTC (ISO 8601);
+        ``duration_s``; ``frames``: number of frames of each kind; ``lost``, ``bad``: `lost` and
+        `bad_crc` of `LinkStats`; ``restarts``, ``cut_bytes``, ``complete``, ``notes``: as in
+        `Recording`; ``header``: the fields of the `Header`.
+
     Raises
     ------
     SpotsError

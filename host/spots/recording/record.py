@@ -32,7 +32,7 @@ def record(
     rotate_bytes : int or None
         Largest size of a file, in bytes; see `Board.record`.
     calibration : list of str or None
-        Lines of the board's calibration, to be stored in the recording.
+        Lines of the board's calibration, to be stored in the recording; None if unknown.
 
     Raises
     ------
@@ -43,8 +43,8 @@ def record(
         used, name = board.command("hello")["calibration"], checksum(calibration)
         if name != used:
             raise SpotsError(
-                f"the file has calibration {name}, but the board uses {used or 'none'}: give the "
-                "calibration file of the board with --calibration"
+                f"the calibration file has calibration {name}, but the board uses "
+                f"{used or 'none'}: give the calibration file of the board with --calibration"
             )
         board.calibration = calibration
     begun_s, frames = board.now_s(), 0

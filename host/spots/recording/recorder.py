@@ -17,13 +17,15 @@ from ..link.readers import Handle
 from .disk import Disk
 from .header import VERSION, Header, encoded
 
-# Data that arrives within this time shares one note of the arrival time. A shorter step is more
-# precise and takes more bytes.
+# Data that arrives within this time, in s, shares one note of the arrival time. A shorter step is
+# more precise and takes more bytes.
 ARRIVAL_STEP_S = 0.005
 
 
 class Recorder:
-    """Writes whole frames to a file, and its own notes between the frames; see docs/recording.md.
+    """Writes the frames of a link to a file, and notes about time and clocks between the frames.
+
+    The format is in docs/recording.md.
 
     Parameters
     ----------
@@ -49,7 +51,7 @@ class Recorder:
     bytes : int
         Size of all files together.
     handles : list of readers.Handle
-        Registrations at a board, which `stop` cancels.
+        Registrations of callbacks at a board; `stop` cancels them.
 
     Raises
     ------
@@ -76,7 +78,7 @@ class Recorder:
         self._tail = begun
         self._between_frames = True
         self._disk: Disk | None = None
-        self._lock = threading.RLock()  # a Ctrl-C may leave it locked by this thread
+        self._lock = threading.RLock()  # after Ctrl-C, this thread may still hold it
         self.paths: list[Path] = []
         self.bytes = 0
         self.handles: list[Handle] = []
@@ -120,7 +122,7 @@ class Recorder:
             if self._disk is None:
                 return
             try:
-                # Within a partial frame, the note would be lost.
+                # Within a partial frame, the note would be lost. So a delimiter ends such a frame.
                 self._append((b"" if self._between_frames else b"\0") + self._note({"end": True}))
             finally:
                 self._release()
@@ -143,10 +145,10 @@ class Recorder:
                 piece = self._note() + piece
             now = self._describe()
             if _bounds(now["clock"]) != self._bounds:
-                # From here on, board time is mapped with another clock.
+                # The map from board time to host time changes before these frames.
                 self._bounds = _bounds(now["clock"])
                 piece = self._note({"clock": now["clock"], "restarts": now["restarts"]}) + piece
-        self._between_frames = False  # until the write is complete: Ctrl-C may come in between
+        self._between_frames = False  # until the write is complete: Ctrl-C may interrupt it
         self._append(piece)
         self._between_frames = piece.endswith(b"\0")
 

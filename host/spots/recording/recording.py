@@ -18,11 +18,12 @@ _BLOCK_BYTES = 512
 
 
 class Recording:
-    """A recording. Iterate over this object to read it, any number of times.
+    """Reads a recording: iterate over this object, any number of times.
 
     The iteration yields pairs (time of arrival, frame). The time of arrival is on the host's
-    monotonic clock, in seconds; it is exact or up to `recorder.ARRIVAL_STEP_S` too early. The
-    ``time_s`` of a frame is the same as during the recording.
+    monotonic clock, in seconds. Frames that arrived within 5 ms (`recorder.ARRIVAL_STEP_S`) of each
+    other may have the time of the first one. The ``time_s`` of a frame is the same as during the
+    recording.
 
     Parameters
     ----------
@@ -44,15 +45,15 @@ class Recording:
         Statistics of the recorded link. This attribute and those below belong to the present
         iteration: each iteration resets them.
     notes : int
-        Number of notes.
+        Number of notes, which the recorder adds between frames.
     restarts : int
         Number of restarts of the board during the recording.
     cut_bytes : int
         Number of bytes of incomplete frames at the ends of the files.
     read_bytes : int
-        Number of bytes read so far.
+        Number of bytes read.
     end_s : float
-        Time of the last note, in seconds, on the same clock as the times of arrival.
+        Time of the last note that was read, in seconds, on the same clock as the times of arrival.
     complete : bool
         Whether the iteration has found the note that ends a complete recording.
 

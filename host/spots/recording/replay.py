@@ -1,4 +1,4 @@
-"""Plays a recording as a board."""
+"""Replays a recording as if it were a connected board."""
 
 import math
 import time
@@ -11,7 +11,7 @@ from ..link.frames import LinkStats
 from .recorder import Recorder
 from .recording import Recording
 
-# Frames to read in one call; the log of a board has room for more, so none is dropped.
+# Frames to read in one call; the log of a board has room for more, so no frame is dropped.
 _PUMPED_FRAMES = 1000
 
 
@@ -63,7 +63,7 @@ class Replay(Board):
     def __init__(self, recording: Recording, speed: float = 1.0):
         self._recording = recording
         if math.isinf(speed):
-            self._poll_s = math.inf  # goes to the next frame at once
+            self._poll_s = math.inf  # goes to the next frame without a pause
         super().__init__(_Player(recording, speed))
 
     @property
@@ -126,7 +126,7 @@ def open_port(rest: str, **simulated) -> Replay:
     rest : str
         Path of the recording.
     **simulated
-        Options of a simulated board; ignored.
+        Options that only simulated boards use; ignored.
 
     Returns
     -------

@@ -49,7 +49,7 @@ _SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))}
 _CONTACT = {"id": "u1", "state": "u1", "position_um": "i4", "sigma_um": "u2", "force_mN": "u2"}
 _KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
 
-# In the order of the arrays.
+# The first four are in the order of `Arrays.tables`.
 TABLES = (
     Table("touch", _FIRST | _TOUCH),
     Table("spectrum", _FIRST | _SPECTRUM),

@@ -10,22 +10,22 @@ from ..link.board import Board
 from .samples import encode
 from .zenoh_session import READ_ONLY, direct, key
 
-# Pause between two rounds of answers: at least this, and at least ten times the duration of the
-# last round. The pause has a limit while the board replies, because a client that reconnects needs
-# answers.
+# Pause between two rounds of answers: at least `_EVERY_S`, and at least ten times the duration of
+# the last round. While the board replies, the pause is at most `_PAUSE_MAX_S`, because a client
+# that reconnects needs answers.
 _EVERY_S = 0.05
 _PAUSE_SHARE = 10
 _PAUSE_MAX_S = 1.0
-_REPLY_S = 0.5
-# A reply of the board also answers queries that arrive within this time; `sync` is always asked
-# again, because its reply is the time.
+_REPLY_S = 0.5  # timeout of the board's reply
+# A reply of the board also answers queries that arrive within this time in s. `sync` is always sent
+# again, because its reply is the present time.
 _FRESH_S = {"hello": 1.0, "get": 1.0, "sync": 0.0}
 _WAITING = 256  # waiting queries of each kind; the oldest are dropped
 _PARAMETERS_MAX = 256  # characters; SPOTS itself sends none
 
 
 class Answers:
-    """Collects queries of remote readers, and answers them with the board's replies.
+    """Collects queries from other machines, and answers them with the board's replies.
 
     All waiting queries for the same command get the same reply, which is at most a second old.
 
@@ -51,9 +51,9 @@ class Answers:
             self._queryables[command] = session.declare_queryable(key(board_id, name), note)
 
     def give(self) -> None:
-        """Answer the waiting queries, if the rate limit allows.
+        """Answer the waiting queries, if the rate limit permits.
 
-        Each command is sent to the board only once, for all queries together.
+        A command is sent to the board only one time for all waiting queries.
         """
         began_s = self._board.now_s()
         if began_s < self._due_s or not any(self._waiting.values()):
@@ -67,12 +67,12 @@ class Answers:
         self._due_s = now_s + min(pause_max_s, max(_EVERY_S, _PAUSE_SHARE * (now_s - began_s)))
 
     def close(self) -> None:
-        """Stop accepting queries from remote readers."""
+        """Stop accepting queries."""
         for queryable in self._queryables.values():
             queryable.undeclare()
 
     def _note(self, command: str, query: zenoh.Query) -> None:
-        # A query of SPOTS has no content: any other is dropped, and so needs no memory.
+        # A query from SPOTS has no content. Other queries are dropped, so they need no memory.
         plain = query.payload is None and query.attachment is None
         if plain and len(str(query.parameters)) <= _PARAMETERS_MAX:
             self._waiting[command].append(query)

@@ -5,8 +5,8 @@ import threading
 from collections import deque
 from typing import Any
 
-WAITING_BYTES_MAX = 1 << 19
-MESSAGE_BYTES_MAX = 1 << 16
+WAITING_BYTES_MAX = 1 << 19  # largest size of all messages in the queue
+MESSAGE_BYTES_MAX = 1 << 16  # largest size of one message
 # Size of a message without label and data: a tuple, and its place in the queue.
 _OVERHEAD_BYTES = sys.getsizeof((None, None)) + 8
 
@@ -17,7 +17,7 @@ class Mailbox:
     Attributes
     ----------
     changed : threading.Condition
-        Reentrant condition that is notified of every message.
+        Notified when a message arrives; its lock is reentrant.
     dropped : int
         Number of messages that were dropped unread.
     """

@@ -22,17 +22,19 @@ from .zenoh_session import key, open_session
 
 FRAMES_ENCODING = "application/octet-stream;spots-frames"
 _JSON = zenoh.Encoding.APPLICATION_JSON
-_TURN_S = 0.05  # longest wait of a query while the board is silent
-_HEALTH_PER_S = 1
+_TURN_S = 0.05  # longest delay of a query while no frames arrive
+_HEALTH_PER_S = 1  # messages with link statistics per second
 
 
 class Publisher:
-    """Publishes the frames of a board, and answers queries for the commands in `READ_ONLY`.
+    """Publishes the frames of a board over Zenoh, and answers remote queries.
+
+    A query asks for the reply to one of the commands ``hello``, ``get`` and ``sync``.
 
     Parameters
     ----------
     board : Board
-        The board; nothing else may read its frames.
+        The board. No other code of the program may read its frames.
     session : zenoh.Session
         An open session.
 
@@ -73,7 +75,7 @@ class Publisher:
             board.stream("contact", "touch", "spectrum")
         except CommandError:  # a firmware without contacts
             board.stream("touch", "spectrum")
-        # The token comes last: a reader that sees it may query and subscribe at once.
+        # The token announces the board. It comes last, because readers then query and subscribe.
         self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
 
     def run(self, seconds: float | None = None) -> None:
@@ -106,7 +108,7 @@ class Publisher:
         self._publish_health()
 
     def _send(self) -> None:
-        # The board has decoded these bytes, so a restart is already counted.
+        # The `Board` has already decoded these bytes, so it has counted a restart before them.
         size = whole(self._copy)
         data, self._copy = self._copy[:size], self._copy[size:]
         if data:

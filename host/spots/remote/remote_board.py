@@ -1,4 +1,4 @@
-"""A board on another machine."""
+"""The class `Remote`: a board on another machine, which is read over Zenoh."""
 
 from ..errors import SpotsError
 from ..link.board import Board
@@ -33,7 +33,7 @@ class Remote(Board):
         name, *words = line.split()
         sensor = [word for word in words if word.startswith("sensor=")]
         if name == "stream":
-            # A publisher sends the frames of all sensors.
+            # The words sensor=N have no effect: a publisher sends the frames of all sensors.
             reply = self._stream([word for word in words if word not in sensor])
         elif sensor:
             reply = {"error": "a remote board replies only for sensor 0: leave sensor= out"}
@@ -49,7 +49,7 @@ class Remote(Board):
             )
         if name == "sync":
             if not isinstance(reply.get("t_us"), int):
-                return None  # the board is disconnected, or it is not a SPOTS publisher
+                return None  # the board is disconnected, or no SPOTS publisher has replied
             reply["stream"] = self._listening
         return Text(0, 0, 0, {**reply, "re": name})
 
@@ -66,7 +66,7 @@ class Remote(Board):
         return {"stream": kinds}
 
     def _ask_time(self) -> None:
-        # A query blocks until its reply arrives: never ask between readings.
+        # A query blocks until its reply arrives, so no query is sent between readings.
         if self.now_s() >= self._clocks.due_s:
             self._clocks.due_s = float("inf")
 
@@ -83,7 +83,7 @@ def open_port(rest: str, **simulated) -> Remote:
     rest : str
         Id of the board; empty for the only published board.
     **simulated
-        Options of a simulated board; ignored.
+        Options that only simulated boards use; ignored.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Converts frames to JSON objects, whose keys are the column names of the exports."""
+"""Converts frames to dicts for JSON; their keys are the column names of ``spots export``."""
 
 from typing import Any
 
@@ -10,12 +10,12 @@ from ..recording.table import TABLES
 encode = msgspec.json.Encoder().encode  # NaN becomes null
 # Columns of the exports without the two times, by kind.
 _NAMES = {table.name: list(table.columns)[2:] for table in TABLES}
-# Fields of frames with another name than their column.
+# Fields of frames whose names differ from those of their columns, by column.
 _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
 
 
 def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
-    """Return the JSON object to publish for a frame.
+    """Return the dict to publish for a frame, as JSON.
 
     Parameters
     ----------
@@ -27,6 +27,7 @@ def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
     Returns
     -------
     dict
+        ``utc_s``, and the frame's columns in `recording.table` except ``time_s`` and ``arrived_s``.
     """
     names = _NAMES[type(frame).__name__.lower()]
     return {"utc_s": utc_s} | {name: getattr(frame, _FIELDS.get(name, name)) for name in names}

@@ -20,8 +20,8 @@ from .mailbox import Mailbox
 from .publish import FRAMES_ENCODING
 from .zenoh_session import direct, open_session
 
-_NAMES_MAX = 256
-_NOT_SHOWN = {"utc_s", "sensor", "sequence", "t_us"}
+_NAMES_MAX = 256  # number of Zenoh keys whose rate is limited separately
+_NOT_SHOWN = {"utc_s", "sensor", "sequence", "t_us"}  # keys of a message that a line omits
 
 
 def subscribe_command(options: argparse.Namespace) -> None:
@@ -86,7 +86,7 @@ def _text(written: Callable[[str, dict], str], name: str, data: bytes) -> str | 
     """
     try:
         return printable(written(name, decoded(data)))
-    except Exception:  # anyone may publish anything under such a name
+    except Exception:  # anyone may publish anything under such a key
         return None
 
 
@@ -99,7 +99,7 @@ class _Lines:
 
     def __init__(self):
         self._began_s = time.time()
-        # Anyone may publish thousands of names: the least recently used are dropped.
+        # Anyone may publish under thousands of keys: the least recently used ones are dropped.
         self._pace = lru_cache(_NAMES_MAX)(lambda name: Pace(PLAIN_LINES_PER_S))
 
     def written(self, name: str, content: dict) -> str:

@@ -8,8 +8,10 @@ from ..link.serial_link import Link
 from .mailbox import Mailbox
 from .zenoh_session import READ_ONLY, direct, key
 
+# Longest name of a run. A publisher begins a run, with a new name, at its start and at each restart
+# of the board.
 _RUN_BYTES_MAX = 64
-_ERROR_BYTES_MAX = 600  # the longest text of a board
+_ERROR_BYTES_MAX = 600  # longer error messages are ignored
 
 
 class ZenohLink(Link):
@@ -71,7 +73,7 @@ class ZenohLink(Link):
         self.listen(False)
 
     def reopen(self) -> None:
-        """Subscribe to the board again, or raise SpotsError if the board is not published."""
+        """Prepare for another `listen`; raise SpotsError if the board is not published."""
         self.listen(False)
         self._run = None
         if not self._alive:
@@ -102,7 +104,7 @@ class ZenohLink(Link):
                 if len(reply.err.payload) <= _ERROR_BYTES_MAX:
                     text = bytes(reply.err.payload).decode(errors="replace")
                     if text == "Timeout":
-                        continue  # Zenoh's own error, of this or of the other side
+                        continue  # Zenoh's own error, from this or from the other machine
                     return {"re": command, "error": text}
                 continue
             try:
@@ -123,7 +125,7 @@ class ZenohLink(Link):
         )
 
     def _whole_run(self) -> bytes:
-        # All waiting messages together: decoding costs less, and a view lags less.
+        # All waiting messages together: decoding then costs less, and a live view lags less.
         pieces = []
         while self._mail:
             run, data = self._mail.take()

@@ -17,9 +17,9 @@ CONFIG_VARIABLE = "ZENOH_CONFIG"
 READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
 
 _NESTED_MAX = 1000  # objects and lists in a configuration; the longest example has about 150
-_PATIENCE_S = 3.0
+_PATIENCE_S = 3.0  # longest wait for the first published board
 _OTHERS_S = 0.5  # time for other boards to appear after the first one
-_FOUND_MAX = 16  # boards that are listed; anyone may publish thousands of names
+_FOUND_MAX = 16  # boards that are listed; anyone may publish under thousands of ids
 
 
 def key(board_id: str, *rest: str | int) -> str:
@@ -98,7 +98,8 @@ def find(session: zenoh.Session, wanted: str) -> str:
     Raises
     ------
     SpotsError
-        If the board is not published in time, or several are published and `wanted` is empty.
+        If the board is not published within 3 s, or several boards are published and `wanted` is
+        empty.
     """
     alive: set[str] = set()
     changed = threading.Condition()

@@ -84,7 +84,10 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
 
 
 def _infos(board: Board) -> list[Hello]:
-    """Return the reply to ``hello`` of each strip; of the first one for a strip that has none."""
+    """Return the reply to ``hello`` of each strip.
+
+    If the board refuses the command for a strip, return the first strip's reply instead.
+    """
     infos = [board.command("hello")]
     for sensor in board.sensors[1:]:
         try:

@@ -22,11 +22,11 @@ from ..link.timeouts import CONNECTED
 _FULL_FORCE_MN = 10_000
 _DEFAULT_LENGTH_UM = 85_000
 _BAR_LEFT = 24  # columns by which a bar is shorter than a strip
-_TRACE_COLUMNS = 64
+_TRACE_COLUMNS = 64  # largest width of a strip's picture and of the history
 _EIGHTHS = " ▏▎▍▌▋▊▉█"
 _LEVELS = " ▁▂▃▄▅▆▇█"
 _REDRAWS_PER_S = 15
-# The colour of each channel's band, DS000504.
+# Colour of each channel's wavelengths, see the AS7341 data sheet DS000504.
 _CHANNEL_COLOURS = {
     "F1": "#7600ed", "F2": "#0028ff", "F3": "#00d5ff", "F4": "#1fff00", "F5": "#b3ff00",
     "F6": "#ffdf00", "F7": "#ff4f00", "F8": "#d00000", "CLEAR": "#f0f0f0", "NIR": "#8a5a5a",
@@ -40,7 +40,7 @@ _FLAG_WORDS = {
 
 
 class Judge(Protocol):
-    """Compares readings with known true values."""
+    """Compares readings with known true values, such as those of a simulated finger."""
 
     def take(self, touch: Touch, arrived_s: float) -> None:
         """Compare a reading with the true values.
@@ -54,10 +54,10 @@ class Judge(Protocol):
         """
 
     def facts(self) -> dict:
-        """Return the results to show; the keys of the inner dicts are the names to show.
+        """Return the results of the comparison, as dicts of names and values to show.
 
-        Key ``link``: dict that is added to the row with the counters of received and lost frames.
-        Key ``rows``: list with a dict for each further row.
+        Key ``link``: dict to show in the same row as the numbers of received and lost frames. Key
+        ``rows``: list of dicts, each of which is shown in a row of its own.
         """
 
 
@@ -78,7 +78,8 @@ class StripView:
     advice : str
         Sentence that is shown below the picture.
     unit : str
-        Unit of ``force_mN / 1000``: ``N``, or ``relative`` after a calibration without a scale.
+        Unit of ``force_mN / 1000``: ``N``, or ``relative`` if the strip was calibrated without a
+        kitchen scale.
     """
 
     def __init__(self, info: dict, port: str):
@@ -127,7 +128,7 @@ class StripView:
         return framed(parts, title, strip_columns() + 16)
 
     def _strip(self) -> Text:
-        # The light gets redder away from the sensor. A press is bright.
+        # The strip is drawn redder away from the sensor, and bright at the press.
         touch = self._touch
         columns = strip_columns()
         at = size = -1.0
@@ -162,7 +163,7 @@ class StripView:
         return grid
 
     def _history(self) -> Text:
-        # The oldest is on the left. The height of a column is the mean position of its readings.
+        # The oldest readings are on the left. Each column shows the mean position of four readings.
         readings = list(self._trace)[-4 * strip_columns() :]
         line = Text("history".rjust(9) + " ")
         for i in range(0, len(readings), 4):
@@ -293,14 +294,20 @@ def drawn(wanted: bool) -> Iterator[Live | None]:
 
 
 class Pace:
-    """Limits how often to redraw, so that drawing does not delay readings."""
+    """Limits how often to redraw, so that drawing does not delay readings.
+
+    Parameters
+    ----------
+    per_s : float
+        Largest number of redraws per second.
+    """
 
     def __init__(self, per_s: float = _REDRAWS_PER_S):
         self._every_s = 1 / per_s
         self._next_s = float("-inf")
 
     def due(self, now_s: float) -> bool:
-        """Return whether to redraw now: True at most `per_s` times a second."""
+        """Return whether to redraw at the time `now_s`, in seconds of a clock that never jumps."""
         if now_s < self._next_s:
             return False
         self._next_s = now_s + self._every_s

@@ -21,7 +21,8 @@ from .two_fingers import ANCHOR_AND_SLIDE, TWO_FINGER_SQUEEZE, TwoFingers
 TAP, DOUBLE_TAP, HOLD = "tap", "double_tap", "hold"
 SQUEEZE = "squeeze"
 SWIPE_MINUS, SWIPE_PLUS = "swipe_minus", "swipe_plus"  # towards the sensor, and away from it
-SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"  # the same, after the finger has rested
+# Towards the sensor and away from it, after the finger has rested.
+SLIDE_MINUS, SLIDE_PLUS = "slide_minus", "slide_plus"
 NAMES = (
     TAP, DOUBLE_TAP, HOLD, SQUEEZE, SWIPE_MINUS, SWIPE_PLUS, SLIDE_MINUS, SLIDE_PLUS,
     TWO_FINGER_SQUEEZE, ANCHOR_AND_SLIDE
@@ -31,13 +32,15 @@ _STILL_UM = 4_000  # a finger that moves less than this counts as still
 _TAP_S = 0.3  # longest tap
 _AGAIN_S = 0.3  # longest pause between two taps of a double tap
 _AGAIN_UM = 15_000  # largest distance between the two taps of a double tap
-_HOLD_S = 0.6
-_SWIPE_UM = 14_000
-_SWIPE_S = 0.45
+_HOLD_S = 0.6  # shortest hold
+_SWIPE_UM = 14_000  # least distance of a swipe
+_SWIPE_S = 0.45  # longest duration of the movement of a swipe
 _REST_S = 0.25  # least rest before a slide
-_SQUEEZE_MN = 5_000
-_SQUEEZE_S = 0.1
+_SQUEEZE_MN = 5_000  # least force of a squeeze
+_SQUEEZE_S = 0.1  # least duration of this force
 _KEPT = 4096  # largest number of stored readings of a touch
+# Limits for `ContactTracker`, see `spots_device.layout`: largest movement of a finger between two
+# readings, delay of a release, and time after which an object that does not move is no finger.
 _TUNING = ["jump_um 12000", "release_ms 30", "stuck_ms 20000"]
 
 
@@ -53,9 +56,10 @@ class Gesture(NamedTuple):
         values are far from their limits.
     position_um, distance_um : int
         Position where the touch began, and distance from there to the last position, in um;
-        a positive distance is away from the sensor.
+        a positive distance is away from the sensor. For a double tap: of the second tap. For two
+        fingers: position of the first finger, and distance that the second finger has moved.
     force_mN : int
-        Largest force of the touch, in mN.
+        Largest force of the touch, in mN; for two fingers, force of the last reading.
     time_s : float
         `Touch.time_s` of the reading that completed the gesture, in seconds.
     """
@@ -69,19 +73,22 @@ class Gesture(NamedTuple):
 
 
 class Gestures:
-    """Classifies the touches of one strip.
+    """Classifies the touches of one strip as gestures.
 
     Parameters
     ----------
     length_um : int, optional
         Length of the strip in um; with 0, gestures of two fingers are not detected.
     decay : int, optional
-        Decay of the light by the dye, from the board's reply to ``hello``; used for two fingers.
+        Decay of the light along the strip, caused by its dye, in log2 units per um, times 2**24.
+        The board's reply to ``hello`` contains it. Used for gestures of two fingers; a typical
+        value if not given.
 
     Attributes
     ----------
     rests : int
-        Number of times that an object instead of a finger was detected on the strip.
+        Number of times that an object instead of a finger was detected on the strip; the caller may
+        set it to 0.
     """
 
     def __init__(self, length_um: int = 0, decay: int | None = None):
@@ -133,7 +140,15 @@ class Gestures:
             self._found.append(Gesture(name, confidence, *place, self._now_s))
 
     def tick(self, now_s: float) -> None:
-        """Drop the touch and a pending tap if no reading has arrived for `RELEASE_S` seconds."""
+        """Drop the touch and a pending tap if no reading arrives for `RELEASE_S` seconds.
+
+        Call `tick` regularly.
+
+        Parameters
+        ----------
+        now_s : float
+            Present time in seconds, by the same clock as in `take`.
+        """
         if self._heard_s is not None and now_s - self._heard_s > RELEASE_S:
             self._heard_s = None
             self.release()
@@ -276,7 +291,7 @@ class _Path:
     hard_since_s : float
         Time at which a still finger began to press hard; infinity if it does not press hard.
     decided : bool
-        Whether a gesture was found for this path.
+        Whether the path cannot give another gesture: it has given one, or two fingers touch.
     """
 
     def __init__(self, now_s: float, x_um: int):
@@ -285,7 +300,7 @@ class _Path:
         self.force_mN = self.hardest_mN = 0
         self.hard_since_s = math.inf
         self.decided = self._left = False
-        # Long enough for a swipe: 4 s at 1000 readings a second.
+        # The latest readings, enough for the longest swipe: 4 s at 1000 readings a second.
         self._lately: deque[tuple[float, int]] = deque(maxlen=_KEPT)
 
     def extend(self, now_s: float, x_um: int, force_mN: int) -> None:
@@ -314,7 +329,7 @@ class _Path:
         return below(max(self.spread_um, 1), _STILL_UM)
 
     def arrived_s(self) -> float:
-        """Return the last time in s at which the finger was not yet near its last position."""
+        """Return the time in s of the last reading that is not near the path's end position."""
         away_s = (
             time_s
             for time_s, x_um in reversed(self._lately)

@@ -17,7 +17,7 @@ def above(value: float, limit: float) -> float:
     Returns
     -------
     float
-        Confidence from 0 to 1; 0.5 at the limit.
+        Confidence from 0 to 1: 0.5 at the limit, 0.9 at 1.27 times the limit.
     """
     return 1 / (1 + math.exp(-_STEEPNESS * (value / limit - 1)))
 

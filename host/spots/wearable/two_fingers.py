@@ -1,8 +1,8 @@
 """Detects gestures of two fingers: both press harder, or one rests while the other slides.
 
-The first finger must be alone for a moment before the second one touches. Two fingers that both
-move cannot be separated. So a slide is checked after one finger has lifted: it counts only if the
-other finger is then where it was located before the lift.
+The first finger must be alone for a moment before the second one touches. While both touch, their
+positions are estimates, which are wrong if both fingers move. So a slide is checked after one
+finger has lifted: the measured position of the other finger must agree with its last estimate.
 """
 
 import math
@@ -18,12 +18,13 @@ TWO_FINGER_SQUEEZE, ANCHOR_AND_SLIDE = "two_finger_squeeze", "anchor_and_slide"
 
 _SETTLED_S = 0.15  # a shorter overlap, as in typing, is no gesture
 _RISE = 1.6  # least ratio of the light in a squeeze to the light before it
-_SHIFT = 0.12  # largest shift of the measured position in a squeeze, as a share of the distance
-_SQUEEZE_S = 0.1
-_SLIDE_UM = 8_000
+# Largest shift of the measured position in a squeeze, as a share of the distance between fingers.
+_SHIFT = 0.12
+_SQUEEZE_S = 0.1  # least duration of a squeeze
+_SLIDE_UM = 8_000  # least distance of a slide
 _OFF_UM = 4_000  # largest position error of the finger that remains after a slide
-_SIGMA_UM = 3_000
-_SIGMAS = 4.0  # least distance of a slide, in standard deviations
+_SIGMA_UM = 3_000  # estimates of a position with a larger standard deviation are not used
+_SIGMAS = 4.0  # distance of a slide in standard deviations that gives a confidence of 0.5
 
 
 class TwoFingers:
@@ -34,13 +35,13 @@ class TwoFingers:
     length_um : int
         Length of the strip, in um.
     decay : int, optional
-        Decay of the light by the dye, see `link.contact_finder.ContactFinder`.
+        Decay of the light along the strip, see `link.contact_finder.ContactFinder`.
 
     Attributes
     ----------
     both : bool
-        Whether two fingers have touched together for longer than in typing, and at least one of
-        them still touches.
+        Whether two fingers have touched together for at least 0.15 s (longer than fingers overlap
+        in typing), and at least one of them still touches.
     """
 
     def __init__(self, length_um: int, decay: int | None = None):
@@ -85,7 +86,7 @@ class _Pair:
 
     @property
     def settled(self) -> bool:
-        """Whether both fingers have touched together for longer than in typing."""
+        """Whether both fingers have touched together for longer than fingers overlap in typing."""
         return self.lasted_s >= _SETTLED_S
 
     def extend(
@@ -121,7 +122,7 @@ class _Pair:
         return TWO_FINGER_SQUEEZE, confidence, round(self._first.position_um), 0
 
     def slide(self, left: Contact) -> tuple[str, float, int, int] | None:
-        """Return a slide if the finger that still touches is where it was located, else None.
+        """Return a slide if the remaining finger is where it was estimated, else None.
 
         `left` is the contact of this finger; the other finger has just lifted. The result is that
         of `TwoFingers.take`.

@@ -27,14 +27,14 @@ _TICK_S = 0.02
 
 
 class GesturesFile(toml.Strict):
-    """Content of a gestures file.
+    """Content of a gestures file, which assigns keys of the computer to gestures.
 
     Attributes
     ----------
     gestures : dict of str to str
         Name of the key for each gesture.
     least_confidence : float
-        Gestures with a lower confidence press no key.
+        Gestures with a lower confidence (0 to 1) press no key.
     """
 
     gestures: dict[str, str]
@@ -124,12 +124,13 @@ def play(
     drawing: bool,
     mapping: Mapping,
 ) -> list[Gesture]:
-    """Read a board, and report each gesture at once; return all gestures at the end.
+    """Read a board, and report each gesture when it is complete; return all gestures at the end.
 
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. This function switches its ``baseline`` setting on.
+        Board with a calibrated strip. This function switches its ``baseline`` setting on: the board
+        then follows slow changes of the untouched strip's light.
     on_gesture : callable
         ``on_gesture(gesture)`` is called with each gesture.
     seconds : float or None
@@ -142,6 +143,7 @@ def play(
     Returns
     -------
     list of Gesture
+        All gestures, oldest first.
 
     Raises
     ------

@@ -33,7 +33,7 @@ def picture(
     length_um : int
         Length of the strip, in um.
     found : sequence of Gesture
-        Gestures so far, oldest first.
+        All gestures since the start, oldest first.
     does : mapping of str to str
         Name of the key for each gesture that has a key.
     stats : LinkStats

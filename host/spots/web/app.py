@@ -1,9 +1,8 @@
 """The web application: static files, a WebSocket for the state, and requests for changes.
 
-Messages that a browser sends on the WebSocket only acknowledge the server's messages. A request
-that changes something is a POST, and needs the access token. A browser acknowledges each message
-after drawing it, and then gets the newest state. So old states never wait in a queue or in a
-socket.
+On the WebSocket, the server sends states, and a browser only acknowledges each one after drawing
+it. The server then sends the newest state, so stale states never wait in a queue or in a socket. A
+request that changes something is a POST, and needs the access token.
 """
 
 import asyncio
@@ -32,12 +31,12 @@ STATIC = Path(__file__).parent / "static"
 # Files by name: no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
 _FILES["usages.txt"] = USAGES_FILE
-_CLIENTS_MAX = 64
-_ACK_MAX = 16  # bytes
+_CLIENTS_MAX = 64  # browser windows
+_ACK_MAX = 16  # bytes of a message from a browser
 _NUMBER = re.compile("[0-9]+")
-_HEARTBEAT_S = 20.0
-_ANSWER_S = 10.0
-_PING_EVERY = 32  # messages
+_HEARTBEAT_S = 20.0  # interval of aiohttp's pings, which detect lost browsers
+_ANSWER_S = 10.0  # longest wait for the answer to a request
+_PING_EVERY = 32  # number of messages between two pings
 NOTHING: Mapping[str, Orders] = {}
 
 
@@ -65,7 +64,7 @@ class PageApp:
     guard : Guard
         Access control for all requests.
     orders : dict of Orders, optional
-        Handlers of the requests that a browser with the access token may send, by path.
+        Handler of the requests to each path, such as ``strip``; they need the access token.
 
     Attributes
     ----------
@@ -93,7 +92,8 @@ class PageApp:
         self.web.on_shutdown.append(self._close)
 
     def _changed(self) -> None:
-        # The reader's thread calls this thousands of times a second; the loop is woken only once.
+        # The reader's thread calls this thousands of times a second, so only one call of `_wake` is
+        # pending at any time.
         if not self._waking:
             self._waking = True
             try:

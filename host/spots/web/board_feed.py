@@ -28,7 +28,7 @@ from .one_strip import OneStrip
 from .orders import Orders
 from .state import Beside, PageState
 
-_TICK_S = 0.02
+_TICK_S = 0.02  # longest wait for frames before timeouts and requests are handled
 _SEARCH_EVERY_S = 1.0
 _HEALTH_PER_S = 2
 _RATE_OVER_S = 2.0  # time over which rate and latency are computed
@@ -54,14 +54,14 @@ class BoardReader:
     layout : KeyLayout
         Key layout to show until a request changes the layout.
     state : PageState
-        State of the web UI; its parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick`` and
-        ``link`` are set, see docs/page.md.
+        State of the web UI; its parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick``,
+        ``untrusted``, ``beside`` and ``link`` are set, see docs/page.md.
     search_every_s : float
         Time between two searches for a board, in seconds.
     on_touch : callable
         ``on_touch(touch)`` is called with each reading, in the reader's thread.
     orders : collection of Orders
-        Queues of the requests of browsers; this thread handles the requests.
+        Queues of requests from browsers; the reader's thread handles these requests.
     """
 
     def __init__(
@@ -105,7 +105,10 @@ class BoardReader:
                 self._stopping.wait(self._search_every_s)
 
     def _attempt(self) -> bool:
-        """Open and read a board until the reader is stopped; return False if reading fails."""
+        """Read a board, or a recording that a browser has chosen; return False if reading fails.
+
+        Return True if the reader is stopped, or if a browser chooses another source.
+        """
         playing = self._playing()
         try:
             with open_recording(playing) if playing else self._open_board(self._id) as board:
@@ -173,7 +176,7 @@ class BoardReader:
                     self._take(frame, feels, health, board)
                     if self._stopping.is_set():
                         return
-                if board.ended:  # an ended recording returns from `frames` at once
+                if board.ended:  # `frames` of an ended recording returns without a wait
                     self._stopping.wait(_TICK_S)
                 self._tick(feels, infos, board.now_s())
                 health.show()
@@ -244,7 +247,7 @@ def _begun(strip: Board | OneStrip) -> Mapping[str, Any]:
     try:
         return strip.command("hello")
     except CommandError:
-        return {}  # a remote board answers `hello` for its first strip only
+        return {}  # a remote board replies to `hello` only for its first strip
 
 
 def _settings(board: Board | OneStrip) -> dict:
@@ -255,17 +258,19 @@ def _settings(board: Board | OneStrip) -> dict:
         return unknown  # a recording has no settings
 
 
+# Values of ``hello`` that the web UI shows: of the chosen strip, and of every strip.
 _FACTS = (
     *("id", "board", "runtime", "firmware", "calibration", "length_um", "relative_force"),
     *("plan", "gain", "exposure_us", "led_mA", "led", "average", "strain_ppm"),
 )
-
-
 _FACTS_OF_STRIP = "id", "calibration", "length_um", "relative_force"
 
 
 class _Health:
-    """Shows rate, losses and latency of the link to a board in the web UI, twice a second."""
+    """Shows rate, losses and latency of the link to a board in the web UI, twice a second.
+
+    The latency of a reading is the time from its measurement to its arrival.
+    """
 
     def __init__(self, board: Board, state: PageState):
         self._board, self._state = board, state
@@ -308,9 +313,9 @@ def finder(
     port : str or None
         Port as for `spots.open`; if None, the board is found on USB.
     sensor, scenario : str
-        Sensor file and scenario file of the virtual board, by path or name.
+        Sensor file and scenario file if `port` is a virtual board: each a path or a name.
     seed : int
-        Seed of the virtual board's noise.
+        Random seed of the noise if `port` is a virtual board.
 
     Returns
     -------
@@ -320,7 +325,7 @@ def finder(
     Raises
     ------
     SpotsError
-        If a file of the virtual board is invalid.
+        If the sensor file or the scenario file of a virtual board is invalid.
     """
     module, rest = scheme(port)
     simulated = {"sensor": sensor, "scenario": scenario, "seed": seed}

@@ -25,22 +25,24 @@ from .orders import Orders
 from .state import PageState
 
 _SAID = 4  # number of messages that are shown
-_PASSING = "touch nothing"  # end of a message that holds only during its step
+_PASSING = "touch nothing"  # end of a message that is shown only during its step
 _PLACES_MIN = 3  # positions needed to know how the colour changes along the strip
-_ALONG = "hand", "position", "force", "mark"
+_ALONG = "hand", "position", "force", "mark"  # kinds of presses that show this change
 _MORE = 6  # presses to add if a finished session is continued
 # Phases of a session, for the web UI.
 PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 REZERO = "rezero"  # kind of a session that corrects the drift of a calibration
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
-_UNCHANGED = "stopped: nothing was saved"  # a re-zero
+_UNCHANGED = "stopped: nothing was saved"  # for a re-zero
 _BEHIND = "the answer is for an earlier step: answer the step that the web UI shows"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
     """Request of a browser: start or continue a session with a strip of length `length_mm`.
 
-    A re-zero uses the length in the calibration.
+    `kind` is ``rough`` (with a fingertip and a ruler), ``fine`` (with an indenter, a ruler and a
+    scale) or ``rezero`` (corrects the drift of a calibration). `length_mm` is not used for
+    ``rezero``, because the calibration contains the length.
     """
 
     kind: Literal["rough", "fine", "rezero"]
@@ -48,7 +50,10 @@ class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=T
 
 
 class Answer(msgspec.Struct, tag_field="do", tag="answer", forbid_unknown_fields=True):
-    """Request of a browser: answer the question that the session asked at step `step`."""
+    """Request of a browser: answer the question of step `step`.
+
+    Each question, press and release of a session is a step; steps are numbered.
+    """
 
     step: int
     text: Annotated[str, msgspec.Meta(max_length=40)]
@@ -61,7 +66,7 @@ class Undo(msgspec.Struct, tag_field="do", tag="undo", forbid_unknown_fields=Tru
 
 
 class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields=True):
-    """Request of a browser: end the session; the session file keeps the presses."""
+    """Request of a browser: end the session. The presses stay in the session file."""
 
 
 class PageCalibration(Orders):
@@ -70,8 +75,8 @@ class PageCalibration(Orders):
     Parameters
     ----------
     path : Path
-        Session file; the calibration file has the same name with the suffix ``.toml``. Strip 1 of a
-        board with several strips has its own files: before the suffix, their names end in ``-1``.
+        Session file of strip 0. The calibration file has the same name with the suffix ``.toml``.
+        File names of any other strip contain its number, such as ``-1``, before the suffix.
     state : PageState
         State of the web UI; a session sets the parts ``calibration``, ``hold`` and ``spectrum``.
 
@@ -159,7 +164,7 @@ class PageCalibration(Orders):
 
     def _calibrate(self, start: Start) -> None:
         board, made = self._board, self._session.conditions
-        # A board that was unplugged has lost its settings.
+        # A board that was unplugged has lost settings that were not saved.
         if made is not None and made.board == board.info["id"]:
             board.command("set " + settings(made))
         reader = SpectrumReader(board)
@@ -209,7 +214,7 @@ class PageCalibration(Orders):
         self._show(done=self._shown["done"] + 1, phase=WORK, note=None)
 
     def fitted(self, progress: Progress) -> None:
-        """Show the residuals of all presses so far, and the expected accuracy."""
+        """Show the errors of all presses, and those expected for later presses, see `Progress`."""
         rows = np.column_stack(
             (progress.place_um, progress.force_mN, progress.off_um, progress.off_share)
         )
@@ -236,7 +241,10 @@ class PageCalibration(Orders):
         return text
 
     def _listen(self) -> str | None:
-        """Show the newest counts; handle one request, and return its text if it is an `Answer`."""
+        """Show the newest spectrum, and handle one request; return the text of an `Answer`.
+
+        Return None if there is no request, or if the request is refused.
+        """
         while self._live.unread:
             counts = next(self._live).counts
             if not self._live.unread:
@@ -293,7 +301,7 @@ class _Person(Presser):
         super().press(wanted)
 
     def change(self, wanted: Wanted) -> None:
-        """Ask the person for the second force of a press."""
+        """Ask the person to change the force of the press to the second force of `wanted`."""
         self._page.request(PRESS)
         super().change(wanted)
 

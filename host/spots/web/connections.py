@@ -5,21 +5,21 @@ from collections.abc import Callable
 
 # Together with WebSockets and open files this stays below the 256 file handles of macOS.
 CONNECTIONS_MAX = 128
-# Longest duration of a request with its answer, even if the client is slow.
+# Longest duration in s of a request with its answer, even if the client is slow.
 CONNECTION_S = 30.0
 
 
 class Connections:
     """Limits the number and the duration of connections that are not WebSockets.
 
-    If there are too many connections, the oldest one is closed. So a client that opens many
-    connections and sends nothing cannot block browsers: a browser sends its request at once, and
-    reconnects if its connection is closed.
+    A connection is closed after `CONNECTION_S` seconds. A new connection beyond `CONNECTIONS_MAX`
+    closes the oldest one. So a client that opens many connections and sends nothing cannot block
+    browsers: a browser sends its request immediately, and reconnects if its connection is closed.
 
     Parameters
     ----------
     protocol : callable
-        Function that returns the asyncio protocol for a new connection, such as aiohttp's server.
+        ``protocol()`` returns the asyncio protocol for a new connection.
     """
 
     def __init__(self, protocol: Callable[[], asyncio.Protocol]):

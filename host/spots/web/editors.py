@@ -45,7 +45,7 @@ class FileEditor(Orders):
 
     A subclass also has the methods ``_check(request)``, which returns the answer to a `Check`, and
     ``_shown(info)``, which returns further values for the web UI; `info` is the board's ``hello``
-    reply, or None.
+    reply, or None without a board.
 
     Parameters
     ----------
@@ -54,14 +54,14 @@ class FileEditor(Orders):
     kind : str
         Kind of file for error messages, such as "layout".
     part : str
-        Name of the part of the state that describes the file.
+        Name of the part of `state` that describes the file, see `PageState.put`.
     state : PageState
-        State of the web UI; contains this part.
+        State of the web UI; only this part is set.
 
     Attributes
     ----------
     text : str
-        Present text of the file.
+        Current text of the file.
 
     Raises
     ------
@@ -82,7 +82,7 @@ class FileEditor(Orders):
         self._shown_for: str | None = None  # id of the strip for which the part was computed
 
     def submit(self, request: Any) -> Future:
-        """Answer a `Check` at once, without a board; queue any other request."""
+        """Answer a `Check` immediately, without a board; queue any other request."""
         if not isinstance(request, Check):
             return super().submit(request)
         answer: Future = Future()
@@ -90,7 +90,7 @@ class FileEditor(Orders):
         return answer
 
     def attend(self, board: Board) -> bool:
-        """Handle all waiting requests; return whether something was stored."""
+        """Handle all waiting requests; return whether there were any."""
         if board.info["id"] != self._shown_for:
             self._shown_for = board.info["id"]
             self._show(board.info)
@@ -118,9 +118,10 @@ class FileEditor(Orders):
 
 
 class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=True):
-    """Request of a browser: replace the layout whose checksum is `base`.
+    """Request of a browser: replace the layout whose checksum is `base` by the layout `text`.
 
-    `loses` lists the actions of the present layout that the new layout may lack.
+    `loses` lists the actions, such as typed keys, that only the old layout has. The user has
+    agreed to lose these actions. If another action would be lost, the layout is not replaced.
     """
 
     text: Text
@@ -206,14 +207,14 @@ class LayoutEditor(FileEditor):
 
 
 class Save(msgspec.Struct, tag_field="do", tag="save", forbid_unknown_fields=True):
-    """Request of a browser: replace the text of the file; `base` is the old text's checksum."""
+    """Request of a browser: replace the file's old text, which has the checksum `base`."""
 
     text: Text
     base: Base
 
 
 class Kind(NamedTuple):
-    """A kind of settings.
+    """A kind of settings file, such as the settings of the controller.
 
     Attributes
     ----------
@@ -226,7 +227,7 @@ class Kind(NamedTuple):
     read : callable
         ``read(text, path)`` returns the settings of a text, or raises SpotsError.
     more : dict
-        Further values for browsers.
+        Further values for the web UI, by name, such as the names of all gestures.
     """
 
     words: str

@@ -1,4 +1,4 @@
-"""Computes the spectra that a board's calibration expects; the web UI shows these spectra."""
+"""Computes the spectra of presses from a board's calibration; the web UI shows these spectra."""
 
 from spots_device.calibration import CalibrationError
 from spots_device.decode import DARK_SAMPLES
@@ -9,7 +9,7 @@ from ..link.board import Board
 
 
 def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
-    """Return the spectra that a calibration expects for presses along the strip.
+    """Return the spectra of presses along the strip, computed from the board's calibration.
 
     Parameters
     ----------
@@ -23,9 +23,9 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     Returns
     -------
     dict or None
-        ``from_um`` and ``step_um``: first position and spacing; ``logs``: spectrum at each
-        position, see `expect.expected`; ``dark``: dark counts per sample. None if this program does
-        not know the board's calibration, or if the calibration is invalid.
+        ``from_um`` and ``step_um``: first position and spacing; ``logs``: log2 of the counts at
+        each position, see `expect.expected`; ``dark``: dark counts per sample. None if the
+        calibration is invalid, or if `board.calibration` is not the one that the board stores.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:

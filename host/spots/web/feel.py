@@ -32,19 +32,19 @@ class Feel:
     board : Board
         The board that is read.
     info : dict
-        The board's reply to ``hello``. Without a calibration only the readings are shown.
+        The board's reply to ``hello``. If the board is not calibrated, only readings are shown.
     state : PageState
         State of the web UI; its parts ``touch``, ``keys``, ``stick`` and ``untrusted`` are set, and
         events are added.
     layout : KeyLayout
-        Key layout; gives only the zones of the keys if the board itself is a keyboard.
+        Key layout. If the board itself is a keyboard, only the zones of the keys are used.
     controller : ControllerSettings, optional
         Settings of the gamepad; by default those of the package.
     draft : callable
-        Returns a draft: a key layout to try beside `layout`; or None. A key that the draft would
-        press is shown as an event ``tried``.
+        ``draft()`` returns None, or a draft: a key layout to try in addition to `layout`. A key
+        that the draft would press is shown as an event ``tried``.
     gestures : Mapping, optional
-        Keys of the gestures; each gesture is shown with the name of the key that it presses.
+        The key that each gesture presses; a gesture is shown with the name of its key.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Feel:
         length_um = info.get("length_um")
         if length_um:
             self._gestures = Gestures()
-            with contextlib.suppress(SpotsError):  # too slow for a gamepad
+            with contextlib.suppress(SpotsError):  # the board is too slow for a gamepad
                 settings = controller or load_controller()
                 self._buttons = max((one.number for one in settings.button), default=0)
                 self._controller = controller_for(board, settings)
@@ -105,7 +105,7 @@ class Feel:
         self._show()
 
     def _try(self) -> None:
-        """Compute keys also with the draft of the layout that a browser edits, if there is one."""
+        """If a browser edits a draft of the layout, compute pressed keys with this draft, too."""
         length_um, decay = self._sizes
         draft = self._draft() if length_um else None
         if draft is not self._tried:
@@ -118,7 +118,7 @@ class Feel:
         self._state.add_event({"kind": "tried", "name": _name(page, usage), "pressed": pressed})
 
     def take_key(self, key: Key) -> None:
-        """Show a key event of a board that is a keyboard itself."""
+        """Show a key event from a board that is itself a keyboard; ignore it from other boards."""
         if self._own:
             self.key(key.page, key.usage, key.modifiers, key.pressed)
 
@@ -129,7 +129,7 @@ class Feel:
         self._show()
 
     def silence(self, sentence: str) -> None:
-        """Until the next reading, show `sentence`, which says why no readings arrive."""
+        """Show why no readings arrive (`sentence`), until the next reading."""
         if not self._silent:
             self.release()
             self._silent = sentence
@@ -235,7 +235,11 @@ def _is_on(info: Mapping, layout: KeyLayout) -> bool:
 
 
 def layout_shown(layout: KeyLayout) -> dict:
-    """Return a layout for the web UI as a JSON object: names, zones and labels of the keys."""
+    """Return a layout as a dict for the web UI.
+
+    ``name``: name of the layout. ``layers``: for each layer by name, a list of its keys. Each key
+    has a ``label``, and ``low`` and ``high``: the bounds of its zone as shares of the strip.
+    """
     return {
         "name": layout.name,
         "layers": {

@@ -7,10 +7,10 @@ import socket
 
 from aiohttp import web
 
-_COOKIE = "spots-token-{port}"  # browsers do not separate cookies by port
-_LOOKING = ("GET", "HEAD")
+_COOKIE = "spots-token-{port}"  # with the port, because a browser sends cookies to all ports
+_LOOKING = ("GET", "HEAD")  # methods that change nothing
 _ASK = "this request needs the token: open the address that 'spots serve' printed"
-# The Host header of a browser: a name, an IPv4 address or an IPv6 address in brackets; a port.
+# The Host header of a browser: a name, an IPv4 address or an IPv6 address in brackets; then a port.
 _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([0-9a-z.-]+))(?::([0-9]{1,5}))?", re.ASCII | re.I)
 _PORT = 80  # default port of HTTP
 _PORT_MAX = 65_535

@@ -10,7 +10,9 @@ from ..link.readers import FrameIterator
 
 
 class OneStrip:
-    """One strip of a board; any attribute that this class does not define is that of the board.
+    """One strip of a board with several strips.
+
+    Attributes that this class does not define are those of the board.
 
     Parameters
     ----------

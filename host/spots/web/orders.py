@@ -13,7 +13,7 @@ from ..errors import SpotsError
 from ..guarded import sentence_of
 from ..link.board import Board
 
-_WAITING_MAX = 8
+_WAITING_MAX = 8  # number of waiting requests
 
 
 class Orders:
@@ -31,7 +31,7 @@ class Orders:
     sensor : int
         Number of the strip to show in detail and to change, on a board with several strips.
     feel : dict
-        New arguments of `feel.Feel` by name, such as a key layout; they replace the present ones.
+        New values for arguments of `feel.Feel`, by name, such as a key layout.
     """
 
     what = "a request"  # for error messages
@@ -91,7 +91,7 @@ class Orders:
         return answer
 
     def _next(self) -> tuple[Any, Future] | None:
-        """Return the next request whose client still waits, and its future; None if no more."""
+        """Return the next request whose client still waits, and its future; None if no request."""
         while True:
             try:
                 asked = self._asked.get_nowait()
@@ -107,7 +107,7 @@ class Orders:
         except SpotsError as error:
             answer.set_exception(error)
         except Exception as error:
-            # The client gets an answer at once, and the reader continues.
+            # The client gets an answer without a timeout, and the thread continues.
             sentence = sentence_of(self.what, error)
             print(f"spots: {sentence}", file=sys.stderr, flush=True)
             answer.set_exception(SpotsError(sentence))

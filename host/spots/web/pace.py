@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Callable
 
 WINDOW = 2  # largest number of messages that are not drawn yet
-SOONEST_S = 1 / 60
-SELDOM_S = 0.1
+SOONEST_S = 1 / 60  # shortest interval between two messages
+SELDOM_S = 0.1  # longest interval
 # A browser that keeps up draws a message within two frames of its screen. The time on the network
 # is added to this limit.
 LATE_S = 0.03
-_SLOWER, _FASTER = 1.25, 0.99
+_SLOWER, _FASTER = 1.25, 0.99  # factors of the interval after a late and after any other message
 
 
 class PagePace:
@@ -79,8 +79,9 @@ class PagePace:
             self.answered(self._now_s() - asked_s)
 
     def answered(self, way_s: float) -> None:
-        """Record the round-trip time of a ping, in seconds; the smallest such time is used.
+        """Record the round-trip time of a ping, in seconds.
 
-        A ping needs no drawing, but a busy processor delays its answer, too.
+        A message is late if it is drawn after `LATE_S` plus the smallest round-trip time. Larger
+        times are not used, because a busy processor also delays the answer to a ping.
         """
         self._way_s = way_s if self._way_s is None else min(self._way_s, way_s)

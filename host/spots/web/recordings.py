@@ -19,12 +19,12 @@ from ..terminal.view import Pace
 from .orders import Orders
 from .state import PageState
 
-# Requests, and the number of names of recordings after each.
+# The words of requests, each with the number of file names that follow it.
 _WORDS = {"start": 0, "stop": 0, "live": 0, "play": 1, "list": 0, "compare": 2}
 _SHOWN_PER_S = 2
 _LISTED = 100  # newest recordings
-_READ_MAX = 200_000  # most readings of a compared recording
-_POINTS = 1500  # most points of its curve
+_READ_MAX = 200_000  # most readings that are read of a recording to compare
+_POINTS = 1500  # most points of the recording's curve
 _UNKNOWN = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
@@ -68,7 +68,7 @@ class Recordings(Orders):
         return body.decode()
 
     def submit(self, request: str) -> Future:
-        """Queue a request; but if it only reads recordings, answer it in a separate thread."""
+        """Queue a request; a separate thread answers ``list`` and ``compare``."""
         word, *names = request.split("\n")
         if word not in ("list", "compare"):
             return super().submit(request)
@@ -130,7 +130,7 @@ class Recordings(Orders):
 
     def _play(self, board: Board, name: str) -> None:
         if self._recorder:
-            raise SpotsError("a recording runs: stop it before you play another one")
+            raise SpotsError("a recording is being made: stop it before you play another one")
         path = self._file(name)
         open_recording(path).close()  # an error must not end the present view
         self.playing = path
@@ -141,7 +141,7 @@ class Recordings(Orders):
         self._put({**self._shown, "playing": None})
 
     def _files(self) -> dict[str, Path]:
-        """Return the recordings in the folder by name, newest first. Links are not followed."""
+        """Return the newest `_LISTED` recordings by file name, newest first; links are ignored."""
         found = [one for one in self._folder.glob("*.spots") if one.is_file()]
         found = [one for one in found if not one.is_symlink()]
         found.sort(key=lambda one: one.stat().st_mtime, reverse=True)
@@ -181,14 +181,14 @@ class Recordings(Orders):
 
 
 def _curve(path: Path) -> dict:
-    """Return the position and the force of a recording over time.
+    """Return position and force over time, from the readings of strip 0 in a recording.
 
     Returns
     -------
     dict
-        ``name``; ``points``: at most `_POINTS` lists of time in s, position in um and force in mN,
-        both null without a press; ``cut``: whether the recording has more than `_READ_MAX`
-        readings.
+        ``name``: file name; ``points``: at most `_POINTS` lists (time in s, position in um, force
+        in mN), where position and force are None without a press; ``cut``: whether the recording
+        has more than `_READ_MAX` readings.
     """
     parts, count = [], 0
     for block in RecordingBlocks(path):

@@ -50,8 +50,8 @@ class Server:
     port : int
         TCP port to listen on; 0 for any free port.
     orders : dict of Orders, optional
-        Handlers of the requests that a browser with the access token may send, by path. Pass
-        the same objects to the reader of the board.
+        Handler of the requests to each path, such as ``strip``. These requests need the access
+        token. Pass the same objects to the reader of the board.
 
     Attributes
     ----------
@@ -207,7 +207,10 @@ def _ended_by_sigterm() -> asyncio.Event:
 
 
 def _outward(address: str) -> str:
-    """Return the address of this machine in its local network; this sends no packet."""
+    """Return the address of this machine in its local network, without sending a packet.
+
+    The result is an IPv6 address if `address` is one, else an IPv4 address.
+    """
     six = ":" in address
     with socket.socket(socket.AF_INET6 if six else socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

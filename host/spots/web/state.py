@@ -1,15 +1,15 @@
 """State of the web UI: the newest values by name (the parts), and the last events in order.
 
-One thread writes, and any number of clients read. Only two numbers (a `Cursor`) are stored for each
-client, even for a slow client. A client misses values that were overwritten before the
-client read them.
+Any number of threads write, and any number of clients (browser windows) read. Only two numbers (a
+`Cursor`) are stored for each client, even for a slow client. A client misses values that were
+overwritten before the client read them.
 """
 
 import threading
 from collections import deque
 from typing import Any, NamedTuple
 
-# Stored events. A slower client misses the oldest events.
+# Number of stored events. A slow client misses older events.
 EVENTS_KEPT = 512
 
 
@@ -19,7 +19,7 @@ class Cursor(NamedTuple):
     Attributes
     ----------
     version : int
-        Version of the parts that the client has read.
+        Number of changes of parts that had been made when the client last read.
     events : int
         Number of events that had been added when the client last read.
     """
@@ -68,7 +68,7 @@ class PageState:
         self.on_change()
 
     def begin(self) -> Cursor:
-        """Return the cursor of a new client, for whom all parts and all later events are new."""
+        """Return the cursor of a new client: it gets the whole state, and events from now on."""
         with self._lock:
             return Cursor(0, self._added)
 
@@ -80,8 +80,8 @@ class PageState:
         cursor : Cursor
             Cursor for the next call.
         news : dict
-            Changed parts by name; with new events, also ``events``, a list of them; ``missed`` is
-            the number of events that were dropped unread, if any.
+            Changed parts by name. If there are new events, ``events`` is a list of them. If events
+            were dropped before this client read them, ``missed`` is their number.
         """
         with self._lock:
             news = {
@@ -99,7 +99,7 @@ class PageState:
 
 
 class Beside(PageState):
-    """Latest reading and warning of a strip that the web UI does not show in detail.
+    """Shows only the latest reading and warning of a strip, if another strip is shown in detail.
 
     Parameters
     ----------
@@ -108,7 +108,8 @@ class Beside(PageState):
     sensor : int
         Number of the strip.
     strips : dict
-        Reading and warning of each strip, by its number; all strips of a board share this object.
+        Reading and warning of each strip, by number of the strip. All `Beside` objects of a board
+        share this dict.
     """
 
     def __init__(self, state: PageState, sensor: int, strips: dict[int, dict]):

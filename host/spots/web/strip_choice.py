@@ -6,7 +6,7 @@ from .orders import Orders
 
 
 class StripChoice(Orders):
-    """Chooses one strip of a board with several strips.
+    """Handles requests of browsers to choose one strip of a board with several strips.
 
     Attributes
     ----------

@@ -17,7 +17,7 @@ from ..terminal.view import Pace
 from .board_feed import BoardReader, finder
 from .state import PageState
 
-_SHOWN_PER_S = 20
+_SHOWN_PER_S = 20  # states of the linkage
 # Each message contains the whole trail, so the trail's step and length are limited.
 _STEP_MM = 0.5
 _TRAIL = 1000
@@ -40,7 +40,7 @@ class TwinFeed:
         self._pace = Pace(_SHOWN_PER_S)
         self._trail: deque[tuple[float, float]] = deque(maxlen=_TRAIL)
         self._shown_s = -math.inf
-        self._away = ["", ""]  # reason why each joint cannot be read
+        self._away = ["", ""]  # reason why each joint cannot be read; empty if it can be read
         self._shown = {
             **dict.fromkeys(("x_mm", "y_mm", "theta1_rad", "theta2_rad", "cov")),
             "base_mm": twin.linkage.base_mm,
@@ -61,7 +61,7 @@ class TwinFeed:
         with self._lock:
             self._away[joint] = ""
             for terminal in self._twin.take(joint, touch):
-                if terminal.time_s < self._shown_s:  # a recording that is played again
+                if terminal.time_s < self._shown_s:  # a recording is played again
                     self._trail.clear()
                     self._pace = Pace(_SHOWN_PER_S)
                 self._shown_s = terminal.time_s
@@ -103,7 +103,7 @@ class TwinFeed:
 
 
 class _Aside(PageState):
-    """Discards the state of a board that the web UI does not show, but reports the board's loss."""
+    """Discards the state of a joint's board, but reports a disconnection to a `TwinFeed`."""
 
     def __init__(self, feed: TwinFeed, joint: int):
         super().__init__()
@@ -144,7 +144,7 @@ def linkage_readers(
     ids = {board_of(strip) for strip in strips}
     if len(ports) == 1 or (not ports and len(ids) == 1):
         return [_reader_of_both(twin, strips, (ports or [None])[0], ids.pop(), layout, state)]
-    # One search at a time: a board that answers one search cannot answer the other.
+    # One search at a time: a search cannot open a board that the other search has opened.
     searching = threading.Lock()
     searches = [finder(port) for port in (ports or (None, None))]
 
@@ -192,12 +192,12 @@ def _reader_of_both(
 
 
 def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -> list[BoardReader]:
-    """Return the readers of the two boards of a linkage that opens its boards itself.
+    """Return the readers of the two boards that a `DrivenLinkage` opens.
 
     Parameters
     ----------
     driven : DrivenLinkage
-        The linkage, for example a simulated one.
+        The linkage, for example a simulated linkage.
     layout : KeyLayout
         Key layout to show for the strip of joint 1.
     state : PageState

@@ -1,4 +1,4 @@
-"""A substitute for MicroPython's own module in CPython, where no heap can be locked."""
+"""Substitute in CPython for the module `micropython`; its functions do not lock the heap."""
 
 
 def const(value):

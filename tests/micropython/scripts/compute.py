@@ -1,6 +1,7 @@
-"""Runs a trial while the heap is locked, and prints its results, one case per line.
+"""Runs a trial of trials.py while the heap is locked, and prints its results, one case per line.
 
-Reads from given.json: ``trial``, the ``cases`` and how many results (``width``) each of them has.
+Reads from given.json: ``trial``, the name of the trial; ``cases``, a list of its arguments; and
+``width``, the number of results of each case.
 """
 
 import gc
@@ -14,11 +15,11 @@ gc.collect()
 with open("given.json") as file:
     given = json.load(file)
 width = given["width"]
-# Before the cases are prepared: later no piece of the heap may be so large.
+# Allocated before the cases are prepared: later the heap may have no free block of this size.
 results = array("i", range(width * len(given["cases"])))
 for i in range(len(results)):
     results[i] = 0
-# Popped: they must not lie twice in a heap as small as a board's.
+# Popped, because a heap as small as that of a board has no room for two copies of the cases.
 cases = getattr(trials, "prepare_" + given["trial"], list)(given.pop("cases"))
 locked(getattr(trials, given["trial"]), cases, results)
 for i in range(len(results)):

@@ -1,7 +1,7 @@
-"""Prints whether any call of the loop takes its frame from the heap.
+"""Prints whether any call of the loop allocates its call frame on the heap.
 
-MicroPython frees such a frame when the call returns, so neither the heap's size nor a locked heap
-shows it. But it counts towards the threshold of the garbage collector, which then runs.
+MicroPython frees such a frame when the call returns, so neither the used heap nor a locked heap
+shows it. But the frame counts towards the threshold at which the garbage collector runs.
 """
 
 import gc
@@ -11,7 +11,7 @@ from spots_device.as7341 import AS7341
 from spots_device.several import SeveralApp
 
 _SAMPLES = 500
-_THRESHOLD_BYTES = 30_000  # more than `litter` makes
+_THRESHOLD_BYTES = 30_000  # more than the garbage that `litter` makes
 
 
 def litter():
@@ -54,7 +54,7 @@ def two_strips(port):
 
 
 def collects(function, *arguments):
-    """Return whether a collection removed garbage during a call."""
+    """Return whether the garbage collector ran during the call ``function(*arguments)``."""
     gc.collect()
     gc.threshold(_THRESHOLD_BYTES)
     litter()

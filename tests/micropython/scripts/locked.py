@@ -1,4 +1,4 @@
-"""Proves that code allocates nothing: runs it while the heap is locked."""
+"""Checks that code allocates nothing: runs it while the heap is locked."""
 
 import micropython
 
@@ -6,7 +6,7 @@ import micropython
 def locked(function, given, results):
     """Call ``function(given, results)`` while the heap is locked.
 
-    An allocation is a MemoryError.
+    An allocation during the call raises MemoryError.
     """
     micropython.heap_lock()
     try:

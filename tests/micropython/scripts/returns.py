@@ -1,4 +1,4 @@
-"""Loses the sensor and finds it again; prints the garbage in bytes with which the loop starts.
+"""Loses the sensor and starts it again; prints the bytes of garbage when the loop continues.
 
 Reads ``calibration`` from given.json.
 """
@@ -13,7 +13,7 @@ _RETURNS = 3
 
 
 class Absent:
-    """The bus of a chip that does not answer."""
+    """I2C bus of a chip that does not answer."""
 
     def read_into(self, address, register, buffer):
         raise OSError(5)

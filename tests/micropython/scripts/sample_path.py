@@ -1,9 +1,10 @@
 """Runs the firmware's loop with prepared registers, and prints the bytes that it sends.
 
-Reads from given.json: ``settings``, ``calibrations``, ``scenes`` (see `play`), ``port_bytes`` for
-what the port is to keep, ``contacts``: whether to stream them, ``uses`` and ``layout``: settings
-and keys at the start, and ``lock``: whether the heap is locked meanwhile. The last line but one has
-the USB reports; the last one is how many bytes more are allocated after the scenes than before.
+Reads these items from given.json. ``settings``, ``uses`` and ``layout``: settings and key layout
+at the start. ``calibrations``: lists of lines. ``scenes``: see `play`. ``port_bytes``: size of the
+memory for sent bytes. ``contacts``: whether CONTACT frames are streamed. ``lock``: whether the heap
+is locked during the scenes. The script prints one line for each scene, a line with the USB reports,
+and the number of bytes that are allocated after the scenes but were not before.
 """
 
 import gc
@@ -20,15 +21,15 @@ _ASTATUS = 0x94
 _ASAT = 0x80
 _LED = 0x74
 _LED_ON = 0x80
-# A board that has run so long that its ticks and its time wrap while the scenes are played.
+# Age of the board at the start: its ticks and its time wrap during the scenes.
 _AGE_US = (1 << 32) - 1_000_000
-_STALL_US = 1 << 28  # board time has to be asked for at least that often
+_STALL_US = 1 << 28  # the board time must be updated at least every 2**28 us
 _WARM_UP_US = 150_000
 _PIECE_BYTES = 64
 
 
 class Port:
-    """A serial port that stores all that is written while `takes` is true."""
+    """Substitute for a serial port; stores written bytes, but refuses them if `takes` is false."""
 
     def __init__(self, size):
         self.kept = bytearray(size)
@@ -47,7 +48,7 @@ class Port:
 
 
 class Usb:
-    """USB interfaces that store their reports; they refuse two of three offers."""
+    """Substitute for a USB stack; stores reports, and refuses two of three offers of a report."""
 
     def __init__(self, size):
         self.kept = Port(size)
@@ -62,7 +63,7 @@ class Usb:
 
 
 def step_for(lasts_us, lit, dark):
-    """Run the loop for some time; the counts are dark while the LED is off."""
+    """Run the loop for `lasts_us`; the counts are `lit` while the LED is on, otherwise `dark`."""
     until = clock.ticks_add(clock.now, lasts_us)
     while clock.ticks_diff(until, clock.now) > 0:
         bus.counts(lit if bus.registers[_LED] & _LED_ON else dark)
@@ -70,7 +71,13 @@ def step_for(lasts_us, lit, dark):
 
 
 def play(scenes, ends):
-    """Run the scenes; record how many bytes were sent up to the end of each."""
+    """Run the scenes; store in `ends` how many bytes were sent up to the end of each scene.
+
+    A scene is a dict. ``lit`` and ``dark``: six counts with the LED on and off. ``calibration``:
+    index. ``average``: samples in a reading. ``lasts_ms``: duration. ``request_dark``: whether to
+    request a dark frame. ``saturated``: whether the chip reports saturation. ``port_takes``:
+    whether the port accepts bytes. ``stall_us``: pause before the scene.
+    """
     for i in range(len(scenes)):
         scene = scenes[i]
         if strip.decode.calibration is not calibrations[scene["calibration"]]:
@@ -88,7 +95,7 @@ def play(scenes, ends):
 
 
 def print_kept(port, begin, end):
-    """Print the stored bytes in one line."""
+    """Print the bytes `begin` to `end` that `port` has stored, in hexadecimal, in one line."""
     while begin < end:
         piece = min(_PIECE_BYTES, end - begin)
         print(hexlify(port.kept[begin : begin + piece]).decode(), end="")
@@ -97,7 +104,7 @@ def print_kept(port, begin, end):
 
 
 def allocated_by(scenes, ends):
-    """Run the scenes, and return how many bytes they have left allocated."""
+    """Run the scenes; return how many more bytes are allocated after them than before."""
     count = getattr(gc, "mem_alloc", int)  # CPython does not count: always 0
     gc.collect()
     before = count()
@@ -118,12 +125,12 @@ save_lines("layout.txt", given["layout"])
 app, bus, clock, _ = canned.app((), port, usb)
 strip = app.strip
 calibrations = []
-while given["calibrations"]:  # popped: a board has never so many at once
+while given["calibrations"]:  # popped to free memory: a board never stores so many calibrations
     lines = given["calibrations"].pop(0)
     calibrations.append(Calibration(lines) if lines else None)
 app.uses.streams_contacts = given["contacts"]
 for calibration in calibrations:
-    app.uses.apply(calibration)  # loads what is switched on
+    app.uses.apply(calibration)  # imports the modules of functions that are switched on
 first = given["scenes"][0]
 left_us = _AGE_US - clock.now
 while left_us > 0:

@@ -1,4 +1,8 @@
-"""The firmware's arithmetic on many cases; results go into arrays that exist before."""
+"""Trials: functions of the firmware, each called for many cases.
+
+A trial is a function ``trial(cases, results)`` that stores its results in the array `results`. A
+function ``prepare_NAME`` converts the cases for the trial NAME before the heap is locked.
+"""
 
 from array import array
 
@@ -159,7 +163,7 @@ def prepare_table(cases):
 
 
 def table(cases, results):
-    # The contrast is always the same, so the knots move.
+    # The contrast of all cases is `_AT`, so the knots are shifted instead.
     place = 0
     for i in range(len(cases)):
         tables, size, readings = cases[i]
@@ -212,7 +216,7 @@ _payload = bytearray(64)
 
 
 class Events:
-    """Stores key events in the array of results: time, page and direction, usage, modifiers."""
+    """Receiver of key events; stores time, page and direction, usage, and modifiers of each."""
 
     def __init__(self):
         self.results = None
@@ -240,7 +244,7 @@ class Events:
 
 def prepare_keypad(cases):
     prepared = []
-    while cases:  # popped, as in compute.py: a case and its arrays do not both fit the heap
+    while cases:  # popped, as in compute.py: the heap has no room for a case and its arrays
         lines, length_um, readings = cases.pop(0)
         events = Events()
         pad = Keypad(events)
@@ -310,7 +314,7 @@ def time32(cases, results):
 
 
 def pacing(cases, results):
-    # A chip that samples on its own clock, and a board that polls it late; -1 is no sample.
+    # A chip samples on its own clock, and a board polls it late. The result -1 means no sample.
     at = 0
     for i in range(len(cases)):
         case = cases[i]

@@ -1,4 +1,4 @@
-"""Prints the number of bits of a small integer in this MicroPython, without the sign."""
+"""Prints the number of bits of a small integer in this MicroPython, without the sign bit."""
 
 from locked import locked
 

@@ -1,1 +1,1 @@
-"""A substitute for pynput."""
+"""A substitute for the package pynput."""

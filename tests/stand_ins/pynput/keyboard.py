@@ -1,4 +1,4 @@
-"""A substitute for pynput's keyboard, on a desktop with few keys."""
+"""A substitute for `pynput.keyboard`, on a computer that knows only a few special keys."""
 
 from enum import Enum
 
@@ -8,7 +8,7 @@ class Key(Enum):
 
 
 class Controller:
-    """Stores the pressed keys; a key in `refuses` raises an error."""
+    """Substitute that stores the pressed keys; to press a key in `refuses` raises an error."""
 
     made: list = []
 

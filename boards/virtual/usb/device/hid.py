@@ -18,7 +18,8 @@ class HIDInterface:
     def desc_cfg(self, desc, itf_num, ep_num, strs):
         desc.interface(itf_num, 1, _HID, 1 if self.protocol else 0, self.protocol)
         self._index = itf_num
-        # From now on the host chooses `protocol`: 0: boot reports, 1: those of the descriptor.
+        # From now on `protocol` is the host's choice: 0 for boot reports, 1 for the reports that
+        # the descriptor defines.
         self.protocol = 1
 
     def on_open(self):

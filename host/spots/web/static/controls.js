@@ -33,8 +33,8 @@ export function put(input, value, always = false) {
   else if (document.activeElement !== input || !input.matches(":focus-visible")) input.value = value;
 }
 
-// A number with a slider. `onValue(value, replace)` gets each value; while the slider moves,
-// `replace` is true after the first value.
+// A field for a number, with a slider. `onValue(value, replace)` is called with each value. While the
+// slider moves, `replace` is true for all values but the first: they are one step of undo.
 export function sliderField(words, unit, { low, high, top = high, step = 1, digits = 0, prefix = "" }, onValue) {
   const shown = `${words}${unit && `, ${unit}`}`, exact = number(prefix + shown), slider = make("input");
   slider.type = "range";

@@ -11,27 +11,28 @@ export function fill(bar, share) {
   bar.style.transform = `translateX(${-100 * (1 - Math.min(Math.max(share, 0), 1))}%)`;
 }
 
-// Whether a reading has the position of one finger. The position is null without a calibration, and
-// while the LED is off.
+// Returns whether a reading has the position of one finger. The position is null without a
+// calibration, and while the LED is off.
 export function placed(touch) {
   return Boolean(touch?.touching) && touch.position_um !== null && !several(touch);
 }
 
-// Whether the board sees several fingers; a measured position then lies between them.
+// Returns whether the board detects several fingers; a measured position then lies between them.
 export function several(touch) {
   return touch?.fingers?.length > 1;
 }
 
-// Rows of <dt> and <dd> from pairs of name and value; a pair without a value is omitted.
+// Fills a <dl> with rows of <dt> and <dd> from pairs of name and value; omits pairs without a value.
 export function list(root, pairs) {
   root.replaceChildren(...pairs
     .filter(([, value]) => value !== null && value !== undefined && value !== "")
     .map(([name, value]) => make("div", "", make("dt", "", name), make("dd", "", String(value)))));
 }
 
-// A canvas with the resolution of the screen; `draw(context, width, height)` uses CSS pixels. Without
-// a height, the style sheet sets the height. With a key, the canvas is drawn only after a change of
-// the key, of the canvas size or of the colours.
+// Adds a canvas with the resolution of the screen, and returns a function (draw, key) that draws it.
+// `draw(context, width, height)` uses CSS pixels. Without a height, the style sheet sets the height.
+// `key` stands for the content: with an unchanged key, the canvas is drawn again only after a change
+// of its size or of the colours.
 export function canvas(root, height) {
   const element = root.appendChild(make("canvas"));
   if (height) element.style.height = `${height}px`;
@@ -70,4 +71,4 @@ function look() {
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", look);
 look();
 
-export const FULL_FORCE_MN = 10000;
+export const FULL_FORCE_MN = 10000;  // force at the end of all force scales

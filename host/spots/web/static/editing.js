@@ -5,13 +5,14 @@ import { make } from "./dom.js";
 import { makeDraft } from "./layout/draft.js";
 import { request } from "./request.js";
 
-const CHECK_MS = 250;
+const CHECK_MS = 250;  // pause between the last change and the check
 
-// `path`: path of the requests. `opener`: the button that opens the panel. `it`: what the server sent.
+// `opener`: the button that opens the panel. `path`: path of the requests. `store`: name of the request
+// that stores the file. `it`: the part of the state that describes the file, from the server.
 // `begin(text, content)` returns a draft. `written(value, it)` returns {text, lost}: the text of a
 // draft, and the number of comments that this text loses. `forget(value)` returns a draft without
-// them. `state(it, changed, loses)` returns the state of the draft in words. `refresh` draws the
-// draft. `paused` returns whether a check must wait. `first(it)` is called once.
+// these comments. `state(it, changed, loses)` returns the state of the draft in words. `refresh` draws
+// the draft. `paused` returns whether a check must wait. `first(it)` is called for the first `it`.
 export function editing(root, opener, { path, store, words, begin, written, forget, refresh, first, state: stateOf, same, differs = () => {}, paused = () => false, shown = () => {} }) {
   const OPEN = `spots-editing-${path}`, closed = opener.textContent;
   let it = null, may = false, open = false, problem = "", news = "", loses = [];
@@ -45,10 +46,10 @@ export function editing(root, opener, { path, store, words, begin, written, forg
   function setOpen(on) {
     open = on;
     if (on) document.dispatchEvent(new CustomEvent("editing", { detail: path }));
-    try { sessionStorage.setItem(OPEN, open ? "1" : ""); } catch { /* closed after a reload */ }
+    try { sessionStorage.setItem(OPEN, open ? "1" : ""); } catch { /* not stored: the editor is closed after a reload */ }
     show();
   }
-  try { open = Boolean(sessionStorage.getItem(OPEN)); } catch { /* as above */ }
+  try { open = Boolean(sessionStorage.getItem(OPEN)); } catch { /* nothing is stored: the editor stays closed */ }
 
   function draw() {
     if (!draft.value || !it || root.hidden) return;
@@ -178,7 +179,7 @@ export function editing(root, opener, { path, store, words, begin, written, forg
       it = part ?? null;
       may = Boolean(allowed);
       if (begins && it) first(it);
-      // Another file on the server becomes the draft; undo returns to the one that was here.
+      // A changed file on the server becomes the draft; undo returns to the draft before it.
       if (it && may && draft.base !== it.base) {
         if (!draft.value || !same(draft.value.content, it.content)) draft.set(begin(it.text, it.content));
         draft.base = it.base;

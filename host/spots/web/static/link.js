@@ -3,8 +3,8 @@
 const FIRST_WAIT_MS = 250, LONGEST_WAIT_MS = 5000;
 
 // Calls onNews(parts) for each message, and onState("live" | "connecting") when the connection opens
-// or closes. Returns a function that stores the number of the last message, and returns a function
-// that acknowledges this message.
+// or closes. Returns a function to call when a frame is drawn. It returns a second function, to call
+// when this frame is on the screen: it acknowledges the last message that was drawn.
 export function connect(onNews, onState) {
   let socket, wait = FIRST_WAIT_MS, number = 0, acknowledged = 0;
 
@@ -19,7 +19,7 @@ export function connect(onNews, onState) {
     };
     socket.onclose = () => {
       onState("connecting");
-      // Random, so that not all browsers reconnect at once.
+      // Random, so that not all browsers reconnect at the same time.
       setTimeout(open, wait * (0.75 + Math.random() / 2));
       wait = Math.min(2 * wait, LONGEST_WAIT_MS);
     };

@@ -21,9 +21,9 @@ import { recording } from "./panels/recording.js";
 import { next } from "./panels/next.js";
 import { link } from "./panels/link.js";
 
-// Each panel, its largest drawing rate per second, and the parts that it shows. Panels that follow
-// the finger are drawn in every frame, charts less often, and text least often.
-const ANSWER = Infinity, LOOK = 15, READ = 5;
+// Each panel, its largest drawing rate per second, and the parts of the state that it shows. Panels
+// that follow the finger are drawn in every frame, charts less often, and text least often.
+const ANSWER = Infinity, LOOK = 15, READ = 5;  // drawings per second
 const PANELS = [
   [strip, ANSWER, "board", "touch"],
   [keyboard, ANSWER, "board", "touch", "keys"],
@@ -44,13 +44,13 @@ const PANELS = [
   [link, READ, "link"],
   [next, READ, "board", "touch", "untrusted", "calibration", "connection", "recording"],
 ];
-// Waiting panels are drawn with the next messages, or this time after the last message.
+// Panels whose drawing was postponed are drawn with the next messages, or this time after the last one.
 const QUIET_MS = 100;
 
 // A panel is a function of its element that returns a draw function: (state, news, now_s). `state`
 // has the newest value of every part. `news` has the parts that changed since the panel's last
-// drawing, and all `events`, `touches` and `besides` since then. If the draw function returns true, it is
-// called again.
+// drawing. It also has lists of everything since then: `events`, `touches` (values of the part touch)
+// and `besides` (values of the part beside). If the draw function returns true, it is called again.
 const panels = PANELS.map(([make, rate, ...parts]) => ({
   draw: make(document.getElementById(make.name)), parts,
   every_ms: 1000 / rate, due_ms: 0, news: null,
@@ -82,7 +82,7 @@ function take(parts, events = []) {
   const touched = placed(state.touch);
   Object.assign(state, parts);
   if (parts.application) document.body.dataset.application = parts.application;
-  // When a press begins or ends, all panels are due at once.
+  // When a press begins or ends, no panel waits for its drawing interval.
   if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
   newest = parts.touch ?? newest;
   arrived = true;
@@ -107,8 +107,8 @@ function ask() {
 function frame(now_ms) {
   asked = false;
   const due = panels.filter(({ news, due_ms }) => news && due_ms <= now_ms);
-  // While messages arrive, a frame draws the panels that follow the finger, and one other panel,
-  // the one that waits longest. With more panels the frame would be late.
+  // While messages arrive, a frame draws the panels that follow the finger, and only one other panel:
+  // the one that is overdue longest. With more panels the frame would be late.
   const [longest] = due.filter(({ every_ms }) => every_ms).sort((a, b) => a.due_ms - b.due_ms);
   for (const panel of due) {
     if (arrived && panel.every_ms && panel !== longest) continue;

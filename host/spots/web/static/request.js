@@ -1,7 +1,7 @@
 // Requests of this window to the server, which accepts them only with the token.
 
-// Returns the answer to a POST: its JSON object, {} if the answer has no body, or {refused: why}.
-// If the server does not answer, the result also has `unanswered`.
+// Sends a POST and returns the answer: its JSON object, {} if the answer has no body, or {refused: why}
+// after an error. If the server does not answer, the result also has `unanswered: true`.
 export async function request(path, body) {
   try {
     const answer = await fetch(path, { method: "POST", body: typeof body === "string" ? body : JSON.stringify(body) });

@@ -1,28 +1,29 @@
 // Texts of TOML files: comments, and values that are changed in place. The server checks each result.
 
-// Comments of a text: those at its beginning, and the number of all others.
+// Returns the comments at the beginning of a text, and the number of all other comments.
 export function comments(text) {
   const head = /^(?:[ \t]*(?:#.*)?\r?\n)*/.exec(text)[0];
   return { head, others: count(text.slice(head.length)) };
 }
 
+// Returns the number of comments in a text: the number of # outside of strings.
 export function count(text) {
   return (text.replace(/"""(?:[^\\]|\\[^])*?"""|'''[^]*?'''|"(?:[^"\\\n]|\\.)*"|'[^'\n]*'/g, '""').match(/#/g) ?? []).length;
 }
 
-// A string of JSON is a string of TOML, and so is a number.
+// Strings and numbers have the same syntax in JSON and TOML.
 export const value = JSON.stringify;
 
 const isTable = (it) => it !== null && typeof it === "object" && !Array.isArray(it);
 const isList = (it) => Array.isArray(it) && it.every(isTable);
 const equal = (a, b) => canonical(a) === canonical(b);
 
-// A text that is equal for equal contents.
+// Returns a text that is equal for equal contents, whatever the order of their keys.
 export function canonical(it) {
   return JSON.stringify(it, (_, part) => (isTable(part) ? Object.fromEntries(Object.entries(part).sort(([a], [b]) => (a < b ? -1 : 1))) : part));
 }
 
-// The text of a file with numbers, strings, tables and lists of tables.
+// Returns the text of a file for a content of numbers, strings, tables and lists of tables.
 export function written(content, prefix = "") {
   const plain = Object.entries(content).filter(([, it]) => !isTable(it) && !isList(it));
   const tables = Object.entries(content).filter(([, it]) => isTable(it) || isList(it));
@@ -33,7 +34,8 @@ export function written(content, prefix = "") {
   ].join("");
 }
 
-// The text of a file whose content `was` became `now`: lines that did not change keep their text.
+// Returns the text of a file after its content changed from `was` to `now`. Lines whose values did not
+// change keep their text.
 export function patched(text, was, now) {
   const blocks = [{ name: "", lines: [] }];
   for (const line of text.split("\n")) {
@@ -59,7 +61,7 @@ function patch(blocks, block, prefix, was, now) {
   }
 }
 
-// Tables that are equal in both lists stay; those between them are changed, removed or added.
+// Tables that are equal in both lists stay; tables between them are changed, removed or added.
 function patchList(blocks, name, was, now) {
   const there = blocks.filter((one) => one.name === name), pairs = [];
   let last = -1;

@@ -2,7 +2,8 @@
 import { make } from "../dom.js";
 import { LAYER_VERBS } from "./file.js";
 
-const KEYBOARD = "0x07", MOST = 8;
+const KEYBOARD = "0x07", MOST = 8;  // HID usage page of keyboards; actions in a list
+// Short names of modifiers that a user may type.
 const SHORT = {
   shift: "LEFT_SHIFT", ctrl: "LEFT_CONTROL", control: "LEFT_CONTROL", strg: "LEFT_CONTROL",
   alt: "LEFT_ALT", option: "LEFT_ALT", altgr: "RIGHT_ALT", gui: "LEFT_GUI", win: "LEFT_GUI",
@@ -12,8 +13,8 @@ const VERB_WORDS = {
   layer: "this layer while the key is held", toggle: "this layer until the next toggle", once: "this layer for one key",
 };
 
-// Keys by name: {name, value, words, search}. `value` is the shortest name in a layout file. All
-// fields share them.
+// Returns a promise of all keys; the file is read only one time. A key has, among others: `name` in the
+// HID Usage Tables, `value`, its shortest name in a layout file, `words` to show, `search` to search in.
 let reading = null;
 export function readUsages() {
   return reading ??= read();
@@ -37,7 +38,7 @@ async function read() {
   });
 }
 
-// The text on a key for an action: its character, or the key's name.
+// Returns the label of a key for an action: a character, a key's name or a layer's name.
 export function cap(usages, action) {
   const [verb, layer] = action.split(/ (.*)/);
   if (LAYER_VERBS.includes(verb)) return layer ?? "";
@@ -46,7 +47,8 @@ export function cap(usages, action) {
   return found ? found.character || found.name : name;
 }
 
-// The actions that fit what was typed, the best first: {value, words}.
+// Returns the actions that fit a typed text, the best first: {value, words}. `value` is the action in a
+// layout file, `words` explain it.
 export function matches(usages, layers, typed) {
   const text = typed.trim();
   const actions = LAYER_VERBS.flatMap((verb) => layers.map((layer) => ({ value: `${verb} ${layer}`, words: VERB_WORDS[verb] })));
@@ -69,6 +71,7 @@ export function matches(usages, layers, typed) {
   return (exact ? [...ways, ...found] : [...found.slice(0, MOST - Math.min(ways.length, 3)), ...ways]).slice(0, MOST);
 }
 
+// Returns how well a key fits a typed name: 0 is best, 9 means that it does not fit.
 function rank(one, wanted) {
   const name = one.name.toLowerCase();
   if (!wanted) return 5;
@@ -79,9 +82,9 @@ function rank(one, wanted) {
   return one.search.includes(wanted) ? 4 : 9;
 }
 
-// A field for an action with a list to choose from. `find(text)` returns the actions that fit;
-// `onChoose(value)` gets the chosen one, or an empty string. The field is disabled until the keys'
-// names are `ready`: nothing that is typed before would fit.
+// A field for an action, with a list to choose from. `find(text)` returns the actions that fit a text.
+// `onChoose(value)` is called with the chosen action, or with an empty string. The field is disabled
+// until `show` is called with `ready`: before the keys' names are loaded, no text fits.
 let fields = 0;
 export function actionField(name, find, onChoose) {
   const id = `action-${++fields}`;
@@ -108,7 +111,7 @@ export function actionField(name, find, onChoose) {
       const item = make("li", "", make("b", "", one.value), make("span", "", one.words));
       item.id = `${id}-${i}`;
       item.setAttribute("role", "option");
-      // Not a click, which comes after the field has lost its focus.
+      // Not "click", because a click comes after the field has lost its focus.
       item.addEventListener("pointerdown", (event) => { event.preventDefault(); choose(one.value); });
       return item;
     }));
@@ -155,7 +158,7 @@ export function actionField(name, find, onChoose) {
       close();
     }
   });
-  // A field that is left takes what was typed, if it is an action; otherwise it keeps its value.
+  // When the focus leaves the field, a typed action is chosen; otherwise the value does not change.
   input.addEventListener("blur", () => {
     const typed = input.value.trim(), best = typed === value ? null : find(typed)[0];
     if (!typed) choose("");

@@ -1,4 +1,5 @@
-// A layout file as an object, as the server sends it: without the keys that have default values.
+// Changes a layout, and writes it as a file. A layout is an object as the server sends it: the content
+// of a layout file, without entries that have default values.
 
 import { value } from "../toml.js";
 
@@ -8,19 +9,19 @@ export const SLOTS = {
 };
 export const SWIPES = { swipe_minus: "swipe to the sensor", swipe_plus: "swipe away" };
 export const LAYER_VERBS = ["layer", "toggle", "once"];
-export const LEAST_SHARE = 0.01;
+export const LEAST_SHARE = 0.01;  // smallest zone, as a share of the strip
 const KEY_PARTS = [...Object.keys(SLOTS), "width", "label"];
 
 export function empty() {
   return { name: "My layout", layer: [{ name: "keys", keys: [{}] }] };
 }
 
-// A key as a table; in a file, a key with only a tap is a string.
+// Returns a key as an object of its actions. In a file, a key with only a tap is a string.
 export function table(key) {
   return typeof key === "string" ? { tap: key } : key;
 }
 
-// Zones of a layer: bounds as shares of the strip, without the gaps.
+// Returns the zones of a layer: {key, low, high}. Bounds are shares of the strip, without gaps.
 export function zones(layer) {
   const widths = layer.keys.map((key) => table(key).width ?? 1);
   const whole = widths.reduce((a, b) => a + b, 0);
@@ -86,7 +87,7 @@ export function renameLayer(content, index, name) {
   else content.layer.splice(index, 1);
 }
 
-// The text of a layout file.
+// Returns the text of a layout file; `head` are the comments at its beginning.
 export function written(content, head = "") {
   const lines = [`name = ${value(content.name)}`];
   const tuning = Object.entries(content.tuning ?? {});

@@ -1,4 +1,4 @@
-// The strips of a board that are not shown in detail: picture, numbers, history and state of each.
+// The strips of a board that are not shown in detail: picture, numbers, history and state of each strip.
 import { make } from "../dom.js";
 import { figures } from "./figures.js";
 import { history } from "./history.js";

@@ -1,5 +1,5 @@
 // A calibration session by hand: where to press, how steady the press is, faults, and residuals.
-// Only a browser with the token has the controls; all others watch.
+// Only a browser with the token has the controls; other browsers only show the session.
 import { canvas, colours, fill, make } from "../dom.js";
 import { request } from "../request.js";
 import { ruler } from "./strip.js";
@@ -16,7 +16,7 @@ const AGAIN = "Press the strip: the position of the press is shown below. Anothe
 const REZEROED = { done: "The board is re-zeroed", stopped: "The re-zero is stopped", failed: "The re-zero has ended early" };
 const ENDS = { done: "The board is calibrated", stopped: "The session is stopped", failed: "The session has ended early" };
 const N_PER_G = 0.00980665;
-// A question may end with the usual answer and other answers: (Enter: usual; other; other).
+// A question may end with the default answer and other answers: (Enter: default; other; other).
 const QUESTION = /^(.*?)\s*(?:\(Enter: (.*)\))?\s*:?\s*$/;
 
 export function calibration(root) {
@@ -81,8 +81,8 @@ export function calibration(root) {
     show();
   });
 
-  // A question with a usual answer gets a field for each value of this answer. An empty field
-  // accepts the usual value.
+  // A question with a default answer gets a field for each value of this answer. An empty field
+  // accepts the default value.
   function ask(words, offered) {
     const [usual, ...others] = offered.split("; ");
     const values = [...usual.matchAll(/([\d.,]+)\s*([^\d\s]+)/g)];
@@ -94,7 +94,7 @@ export function calibration(root) {
       submit.textContent = answer() ? `Send ${answer()}` : usual ? `Yes: ${usual}` : "Done";
     };
     const reply = (words) => {
-      answered = it.step;  // no second answer by a double click
+      answered = it.step;  // a double click must not send a second answer
       send({ do: "answer", step: answered, text: words });
       show();
     };
@@ -129,7 +129,7 @@ export function calibration(root) {
     const asking = may && phase === "ask" && it.step !== answered;
     const key = asking ? `${it.step}` : "";
     const [, words, offered = ""] = QUESTION.exec(it.todo ?? "");
-    form.hidden = !asking;  // first, because nothing hidden takes the focus
+    form.hidden = !asking;  // before the call of `ask`: a hidden element cannot get the focus
     if (asking && key !== question) ask(words, offered);
     question = key;
     const waits = phase === "work" || it.step === answered || !words;
@@ -153,7 +153,7 @@ export function calibration(root) {
     if (it.fitted) paint(it.fitted, it.length_um);
     put(hint, running ? OWNED : it.end === "done" && it.kind !== "rezero" ? AGAIN : "");
     begin.hidden = running || !may;
-    // A new step begins at the top, wherever the last button was.
+    // At a new step, scroll to the top of the panel.
     if (running && it.step !== step && root.getBoundingClientRect().top < 0) root.scrollIntoView();
     step = it.step;
   }
@@ -183,7 +183,7 @@ export function calibration(root) {
   };
 }
 
-// A text that is announced only if it changes.
+// Shows a text. Screen readers announce a change, so an unchanged text is not set again.
 function put(element, text) {
   if (element.textContent !== text) element.textContent = text;
   element.hidden = !text;
@@ -233,8 +233,8 @@ function field(usual, unit) {
   return { root, answer };
 }
 
-// The error of each press as a stem: position errors by position, force errors by force.
-const HEIGHT = 132, TOP = 24, BOTTOM = 20, FORCES = [0.1, 20];
+// Draws the error of each press as a line from 0: position errors over position, force errors over force.
+const HEIGHT = 132, TOP = 24, BOTTOM = 20, FORCES = [0.1, 20];  // px; range of the force axis in N
 function residuals(root) {
   const words = make("p", "note");
   const charts = ["Position error of each press", "Force error of each press"].map((name) => {

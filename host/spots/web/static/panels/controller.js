@@ -1,10 +1,12 @@
-// The settings of a controller: each axis with its curve and the live signal through the draft.
+// The editor of the controller's settings: each axis with its curve, and the signal that the draft gives.
 import { button } from "../controls.js";
 import { canvas, colours, make, placed } from "../dom.js";
 import { choice, complete, fieldsOf } from "../settings/fields.js";
 import { settingsEditing } from "../settings/engine.js";
 import { deflection, oneEuro, range, shaped } from "../settings/shaping.js";
 
+// Length of a strip without a calibration; time that a chart shows; number of stored points; pause after
+// which the filter starts again; height and margin of a chart in px.
 const USUAL_LENGTH_UM = 85000, SPAN_S = 5, KEPT = 512, FORGET_S = 1, HEIGHT = 150, PAD = 18;
 const STRUCTS = { position: "PositionAxis", force: "ForceAxis", pressed: "Pressed", tapped: "Tapped" };
 const SOURCES = { "": "not used", position: "the position", force: "the force" };
@@ -60,7 +62,7 @@ export function controller(root) {
         fields[0].show(axis);
         fields[1].show(axis.smooth);
       },
-      // Adds a reading and the draft's value of the axis.
+      // Adds a reading, and the value that the draft computes for the axis.
       take: (axis, touch) => {
         const { name: field, rest, low, high } = range(axis, length_um);
         if (!placed(touch) || touch[field] === null) {
@@ -88,7 +90,7 @@ export function controller(root) {
     };
   }
 
-  // The cards of the buttons; one is laid out again if its kind changes.
+  // The cards of the buttons. If the kind of a button changes, its card is made again.
   const kept = [];
   function buttonCard(i) {
     const change = (mutate, replace) => edit((it) => mutate(it.button[i], it), replace);
@@ -195,7 +197,7 @@ function curve(c, width, axis, { rest, low, high }, end, ends, raw, out) {
   c.fill();
 }
 
-// A one-sided axis gives 0 below its rest.
+// Returns the value of an axis, -1 to 1. An axis that follows the force is 0 below its rest.
 function axisValue(value, axis, rest, low, high) {
   return shaped(deflection(value, rest, low, high), axis);
 }

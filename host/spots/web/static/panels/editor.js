@@ -1,5 +1,5 @@
 // The layout editor: zones over the live strip, their actions, and the button that stores them.
-// Only a browser with the token has it; the server checks and stores each layout.
+// Only a browser with the token shows the editor; the server checks and stores each layout.
 import { button, field, number, put, sliderField, text } from "../controls.js";
 import { canvas, colours, make, placed } from "../dom.js";
 import { editing, listed } from "../editing.js";
@@ -7,7 +7,10 @@ import { actionField, cap, matches, readUsages } from "../layout/actions.js";
 import * as file from "../layout/file.js";
 import { comments } from "../toml.js";
 
+// Length of a strip without a calibration; steps of a border with the arrow keys; keys of the draft that
+// are shown.
 const USUAL_LENGTH_UM = 85000, STEP_MM = 0.5, FINE_MM = 0.1, TRIED = 8;
+// The chart of the force: the time that it shows, number of stored points, height in px.
 const FORCE_S = 4, FORCE_KEPT = 512, FORCE_HEIGHT = 130;
 const TUNING = {
   detect: ["Number of readings that make a press", ""], flavour: ["A hold is decided", ""],
@@ -31,7 +34,7 @@ export function editor(root) {
   const engine = editing(root, document.getElementById("edit"), {
     path: "layout", store: "push", begin: (text, content) => ({ content, ...comments(text) }), same,
     words: { push: "Put on the board", chooser: "Layout file to import", kept: ": only the comments at its beginning are kept" },
-    // What was not changed keeps its text, with all comments.
+    // An unchanged draft keeps the text of the file, with all comments.
     written: (value, it) => {
       const unchanged = same(value.content, it.content);
       return { text: unchanged ? it.text : file.written(value.content, value.head), lost: unchanged ? 0 : value.others };
@@ -91,7 +94,7 @@ export function editor(root) {
   engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), head: "", others: 0 }); }));
   root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
 
-  // Changes the layer in the draft, see `editing`.
+  // Changes the shown layer in the draft; for `replace` see `edit` in `editing`.
   function edit(mutate, replace) {
     engine.edit((content) => mutate(content.layer[layer], content), replace);
   }
@@ -110,7 +113,7 @@ export function editor(root) {
   label.addEventListener("change", () => edit((it) => file.change(it, zone, { label: label.value })));
   width.addEventListener("change", () => edit((it) => {
     const all = file.zones(it), share = Number(width.value) * 1000 / length_um;
-    // The others keep their proportions.
+    // The widths of the other zones keep their proportions.
     const rest = 1 - (all[zone].high - all[zone].low);
     if (!(share > 0 && share < 1) || !rest) return;
     const units = all.reduce((sum, { key }, i) => (i === zone ? sum : sum + (key.width ?? 1)), 0);
@@ -287,7 +290,7 @@ export function editor(root) {
         c.stroke();
         c.fillText(`${text}, ${mN} mN`, 4, y(mN) - 3);
       }
-      // From the beginning of the last touch.
+      // The times of the draft begin at the start of the last touch.
       const from = points.findLastIndex(([, mN], i) => mN && !points[i - 1]?.[1]);
       if (from >= 0) for (const [text, ms] of times) {
         const at = x(points[from][0] + ms / 1000);

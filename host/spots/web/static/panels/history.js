@@ -1,7 +1,9 @@
-// Position and force of the last seconds, and the values at the pointer. Contrast is a detail: it is
-// shown on request, and without a calibration.
+// Position and force of the last 10 s, and the values at the pointer. Contrast is shown on request, and
+// if the board has no calibration.
 import { FULL_FORCE_MN, canvas, colours, make, several } from "../dom.js";
 
+// Time that the charts show; number of stored readings; time without readings after which the curves
+// stop; length of a strip without a calibration; step of the cursor; largest distance of a reading from it.
 const SPAN_S = 10, KEPT = 2048, STALE_S = 1.5, USUAL_LENGTH_UM = 85000, STEP_S = 0.1, NEAR_S = 0.1;
 const HEIGHT = 228, TOP = 18, GAP = 26, EACH = (HEIGHT - TOP - GAP - 1) / 2;
 
@@ -23,10 +25,11 @@ export function history(root) {
   let ahead_s = null;  // clock of the browser minus clock of the readings
   let heard_s = -Infinity, end_s = 0, length_um = USUAL_LENGTH_UM, unit = "N";
   let low = Infinity, high = -Infinity;
-  let chosen = false, uncalibrated = false, back_s = null;  // time of the pointer before now
+  let chosen = false, uncalibrated = false, back_s = null;  // back_s: how long before now the pointer's time is
 
   function take(touch, now_s) {
-    // The shortest delay is the most accurate. A jump means that a clock has restarted.
+    // The smallest offset is the best one: delays of messages only enlarge it. A jump of the offset means
+    // that a clock has restarted.
     const offset = now_s - touch.time_s;
     if (ahead_s === null || Math.abs(offset - ahead_s) > STALE_S) {
       ahead_s = offset;
@@ -123,7 +126,7 @@ export function history(root) {
     detail.hidden = uncalibrated;
     end_s = ahead_s === null ? 0 : Math.min(now_s - ahead_s, (points.at(-1)?.time_s ?? 0) + STALE_S);
     paint();
-    return now_s - heard_s < STALE_S;  // draw again until it stands still
+    return now_s - heard_s < STALE_S;  // draw again while the curves move
   };
 
   function curve(c, top, [bottom, ceiling], colour, value, x, at) {

@@ -1,14 +1,14 @@
 // The keys of the layout, the pressed keys, and the last keys and gestures.
 import { make, placed } from "../dom.js";
 
-const SHORTEST_S = 0.15, TAPE = 12;
+const SHORTEST_S = 0.15, TAPE = 12;  // shortest highlight of a key; number of keys in the list
 
 export function keyboard(root) {
   const title = root.querySelector("h2");
   const row = root.appendChild(make("div", "keys"));
   const tape = root.appendChild(make("div", "tape"));
   let layout = null, shown = null, keys = [];
-  const lit = new Map();  // "layer/index" -> earliest time at which its light goes out
+  const lit = new Map();  // "layer/index" of a highlighted key -> earliest end of its highlight
 
   function lay(layer) {
     shown = layer;
@@ -36,7 +36,7 @@ export function keyboard(root) {
     if (!layout) return;
     for (const event of news.events) {
       if (event.kind === "gesture") {
-        // A tap is shown as its key.
+        // A tap is not shown as a gesture, because its key is shown.
         if (event.name !== "tap") say(event.name.replaceAll("_", " "), "gesture");
       } else if (event.kind === "key" && event.pressed) {
         say(event.name, "key-event");
@@ -54,6 +54,6 @@ export function keyboard(root) {
       key.classList.toggle("lit", down.has(id) || lit.has(id));
       key.classList.toggle("under", share >= low && share < high);
     });
-    return lit.size > 0;  // draw again until all lights are out
+    return lit.size > 0;  // draw again while a key is highlighted
   };
 }

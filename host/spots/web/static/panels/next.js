@@ -1,4 +1,4 @@
-// Why the strip has no valid reading, and the next step; empty while readings are valid.
+// The sentence at the lower edge: why the strip has no valid reading, and the next step for the user.
 import { several } from "../dom.js";
 
 export function next(root) {
@@ -27,7 +27,7 @@ function here(state, reading) {
   return reading.replace(/spots (rezero|calibrate)/, (command) => HERE[command]);
 }
 
-// Returns the cause and the next step for readings that are not valid; empty for valid ones.
+// Returns cause and next step if readings are not valid; an empty text if they are valid.
 export function sentence(touch, untrusted) {
   return both(touch) || (untrusted ?? "");
 }

@@ -1,4 +1,4 @@
-// The recording, and its button if this browser may record.
+// State of the present recording, with a button to start or stop it if this browser may record.
 import { list } from "../dom.js";
 import { request } from "../request.js";
 

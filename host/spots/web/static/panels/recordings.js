@@ -3,7 +3,7 @@ import { button } from "../controls.js";
 import { FULL_FORCE_MN, canvas, colours, make } from "../dom.js";
 import { request } from "../request.js";
 
-const HEIGHT = 170, TOP = 18, BOTTOM = 18;
+const HEIGHT = 170, TOP = 18, BOTTOM = 18;  // of the chart, in px
 
 export function recordings(root) {
   const opener = document.getElementById("open-recordings");
@@ -44,7 +44,7 @@ export function recordings(root) {
       box.type = "checkbox";
       box.ariaLabel = `Compare ${name}`;
       box.checked = chosen.includes(name);
-      // At most two are chosen: the last two.
+      // At most two recordings are chosen to compare: the last two that were clicked.
       box.addEventListener("change", () => {
         chosen = [...chosen.filter((one) => one !== name), ...(box.checked ? [name] : [])].slice(-2);
         for (const one of list.querySelectorAll("input")) one.checked = chosen.includes(one.value);

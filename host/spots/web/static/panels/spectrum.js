@@ -1,14 +1,14 @@
 // The six channels of a reading, and their expected counts for a press at this position.
 import { fill, make, placed, several } from "../dom.js";
 
-// Colour of the band of each channel.
+// Colour of the light that each channel measures.
 const COLOURS = {
   F1: "#7600ed", F2: "#0028ff", F3: "#00b8e6", F4: "#1fd400", F5: "#9be000",
   F6: "#f2c800", F7: "#ff4f00", F8: "#d00000", CLEAR: "#a0a0a0", NIR: "#8a5a5a",
 };
-const LEAST_TOP = 1000;
+const LEAST_TOP = 1000;  // counts at full width if the full scale is unknown; more if a channel has more
 
-const COUNTED_S = 0.2;  // numbers change slowly enough to read
+const COUNTED_S = 0.2;  // interval at which numbers change, slow enough to read
 
 export function spectrum(root) {
   const bars = root.appendChild(make("div", "bars"));
@@ -54,8 +54,8 @@ export function spectrum(root) {
   };
 }
 
-// Expected counts for the position and the brightness of a reading, interpolated between the
-// positions that the server sent.
+// Returns the expected counts for the position and the brightness of a reading, interpolated between
+// the positions for which the server sent spectra.
 function expected(curve, { position_um, brightness }) {
   if (!curve) return null;
   const { from_um, step_um, logs, dark } = curve;

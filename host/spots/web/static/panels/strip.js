@@ -1,8 +1,9 @@
-// The strip and the press on it. No code here forces a layout: the strip is drawn most often.
+// The strip and the press on it. Because the strip is drawn in every frame, no code here makes the
+// browser compute the layout.
 import { FULL_FORCE_MN, make, placed, several } from "../dom.js";
 
 const USUAL_LENGTH_UM = 85000;
-const STEPS_MM = [1, 2, 5, 10, 20, 50, 100], MOST_TICKS = 9;
+const STEPS_MM = [1, 2, 5, 10, 20, 50, 100], MOST_TICKS = 9;  // of the ruler
 
 export function strip(root) {
   const press = make("div", "press"), others = [make("div", "other"), make("div", "other")];
@@ -33,7 +34,7 @@ export function strip(root) {
   };
 }
 
-// Fills a row with marks of a length.
+// Fills an element with the marks of a ruler, for a strip of a length in um.
 export function ruler(ticks, length_um) {
   const length_mm = length_um / 1000;
   const step = STEPS_MM.find((one) => length_mm / one <= MOST_TICKS) ?? length_mm;

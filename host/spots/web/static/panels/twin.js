@@ -1,8 +1,8 @@
 // A five-bar linkage: bars, end point with its error ellipse, and path of the end point.
-// The message is described in docs/page.md.
+// docs/page.md describes the message.
 import { canvas, colours, list, make } from "../dom.js";
 
-const MARGIN = 24, ERRORS = 3;
+const MARGIN = 24, ERRORS = 3;  // px; size of the drawn error ellipse in standard errors
 
 export function twin(root) {
   let paint = null;
@@ -10,7 +10,7 @@ export function twin(root) {
   const legend = make("ul", "key-of", make("li", "path", "path"), make("li", "error", "three standard errors"));
   picture.role = "img";
   root.append(picture, make("div", "beside", words, figures, legend));
-  // The range of all points drawn so far: it only grows, so that the picture does not move.
+  // The range of all points that were drawn. It only grows, so that the picture does not move.
   const box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
 
   return (state, news) => {
@@ -99,8 +99,8 @@ function draw(c, width, height, it, box) {
   c.fill();
 }
 
-// Corners from joint 1 over the elbows to joint 2, if the lengths are known. Angles are measured
-// from +y towards the other joint.
+// Returns a list with one line: joint 1, elbow 1, end point, elbow 2, joint 2, in mm. The list is empty if
+// lengths or position are unknown. Angles are measured from +y towards the other joint.
 function outline({ x_mm, y_mm, theta1_rad: a, theta2_rad: b, base_mm, bar_mm }) {
   if (!base_mm || !bar_mm || x_mm === null) return [];
   const [inner1, , , inner2] = bar_mm;

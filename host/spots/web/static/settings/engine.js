@@ -1,4 +1,4 @@
-// An editor of settings: a file whose lines are changed in place, so that its comments survive.
+// An editor of settings. It changes single lines of the file, so that comments survive.
 import { editing } from "../editing.js";
 import { canonical, count, patched, written } from "../toml.js";
 
@@ -14,7 +14,7 @@ export function settingsEditing(root, opener, path, chooser, options) {
       return { text, lost: value.agreed ? 0 : Math.max(count(value.text) - count(text), 0) };
     },
     forget: (value) => ({ ...value, agreed: true }),
-    // If the server reads other values from the patched text, the whole file is written anew.
+    // If the server reads other values from the changed text, the whole file is written from its values.
     differs: (value, { content }) => {
       if (content && !value.whole && !same(content, value.content)) engine.draft.set({ ...value, whole: true }, true);
     },

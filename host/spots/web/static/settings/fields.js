@@ -1,8 +1,8 @@
-// Fields of settings: their names here, their bounds and default values from the server's schema.
+// Fields of settings. Their words are defined here; bounds and default values are in the server's schema.
 import { field, sliderField } from "../controls.js";
 import { make } from "../dom.js";
 
-// Words, unit, end of the slider and its step.
+// For each number: words, unit, upper end of the slider, and step of the slider.
 const NUMBERS = {
   hold_ms: ["Without readings, keep the last state for", "ms", 1000, 5], release_ms: ["Without light, a touch ends after", "ms", 200, 1],
   rate_hz: ["States per second", "Hz", 500, 5],
@@ -17,13 +17,14 @@ const NUMBERS = {
   least_confidence: ["Least confidence that presses a key", "", 1, 0.01],
 };
 
-// The values of a table with the default values of its struct in the schema.
+// Returns the values of a table; missing values get the default values of its struct in the schema.
 export function complete(schema, struct, table) {
   const defaults = Object.entries(schema[struct].properties).filter(([, one]) => "default" in one);
   return { ...Object.fromEntries(defaults.map(([name, one]) => [name, one.default])), ...table };
 }
 
-// Fields of a struct: {root, show(values)}. `onValue(name, value, replace)` gets each new value.
+// Returns the fields of a struct in the schema: {root, show(values)}. `onValue(name, value, replace)` is
+// called with each new value; for `replace` see `sliderField`.
 export function fieldsOf(schema, struct, onValue, prefix = "", without = []) {
   const all = Object.entries(schema[struct].properties).flatMap(([name, one]) => {
     if (without.includes(name)) return [];
