@@ -10,7 +10,7 @@ NO_NOISE = np.zeros(COUNT)
 WEAK = np.where(np.arange(COUNT) % 3, 5.0, 400.0)  # a third of the presses is weak
 
 
-def errors_um(draw, sigma_um, noise_um=NO_NOISE, seeds=range(60)):
+def errors_um(draw, sigma_um, noise_um=NO_NOISE, seeds=range(24)):
     """Return the mean absolute error of fitted lines, before and after `common_error_um`, in um.
 
     Parameters
