@@ -36,7 +36,7 @@ TWO   UP     no finger touches
 
 A second finger may rest beside the first one without being found. If one of them then leaves, its
 position is computed from the earlier readings. A release is delayed by `release_ms` (release
-debounce). The conditions about other fingers are in evidence.py.
+debounce). The conditions about other fingers are in pair.py and evidence.py.
 Integers only; allocates nothing.
 """
 
@@ -53,26 +53,27 @@ from .contact_state import (
     B_BEFORE,
     B_BOTH,
     B_GUESS,
-    B_LAST,
     B_NOW,
     B_OLDEST,
-    B_PAIR,
     B_SECOND,
     B_SEEN,
     BEGAN,
     CALM,
+    CHECKED,
     DECAY,
     DETECT,
     DOWN,
     DRIFTS,
+    ENDS,
     EVEN,
     FALLS,
     FELL,
     FIRM_MN,
     FITS,
+    FLAGS_NOW,
     FORCE_MN,
     FORCE_NOW_MN,
-    FOUND_B,
+    FOUND,
     FOUND_SLACK_UM,
     FOUND_UM,
     GUESSED,
@@ -89,15 +90,16 @@ from .contact_state import (
     LEAVING,
     LEFT,
     LENGTH_UM,
-    LIFTS_T,
+    LIFTED,
     LOOSE,
     LOST,
     LOW,
     LOW_MN,
     LOW_UM,
-    MORE,
+    MOVED,
     NEAR_UM,
     NEVER,
+    NEXT,
     NOISE_PRODUCT,
     ODD,
     PAIR,
@@ -105,14 +107,15 @@ from .contact_state import (
     PRESS_MN,
     RELEASE_MN,
     RELEASE_T,
-    REST_UM,
+    REMAINS,
     RESTED,
-    RISEN,
     RISES,
+    SAME,
     SAME_UM,
     SECOND,
     SEEN,
     SINCE,
+    SINGLE,
     SIZE,
     SLACK_GUESS_UM,
     SOON,
@@ -129,7 +132,6 @@ from .contact_state import (
     X_BEFORE_UM,
     X_GUESS_UM,
     X_NOW_UM,
-    X_PAIR_UM,
     X_PEAK_UM,
     X_SECOND_UM,
     X_SEEN_UM,
@@ -139,21 +141,13 @@ from .contact_state import (
 )
 from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
 from .evidence import (
-    ENDS,
-    SINGLE,
-    beside,
-    compare,
-    find_third,
-    guess,
-    guess_both,
     has_almost_left,
     has_left,
     recalls,
-    remains,
     slack_um,
-    slides,
 )
 from .locate import noise
+from .pair import watch
 from .steady import stays
 
 DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
@@ -305,9 +299,12 @@ class ContactTracker:
         s[FORCE_NOW_MN] = force_mN
         s[B_NOW] = brightness
         s[T_NOW] = t
-        if s[STATE] == DOWN and stays(s, flags):
-            if not s[IGNORED] and self.sink.at(position_um, t):
-                s[IGNORED] = True
+        if s[STATE] == DOWN:
+            if stays(s, flags):
+                if not s[IGNORED] and self.sink.at(position_um, t):
+                    s[IGNORED] = True
+                return
+        elif s[STATE] == TWO and self._part(flags):
             return
         if not flags & TOUCHING or (force_mN < s[RELEASE_MN] and not flags & DOUBTFUL):
             if s[STATE] != UP:
@@ -337,7 +334,7 @@ class ContactTracker:
         elif s[STATE] == UP:
             self._press()
         elif s[STATE] == TWO:
-            self._part()
+            self._part(flags | CHECKED)
         if s[STATE] == DOWN:
             s[DRIFTS] = flags & MISFIT
         s[T] = t
@@ -434,7 +431,7 @@ class ContactTracker:
         elif s[FITS] and s[LOOSE] and -NEAR_UM < off_um < NEAR_UM:
             pass
         elif self._is_next(off_um):
-            self._part()
+            self._part(CHECKED)
             return
         s[X_BEFORE_UM] = s[X_UM]
         s[X_UM] += off_um
@@ -453,35 +450,41 @@ class ContactTracker:
         `off_um` is the distance of the reading from the finger, in um.
         """
         s = self.state
-        brightness = s[B_NOW]
         if s[FITS] and not s[HAS_DIPPED]:
-            if abs(off_um) < 4 * self.noise_um(brightness):
+            if abs(off_um) < 4 * noise(s[NOISE_PRODUCT], s[B_NOW]):
                 return False
             if abs(s[X_NOW_UM] - s[X_SEEN_UM]) <= s[JUMP_UM] and (
                 not s[LENGTH_UM]
-                or abs(brightness - s[B])
-                <= _SLIDE_LIGHT * min(elapsed(s[T], s[T_NOW]), _TOGETHER_T)
+                or abs(s[B_NOW] - s[B])
+                <= _SLIDE_LIGHT * min((s[T_NOW] - s[T]) & (TICKS - 1), _TOGETHER_T)
             ):
                 return False
+        self._overlap()
+        return True
+
+    def _overlap(self):
+        # Another finger may have touched at the present reading: enter state TWO.
+        self._mix()
+        s = self.state
         before = s[B_BEFORE]
         risen = s[B] - before
-        last = min(s[B], brightness)
-        steady = before and abs(before - s[B_OLDEST]) < EVEN
-        s[IS_CALM] = abs(risen) < CALM and abs(before - s[B_OLDEST]) < CALM
-        s[IS_EVEN] = risen > -EVEN and (risen < EVEN or steady)
-        s[RISES] = risen >= EVEN and not steady
+        drift = abs(before - s[B_OLDEST])
+        s[IS_CALM] = abs(risen) < CALM and drift < CALM
+        if not before:
+            drift = EVEN
+        s[IS_EVEN] = risen > -EVEN and (risen < EVEN or drift < EVEN)
+        s[RISES] = risen >= EVEN and drift >= EVEN
         s[FALLS] = risen <= -EVEN
         s[FELL] = s[T_NOW]
-        if last < max(s[B], before, s[B_OLDEST]) - _FALLEN:
+        if s[LEAST] > s[B]:
+            s[LEAST] = s[B]
+        if s[LEAST] < max(s[B], before, s[B_OLDEST]) - _FALLEN:
             s[HAS_DIPPED] = True
         s[KNOWN] = True
         s[X_UM] = s[X_BEFORE_UM]
         if not s[RISES]:
             s[B] = before
-        self._mix()
-        s[LEAST] = last
         s[SEEN] = -1
-        return True
 
     # State TWO.
 
@@ -496,60 +499,69 @@ class ContactTracker:
         s[PEAK] = s[LEAST] = s[LOW] = s[B_NOW]
         s[X_PEAK_UM] = s[X_NOW_UM]
 
-    def _part(self):
+    def _part(self, flags):
+        """Process a reading in the state TWO; return False if `take` must check it before."""
         s = self.state
-        # While the first finger lifts, the light decreases. If it grows, a third finger arrives.
-        if (
-            s[B_NOW] > s[B_SEEN] + RISEN
-            and elapsed(s[FELL], s[T]) >= LIFTS_T
-            and has_almost_left(s)
-        ):
+        s[FLAGS_NOW] = flags
+        what = watch(s, s, s[B_NOW], s)
+        if what <= 0:
+            return not what
+        if what == MOVED:
+            self.sink.moved(s[FOUND_UM], s[FOUND_SLACK_UM])
+            return True
+        t = s[T_NOW]
+        if what < MOVED:
+            if what & FOUND:
+                self._add(s[SLACK_GUESS_UM] * SOON >> 3)
+            if what & REMAINS:
+                self._remain(what)
+        elif what == NEXT:
             self._begin(s[X_SEEN_UM], s[B_SEEN])
             s[LOOSE] = True
-            self.sink.next(s[X_UM], s[T_NOW])
+            self.sink.next(s[X_UM], t)
             self._follow()
-            return
-        # The light of two fingers decreased and grows again: there may be a third finger.
-        if s[LOW] < s[PEAK] - LOST and s[B_NOW] > s[LOW] + _GROWN and s[PEAK] > s[B] + _BOTH:
-            s[THIRD] = True
-        compare(s)
-        if not s[FITS]:
-            s[ODD] = True
-        how = 0
-        if s[FITS] and s[KNOWN] and s[PAIR] and not s[SECOND]:
-            how = remains(s)
-        if s[B_NOW] < s[PEAK] - EVEN and not (
-            s[SECOND] and not s[FALLS] and s[B_NOW] > s[B_LAST] - EVEN and slides(s)
-        ):
-            s[IS_EVEN] = s[RISES] = False  # the first finger may be leaving
-            if s[KNOWN] and not s[FALLS] and s[B_NOW] < s[B_LAST] - CALM and s[STEP_UM] > REST_UM:
-                s[FALLS] = True
-                s[FELL] = s[T_NOW]
-        if not s[SECOND]:
-            s[X_PAIR_UM] = s[X_NOW_UM]
-            s[B_PAIR] = s[B_NOW]
-        elif self._resolve():
-            return
-        if not (s[SECOND] or s[THIRD] or s[HAS_DIPPED]):
-            self._guess()
-        s[PAIR] = True
-        if how or (
-            s[SEEN] >= 1 and elapsed(s[SINCE], s[T_NOW]) * (s[SEEN] + 1) >= _REST_T * s[SEEN]
-        ):
-            self._remain(how)
+        elif what == LIFTED:
+            b = s[B_SECOND]
+            s[SECOND] = False
+            self._begin(s[X_NOW_UM], s[B_NOW])
+            s[B_BEFORE] = b
+            s[LOOSE] = True
+            self.sink.left(False, t)
+            self.sink.at(s[X_NOW_UM], t)
+        elif what & 0xFF == SAME:
+            self.sink.second(s[X_GUESS_UM], what >> 8, t)
+            self.sink.moved(s[X_SECOND_UM], what >> 8)
+        else:
+            self._fade(what >> 8)
+        if s[STATE] == DOWN:
+            s[DRIFTS] = flags & MISFIT
+        s[T] = t
+        return True
 
-    def _guess(self):
+    def _add(self, slack_um):
+        # Report the finger that was estimated last; it becomes the second one.
         s = self.state
-        if guess(s) if s[IS_EVEN] else s[RISES] and s[PAIR] and guess_both(s):
-            s[SECOND] = self.sink.second(s[X_GUESS_UM], s[SLACK_GUESS_UM] * SOON >> 3, s[T_NOW])
-            s[X_SECOND_UM] = s[X_GUESS_UM]
-            s[B_SECOND] = s[B_GUESS]
-        # When the first finger begins to lift, estimates move away from it.
-        if s[GUESSED] and abs(s[X_GUESS_UM] - s[X_UM]) < abs(s[HINT_UM] - s[X_UM]):
-            s[HINT_UM] = s[X_GUESS_UM]
+        s[SECOND] = self.sink.second(s[X_GUESS_UM], slack_um, s[T_NOW])
+        s[X_SECOND_UM] = s[X_GUESS_UM]
+        s[B_SECOND] = s[B_GUESS]
+
+    def _fade(self, slack_um):
+        # The first finger has left. With `slack_um`, there is an estimate of a third one.
+        s = self.state
+        s[X_UM] = s[X_BEFORE_UM] = s[X_SECOND_UM]
+        s[B] = s[B_SECOND]
+        s[SECOND] = False
+        self._mix()
+        s[IS_EVEN] = s[PAIR] = True
+        s[HAS_DIPPED] = s[IS_CALM] = False
+        s[FALLS] = False
+        s[LOOSE] = True
+        self.sink.left(False, s[T_NOW])
+        if slack_um and s[B_GUESS] > s[B] - _HALF:
+            self._add(slack_um)
 
     def _remain(self, how):
-        # Only one finger seems to touch. `how`: the result of `evidence.remains`, or 0.
+        # Only one finger seems to touch. `how`: the result of `pair.watch`.
         s = self.state
         x_um = s[X_NOW_UM]
         t = s[T_NOW]
@@ -568,7 +580,7 @@ class ContactTracker:
         off_um = x_um - s[X_UM]
         back_um = APART_UM if s[LOOSE] else _BACK_UM
         # The first reading of a soft touch is noisier than the present one.
-        if abs(off_um) < max(back_um, 4 * self.noise_um(min(s[B_NOW], s[B]))):
+        if abs(off_um) < max(back_um, 4 * noise(s[NOISE_PRODUCT], min(s[B_NOW], s[B]))):
             firm_mN = s[FIRM_MN]
             if not s[SECOND]:
                 self._recall()
@@ -594,67 +606,6 @@ class ContactTracker:
                 s[LOOSE] = 1 if how & ENDS else 0
                 self.sink.next(x_um, t)
             self._harden()
-
-    def _resolve(self):
-        """Update the light of two known fingers; return whether one of them has left."""
-        s = self.state
-        if s[IS_EVEN]:
-            self._resolve_even()
-            return True
-        if (
-            s[FITS]
-            and abs(s[X_NOW_UM] - s[X_SECOND_UM]) < NEAR_UM
-            and s[B_NOW] < s[B_SECOND] + MORE
-        ):
-            b = s[B_SECOND]
-            s[SECOND] = False
-            self._begin(s[X_NOW_UM], s[B_NOW])
-            s[B_BEFORE] = b
-            s[LOOSE] = True
-            self.sink.left(False, s[T_NOW])
-            self.sink.at(s[X_NOW_UM], s[T_NOW])
-            return True
-        if not s[FALLS]:
-            s[GUESSED] = False
-            return False
-        second_um = s[X_SECOND_UM]
-        slack_um = find_third(s, second_um, s[B_SECOND], s[FITS])
-        if not slack_um and elapsed(s[FELL], s[T_NOW]) < _FALL_T:
-            return False
-        s[X_UM] = s[X_BEFORE_UM] = second_um
-        s[B] = s[B_SECOND]
-        s[SECOND] = False
-        self._mix()
-        s[IS_EVEN] = s[PAIR] = True
-        s[HAS_DIPPED] = s[IS_CALM] = False
-        s[FALLS] = False
-        s[LOOSE] = True
-        self.sink.left(False, s[T_NOW])
-        if slack_um and s[B_GUESS] > s[B] - _HALF:
-            s[SECOND] = self.sink.second(s[X_GUESS_UM], slack_um, s[T_NOW])
-            s[X_SECOND_UM] = s[X_GUESS_UM]
-            s[B_SECOND] = s[B_GUESS]
-        return True
-
-    def _resolve_even(self):
-        s = self.state
-        if beside(s):
-            near = abs(s[FOUND_UM] - s[X_SECOND_UM]) < NEAR_UM
-            if near and s[B_NOW] == s[PEAK]:
-                s[X_SECOND_UM] = s[FOUND_UM]
-                s[B_SECOND] = s[FOUND_B]
-            # If `slides` returns true, its last estimate is the same.
-            if near or slides(s):
-                s[X_PAIR_UM] = s[X_NOW_UM]
-                s[B_PAIR] = s[B_NOW]
-                s[GUESSED] = False
-                self.sink.moved(s[FOUND_UM], s[FOUND_SLACK_UM])
-                return
-        # Two fingers that rest act like one finger at the position that was measured for both.
-        slack_um = find_third(s, s[X_PAIR_UM], s[B_PAIR], -1)
-        if slack_um:
-            self.sink.second(s[X_GUESS_UM], slack_um, s[T_NOW])
-            self.sink.moved(s[X_SECOND_UM], slack_um)
 
     def _recall(self):
         """Report a second finger that was not found while two fingers touched."""

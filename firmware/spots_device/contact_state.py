@@ -1,4 +1,4 @@
-"""Limits and state of `contact.ContactTracker`; its modules `contact` and `evidence` use them.
+"""Limits and state of `contact.ContactTracker`, for all modules that process its readings.
 
 A build for boards replaces these names by their values.
 """
@@ -17,6 +17,7 @@ CALM = 40_000  # 1.03: largest change of the light of a finger that rests
 # Share of an estimate's uncertainty that must be inside a key, in eighths: about two standard
 # deviations.
 SOON = 5
+SURE_UM = 4000  # largest uncertainty of an estimate that is used
 # Time is in ticks of 1.024 ms: the board's microseconds without their lower ten bits. Both wrap at
 # the same moment, after this number of ticks.
 TICKS = 1 << 22
@@ -25,7 +26,7 @@ TICKS = 1 << 22
 # attributes. The first three elements are the output of `locate` and `weigh`. Positions are in um,
 # brightness (`B` in names) in Q20 of log2, times (`T` in names) in ticks; flags are 0 or 1.
 # The machine code for an element up to 31 is the shortest: these are the elements that
-# steady_viper.py and locate_viper.py use most.
+# the modules of machine code use most.
 FOUND_UM = 0
 FOUND_SLACK_UM = 1
 FOUND_B = 2
@@ -38,7 +39,7 @@ B_SEEN = 8
 STEP_UM = 9  # motion between the last two readings; in TWO: away from the first finger
 B = 10  # brightness of the first finger in the last three readings of it alone
 B_BEFORE = 11
-B_OLDEST = 12
+GUESSED = 12  # in TWO: whether there is an estimate of another finger
 SINCE = 13  # time and brightness of the first reading at the present position
 B_SINCE = 14
 T = 15  # time of the last reading
@@ -58,9 +59,9 @@ FIT_SEEN = 28
 HAS_DIPPED = 29  # the light was lost for a moment
 DRIFTS = 30  # the finger alone did not fit one press: then the fit is no evidence
 LENGTH_UM = 31  # length of the strip, see `set_layout` and `_NOISE`
-GUESSED = 32  # whether there is an estimate of another finger, and since when
-GUESSED_T = 33
-LEAVING = 34  # whether no finger touches
+B_OLDEST = 32
+GUESSED_T = 33  # time of `GUESSED`
+FLAGS_NOW = 34  # in TWO: flags of the present reading, and perhaps `CHECKED`
 B_BOTH = 35  # last reading of two fingers that rest: brightness, fit, position
 FIT_BOTH = 36
 X_BOTH_UM = 37
@@ -86,6 +87,7 @@ NOISE_PRODUCT = 56
 ODD = 57  # a reading did not fit one press
 IGNORED = 58  # the receiver needs no more positions of the first finger
 HINT_UM = 59  # in TWO: unconfirmed estimate of the second finger nearest to the first one
+LEAVING = 60  # whether no finger touches
 # MicroPython encodes an index from -16 to 47 in one byte. The present reading: arguments of
 # functions would need larger call frames, see strip.py.
 X_NOW_UM = -16
@@ -104,7 +106,7 @@ LEFT = -4  # since when no finger touches
 PRESS_MN = -3  # limits of the layout
 RELEASE_T = -2
 DETECT = -1
-SIZE = 76
+SIZE = 77
 
 NEVER = 1 << 29  # a time or force that is never reached
 
@@ -113,3 +115,17 @@ UP = 0  # no finger
 DOWN = 1  # one finger
 SPENT = 2  # the finger or object must be lifted before the next touch
 TWO = 3  # perhaps several fingers
+
+CHECKED = 256  # in `FLAGS_NOW`: `contact.ContactTracker.take` has checked the flags
+
+# Results of `pair.watch`: bits, or one of the numbers.
+SINGLE = 1  # the light changed, but not the position: one finger remains
+ENDS = 2  # the first finger has almost left
+REMAINS = 4  # only one finger seems to touch
+FOUND = 8  # a second finger is found
+MOVED = 16  # number: two fingers rest; new estimate of the second one
+NEXT = 17  # number: the first finger had almost left, and a third finger arrives
+LIFTED = 18  # number: the first finger has left
+# Numbers with the uncertainty of a third finger's position in um, in the bits from 8 on:
+SAME = 19  # a third finger touches while two fingers rest
+FADED = 20  # the first finger has left, or a third finger touches; the uncertainty may be 0

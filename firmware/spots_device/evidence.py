@@ -17,16 +17,14 @@ from .contact_state import (
     B_LAST,
     B_NOW,
     B_SECOND,
-    B_SEEN,
     B_SINCE,
     BEGAN,
     CALM,
-    DECAY,
+    ENDS,
     EVEN,
     FALLS,
     FELL,
     FIT_BOTH,
-    FIT_SEEN,
     FITS,
     FOUND_B,
     FOUND_SLACK_UM,
@@ -39,26 +37,24 @@ from .contact_state import (
     IS_EVEN,
     KNOWN,
     LEAST,
-    LENGTH_UM,
     LIFTS_T,
     LOST,
-    LOW,
     MORE,
     NEAR_UM,
     NOISE_PRODUCT,
+    PAIR,
     PEAK,
     REST_UM,
-    RESTED,
     RISEN,
     RISES,
     SAME_UM,
     SECOND,
     SEEN,
-    SINCE,
+    SINGLE,
     SLACK_GUESS_UM,
-    SOON,
     STEP_LAST_UM,
     STEP_UM,
+    SURE_UM,
     T_NOW,
     THIRD,
     TICKS,
@@ -76,57 +72,16 @@ from .contact_state import (
 from .locate import estimate, noise, power
 from .second import may_rest, weigh
 
-SINGLE = 1  # results of `remains`
-ENDS = 2
 _REMAINS_UM = const(2000)  # largest distance to the second finger at the end of a lift
 _FAST_UM = const(20_000)
 _CHANGED = const(150_000)  # 1.1
 _AGREE_UM = const(600)
-_SURE_UM = const(4000)
 _TWICE_T = const(8)  # least time between two estimates that must agree
+_OTHER = const(150_000)  # 1.1
 _SLIDES_T = const(100)  # typing fingers touch together for less; as they lift, light changes
 _LAST_UM = const(4000)  # largest step at the end of a lift, if no more readings follow
 _DIPPED = const(435_000)  # 0.75, as difference of brightness in Q20 of log2
-_OTHER = const(150_000)  # 1.1
 _SINGLE = const(419_000)  # 1.32
-
-
-def compare(s):
-    """Compare the present reading with the readings before, while there may be two fingers.
-
-    Updates elements of the state `s`: the extremes of the brightness, the first reading at the
-    present position, and the last two readings.
-    """
-    x_um = s[X_NOW_UM]
-    brightness = s[B_NOW]
-    if brightness >= s[PEAK]:
-        s[PEAK] = s[LOW] = brightness
-        s[X_PEAK_UM] = x_um
-    if brightness < s[LOW]:
-        s[LOW] = brightness
-    if brightness < s[LEAST]:
-        s[LEAST] = brightness
-    s[X_LAST_UM] = x_last_um = s[X_SEEN_UM]
-    s[B_LAST] = b_last = s[B_SEEN]
-    s[X_SEEN_UM] = x_um
-    s[B_SEEN] = brightness
-    steady = -REST_UM < x_um - x_last_um < REST_UM or abs(x_um - x_last_um) < slack_um(s, b_last)
-    if brightness > b_last + RISEN:
-        s[B_BOTH] = 0
-    elif s[RESTED] and not steady:
-        s[X_BOTH_UM] = x_last_um
-        s[B_BOTH] = b_last
-        s[FIT_BOTH] = s[FIT_SEEN]
-    s[RESTED] = steady
-    s[FIT_SEEN] = s[FITS]
-    if s[FITS] and steady and s[SEEN] >= 0:
-        s[SEEN] = min(s[SEEN] + 1, 99)
-    else:
-        s[SEEN] = 0 if s[FITS] else -1
-        s[SINCE] = s[T_NOW]
-        s[B_SINCE] = brightness
-    s[STEP_LAST_UM] = s[STEP_UM]
-    s[STEP_UM] = abs(x_um - s[X_UM]) - abs(x_last_um - s[X_UM])
 
 
 def slack_um(s, b_last):
@@ -139,61 +94,53 @@ def slack_um(s, b_last):
 
 def beside(s):
     """Estimate a second finger in the present reading, if the first finger rests."""
-    return estimate(s, s[X_UM], s[B], s[X_NOW_UM], s[B_NOW], s[FITS])
+    return estimate(s, s[X_UM], s[B], s[FITS])
 
 
 def guess(s):
-    """Estimate a second finger while the first one rests; return whether two estimates agree."""
-    if not beside(s):
-        _fall(s)
+    """Estimate a second finger beside the first one; return whether two estimates agree."""
+    if not s[IS_EVEN]:
+        agrees = s[RISES] and s[PAIR] and _guess_both(s)
+    elif not estimate(s, s[X_UM], s[B], s[FITS]):
+        s[GUESSED] = False
+        if not may_rest(s):
+            s[IS_EVEN] = False
+            s[FALLS] = True
+            s[FELL] = s[T_NOW]
         return False
-    slack_um = s[FOUND_SLACK_UM]
-    if s[IS_CALM]:
-        slack_um >>= 1
-    agrees = s[GUESSED] and abs(s[FOUND_UM] - s[X_GUESS_UM]) <= _AGREE_UM + (
-        slack_um + s[SLACK_GUESS_UM] >> 1
-    )
-    if agrees and (
-        (s[T_NOW] - s[GUESSED_T]) & (TICKS - 1) < _TWICE_T
-        or (abs(s[FOUND_B] - s[B_GUESS]) <= _OTHER and (s[FITS] or not s[IS_CALM]))
-    ):
-        return False  # no evidence: with the same shares of light, readings always agree
-    s[GUESSED_T] = s[T_NOW]
-    s[GUESSED] = True
-    s[X_GUESS_UM] = s[FOUND_UM]
-    s[SLACK_GUESS_UM] = slack_um
-    s[B_GUESS] = s[FOUND_B]
-    return agrees and slack_um <= _SURE_UM
+    else:
+        slack_um = s[FOUND_SLACK_UM]
+        if s[IS_CALM]:
+            slack_um >>= 1
+        agrees = s[GUESSED] and abs(s[FOUND_UM] - s[X_GUESS_UM]) <= _AGREE_UM + (
+            slack_um + s[SLACK_GUESS_UM] >> 1
+        )
+        if agrees and (
+            (s[T_NOW] - s[GUESSED_T]) & (TICKS - 1) < _TWICE_T
+            or (abs(s[FOUND_B] - s[B_GUESS]) <= _OTHER and (s[FITS] or not s[IS_CALM]))
+        ):
+            agrees = False  # no evidence: with the same shares of light, readings always agree
+        else:
+            s[GUESSED_T] = s[T_NOW]
+            s[GUESSED] = True
+            s[X_GUESS_UM] = s[FOUND_UM]
+            s[SLACK_GUESS_UM] = slack_um
+            s[B_GUESS] = s[FOUND_B]
+            agrees = agrees and slack_um <= SURE_UM
+    # When the first finger begins to lift, estimates move away from it.
+    if s[GUESSED] and abs(s[X_GUESS_UM] - s[X_UM]) < abs(s[HINT_UM] - s[X_UM]):
+        s[HINT_UM] = s[X_GUESS_UM]
+    return agrees
 
 
-def _fall(s):
-    # The first finger became dimmer, even if the second finger is at the strip's end.
-    s[GUESSED] = False
-    x_um = s[X_NOW_UM]
-    end_um = s[LENGTH_UM] + NEAR_UM if x_um > s[X_UM] else -NEAR_UM
-    if not may_rest(s[DECAY], s[X_UM], s[B] - EVEN, end_um, x_um, s[B_NOW]):
-        s[IS_EVEN] = False
-        s[FALLS] = True
-        s[FELL] = s[T_NOW]
-
-
-def guess_both(s):
-    """Estimate both fingers from two readings, if the light of the first finger is unknown.
-
-    The readings are the present one and the one before. Returns whether an earlier estimate agrees.
-    """
-    x_um = s[X_NOW_UM]
-    b_last = s[B_LAST]
-    limit_um = s[LENGTH_UM] + NEAR_UM if x_um > s[X_UM] else -NEAR_UM
-    if (
-        s[B_NOW] < b_last + EVEN
-        or not weigh(s, s[DECAY], s[X_UM], limit_um, s[X_LAST_UM], b_last, x_um, s[B_NOW])
-        or s[FOUND_B] < s[B] - CALM
-    ):
+def _guess_both(s):
+    # Estimates both fingers from the present reading and the one before, because the light of the
+    # first finger is unknown. Returns whether an earlier estimate agrees.
+    if s[B_NOW] < s[B_LAST] + EVEN or not weigh(s) or s[FOUND_B] < s[B] - CALM:
         # A third reading may confirm the estimate from two readings, even if both fingers now rest.
         s[GUESSED] = (
             s[GUESSED]
-            and estimate(s, s[X_UM], s[B_GUESS], x_um, s[B_NOW], s[FITS])
+            and estimate(s, s[X_UM], s[B_GUESS], s[FITS])
             and abs(s[FOUND_UM] - s[X_GUESS_UM]) <= _AGREE_UM + s[SLACK_GUESS_UM]
         )
         return s[GUESSED] and _confirm(s)
@@ -212,7 +159,7 @@ def _confirm(s):
     s[B] = s[B_GUESS]
     s[IS_EVEN] = True
     s[RISES] = False
-    if s[SLACK_GUESS_UM] > _SURE_UM or not beside(s):
+    if s[SLACK_GUESS_UM] > SURE_UM or not beside(s):
         s[GUESSED] = False
         return False
     s[B_GUESS] = s[FOUND_B]
@@ -225,16 +172,20 @@ def recalls(s):
     One of the two fingers has left; the present reading is of the other one.
     """
     x_um = s[X_NOW_UM]
-    if (
-        s[SECOND]
-        or not s[B_BOTH]
-        or abs(s[B_SINCE] - s[B_NOW]) > EVEN  # the finger at `x_um` lifts
-        or not estimate(s, x_um, s[B_SINCE], s[X_BOTH_UM], s[B_BOTH], s[FIT_BOTH])
-    ):
+    b = s[B_NOW]
+    # If the light changes, the finger at `x_um` lifts.
+    if s[SECOND] or not s[B_BOTH] or abs(s[B_SINCE] - b) > EVEN:
+        return False
+    s[X_NOW_UM] = s[X_BOTH_UM]
+    s[B_NOW] = s[B_BOTH]
+    is_there = estimate(s, x_um, s[B_SINCE], s[FIT_BOTH])
+    s[X_NOW_UM] = x_um
+    s[B_NOW] = b
+    if not is_there:
         return False
     at_um = s[FOUND_UM]
     slack_um = s[FOUND_SLACK_UM]
-    return slack_um <= _SURE_UM and abs(at_um - s[X_UM]) >= APART_UM + slack_um
+    return slack_um <= SURE_UM and abs(at_um - s[X_UM]) >= APART_UM + slack_um
 
 
 def slides(s):
@@ -247,7 +198,7 @@ def slides(s):
         (s[T] - s[BEGAN]) & (TICKS - 1) < _SLIDES_T
         or (
             brightness < s[PEAK] - (RISEN >> 1)  # a finger that lifts loses light
-            and estimate(s, s[X_SECOND_UM], s[B_SECOND], s[X_NOW_UM], brightness, s[FITS])
+            and estimate(s, s[X_SECOND_UM], s[B_SECOND], s[FITS])
             and abs(s[FOUND_UM] - s[X_UM]) < (s[FOUND_SLACK_UM] >> 1) + SAME_UM
         )
         or not beside(s)
@@ -260,33 +211,6 @@ def slides(s):
     s[PEAK] = brightness
     s[IS_EVEN] = True
     return True
-
-
-def find_third(s, x0_um, b0, fits):
-    """Estimate a third finger beside the position `x0_um` with the brightness `b0`.
-
-    `x0_um` is the position of the second finger if the first one has left; else the position
-    that was measured for both fingers. `fits` is as in `locate.locate`. Returns the uncertainty of
-    the third finger's position in um, or 0 until two readings agree on this position. While the
-    first finger lifts, readings do not agree.
-    """
-    if estimate(s, x0_um, b0, s[X_NOW_UM], s[B_NOW], fits):
-        return _agree(s)
-    s[GUESSED] = False
-    s[X_GUESS_UM] = s[FOUND_UM]
-    s[B_GUESS] = s[FOUND_B]
-    return 0
-
-
-def _agree(s):
-    agrees = s[GUESSED]
-    last_um = s[X_GUESS_UM]
-    s[X_GUESS_UM] = at_um = s[FOUND_UM]
-    s[B_GUESS] = s[FOUND_B]
-    s[GUESSED] = abs(at_um - s[X_UM]) > APART_UM and abs(at_um - s[X_SECOND_UM]) > APART_UM
-    if not (agrees and s[GUESSED]) or abs(at_um - last_um) > APART_UM:
-        return 0
-    return (s[FOUND_SLACK_UM] * SOON >> 3) + abs(last_um - at_um)
 
 
 def has_left(s, off_um):
@@ -305,20 +229,12 @@ def has_left(s, off_um):
         if abs(off_um) < apart_um - NEAR_UM and brightness < s[B_SINCE] - EVEN:
             return False  # both lift
         # There may be a third finger, and the second finger may not have left.
-        return not estimate(
-            s,
-            s[X_SECOND_UM],
-            s[B_SECOND] - _DIPPED,
-            s[X_UM] + off_um,
-            brightness,
-            True,
-        )
+        return not estimate(s, s[X_SECOND_UM], s[B_SECOND] - _DIPPED, True)
     if s[FALLS] and not s[THIRD]:
         return True  # while a finger lifts, the position would change
-    x_um = s[X_UM] + off_um
     # No second finger on the strip could cause this position while the first one rests.
     alone = (s[SEEN] > 1 or brightness < first + _SINGLE) and not estimate(
-        s, s[X_UM], first - MORE, x_um, brightness, True
+        s, s[X_UM], first - MORE, True
     )
     if s[THIRD]:
         # Return True only if the light is too low for two fingers.
@@ -332,17 +248,14 @@ def has_left(s, off_um):
     if power(brightness) >> 6 >= peak - light_first // 5:
         return False
     # Light was lost while the position moved away from the first finger.
-    away_um = x_um - s[X_PEAK_UM]
+    away_um = s[X_NOW_UM] - s[X_PEAK_UM]
     if off_um < 0:
         away_um = -away_um
     return away_um > (abs(off_um) >> 5) * ((light_first << 4) // (peak + 1)) // 10
 
 
 def remains(s):
-    """Return whether only one finger remains: 0, `SINGLE`, `ENDS`, or the sum of both.
-
-    `SINGLE`: the light changed, but not the position. `ENDS`: the first finger has almost left.
-    """
+    """Return whether only one finger remains: 0, `SINGLE`, `ENDS`, or the sum of both."""
     # At most 11 words in the call frame, see strip.py. With two fingers, this change of light would
     # move the position.
     change = abs(s[B_NOW] - s[B_LAST])

@@ -13,6 +13,7 @@ except ImportError:
 
 from .contact_state import (
     APART_UM,
+    B_NOW,
     DECAY,
     DRIFTS,
     FOUND_SLACK_UM,
@@ -20,6 +21,7 @@ from .contact_state import (
     LENGTH_UM,
     NEAR_UM,
     NOISE_PRODUCT,
+    X_NOW_UM,
 )
 from .log2 import log2_q20
 
@@ -141,12 +143,12 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     return True
 
 
-def estimate(s, x1_um, b1, x_um, brightness, fits):
+def estimate(s, x1_um, b1, fits):
     """Estimate a finger beside another one, which has position `x1_um` and brightness `b1`.
 
-    `s` is the state of a `contact.ContactTracker`. The other arguments are a reading, see `locate`.
-    Stores the result in three elements of the state, from `FOUND_UM` on. Returns whether there is a
-    solution on the strip.
+    `s` is the state of a `contact.ContactTracker` with the present reading; `fits` is as in
+    `locate`. Stores the result in three elements of the state, from `FOUND_UM` on. Returns whether
+    there is a solution on the strip.
     """
     return (
         s[LENGTH_UM]
@@ -155,10 +157,10 @@ def estimate(s, x1_um, b1, x_um, brightness, fits):
             s[DECAY],
             x1_um,
             b1,
-            x_um,
-            brightness,
+            s[X_NOW_UM],
+            s[B_NOW],
             -1 if s[DRIFTS] else fits,
-            noise(s[NOISE_PRODUCT], brightness),
+            noise(s[NOISE_PRODUCT], s[B_NOW]),
         )
         and -NEAR_UM - s[FOUND_SLACK_UM] < s[FOUND_UM] < s[LENGTH_UM] + NEAR_UM + s[FOUND_SLACK_UM]
     )

@@ -14,6 +14,9 @@ and of ln(l) are below 0.01. l1 is known from a reading of the first finger alon
 gives two values, position and brightness, for the two unknowns l2 and d. So one reading cannot show
 whether the first finger rests: several readings must give the same result. All integers fit 31
 bits; allocates nothing.
+
+Boards with ``viper = true`` in board.toml get second_viper.py instead of this file: the same
+functions with identical results, whose arithmetic is in machine code.
 """
 
 try:
@@ -21,7 +24,22 @@ try:
 except ImportError:
     const = int  # on the host
 
-from .contact_state import APART_UM
+from .contact_state import (
+    APART_UM,
+    B_LAST,
+    B_NOW,
+    DECAY,
+    EVEN,
+    FOUND_B,
+    FOUND_SLACK_UM,
+    FOUND_UM,
+    LENGTH_UM,
+    NEAR_UM,
+    X_LAST_UM,
+    X_NOW_UM,
+    X_UM,
+    B,
+)
 from .locate import FAR_LOG2, power
 from .log2 import log2_q20
 
@@ -53,47 +71,44 @@ def _part(decay, off_um, brightness, away_um):
     return (power(brightness) & ~63) // (1024 + ratio >> 4)
 
 
-def may_rest(decay, x1_um, first, end_um, x_um, brightness):
-    """Return whether the first finger may still have its brightness `first` in a later reading.
+def _far_um(s):
+    # Returns the distance from the first finger to the strip's end on the side of the reading.
+    end_um = s[LENGTH_UM] + NEAR_UM if s[X_NOW_UM] > s[X_UM] else -NEAR_UM
+    return end_um - s[X_UM]
 
-    The result is False if the first finger must have become dimmer, even with a second finger at
-    the strip's end `end_um` in um. The other arguments are those of `locate.locate`.
+
+def may_rest(s):
+    """Return whether the first finger may still have its brightness in the present reading.
+
+    `s` is the state of a `contact.ContactTracker`. The result is False if the first finger must
+    have become dimmer, even with a second finger at the strip's end.
     """
-    off_um = x_um - x1_um
-    far_um = end_um - x1_um
+    off_um = s[X_NOW_UM] - s[X_UM]
+    far_um = _far_um(s)
     sign = 1 if far_um > 0 else -1
     far_um = min(far_um * sign, (1 << FAR_LOG2))
     if off_um * sign < _ROOM_UM:
         return True
     return (
         off_um * sign < far_um - _ROOM_UM
-        and _part(decay, off_um, brightness, far_um * sign) >= power(first) >> 6
+        and _part(s[DECAY], off_um, s[B_NOW], far_um * sign) >= power(s[B] - EVEN) >> 6
     )
 
 
-def weigh(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b):
+def weigh(s):
     """Estimate both fingers from two readings; only the second finger's force differs between them.
 
-    Parameters
-    ----------
-    found : sequence of int
-        Output: position of the second finger in um, uncertainty of this position in um, and
-        brightness of the first finger in Q20 of log2.
-    decay, x1_um : int
-        Decay of the light by the dye, and position of the first finger, as in `locate.locate`.
-    limit_um : int
-        End of the strip, in um, on the side of the second finger.
-    x_um, brightness, x_next_um, next_b : int
-        Position in um and brightness in Q20 of log2, of the earlier and of the later reading.
-
-    Returns
-    -------
-    bool
-        Whether there is a second finger.
+    The readings are the present one and the one before, in the state `s` of a
+    `contact.ContactTracker`. Returns whether there is a second finger. Stores three elements of the
+    state, from `FOUND_UM` on: position of the second finger and its uncertainty in um, and
+    brightness of the first finger.
     """
-    a_um = x_um - x1_um
-    b_um = x_next_um - x1_um
-    far_um = limit_um - x1_um
+    decay = s[DECAY]
+    brightness = s[B_LAST]
+    next_b = s[B_NOW]
+    a_um = s[X_LAST_UM] - s[X_UM]
+    b_um = s[X_NOW_UM] - s[X_UM]
+    far_um = _far_um(s)
     sign = 1 if far_um > 0 else -1
     low = max(a_um * sign, b_um * sign) + _ROOM_UM
     high = far_um * sign
@@ -115,7 +130,7 @@ def weigh(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b):
         return False
     farther = low + sign * _STEP_UM
     gap = _part(decay, a_um, brightness, farther) - _part(decay, b_um, next_b, farther)
-    found[0] = x1_um + low
-    found[1] = min(light * (_STEP_UM // 80) // (abs(gap) + 1), (1 << FAR_LOG2))
-    found[2] = log2_q20(light) - (4 << 20)
+    s[FOUND_UM] = s[X_UM] + low
+    s[FOUND_SLACK_UM] = min(light * (_STEP_UM // 80) // (abs(gap) + 1), (1 << FAR_LOG2))
+    s[FOUND_B] = log2_q20(light) - (4 << 20)
     return True

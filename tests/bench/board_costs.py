@@ -16,7 +16,7 @@ import board_config
 import machine
 
 from spots_device import app as app_module
-from spots_device import command, contact
+from spots_device import command, evidence
 from spots_device.as7341 import AS7341
 from spots_device.runtime.micropython import MachineBus, StdioSerial
 from spots_device.silicone import Compensation
@@ -198,19 +198,19 @@ uses = app.uses
 tracker, keypad = uses._tracker, uses._keypad
 state = strip.decode.state
 weighed = array("i", (0, 0))
-weigh = contact.weigh
+weigh = evidence.weigh
 
 
-def timed(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b):
+def timed(state):
     began = ticks()
-    is_found = weigh(found, decay, x1_um, limit_um, x_um, brightness, x_next_um, next_b)
+    is_found = weigh(state)
     weighed[0] += 1
     weighed[1] += diff(ticks(), began)
     return is_found
 
 
-contact.weigh = timed
-kinds, times = bytearray(1200), array("i", bytes(4800))
+evidence.weigh = timed
+kinds, times = bytearray(1300), array("i", bytes(5200))
 
 
 row = array("i", bytes(16))
@@ -227,14 +227,15 @@ def track():
         times[at] = diff(ticks(), began) - (weighed[1] - before_us)
         kinds[at] = 2 if tracker.two else 1 if tracker.touched else 0
         at += 1
+    return at
 
 
 gc.collect()
 with open("readings.inputs", "rb") as readings:
-    track()
-contact.weigh = weigh
+    size = track()
+evidence.weigh = weigh
 for kind in range(3):
-    us = sorted(times[i] for i in range(1200) if kinds[i] == kind)
+    us = sorted(times[i] for i in range(size) if kinds[i] == kind)
     name = ("up", "one", "two")[kind]
     show("contact.ContactTracker.take, %s" % name, sum(us) / len(us))
     show("   count, median, last %d, %d," % (len(us), us[len(us) // 2]), us[-1])

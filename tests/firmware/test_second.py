@@ -7,6 +7,7 @@ import pytest
 from smallint import SmallInt
 
 from keys import DECAY
+from spots_device import contact_state
 from spots_device import locate as locate_module
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SUBTRACTED, MISFIT
@@ -52,6 +53,23 @@ def feel(sensor, calibration):
         return decode.position_um, decode.brightness, not decode.flags & MISFIT
 
     return run
+
+
+def two_readings(x1_um, b1, some, more, decay=DECAY, length_um=85_000):
+    """Return the state of a tracker with a finger and two readings (position, brightness)."""
+    state = [SmallInt(0)] * contact_state.SIZE
+    for at, value in (
+        (contact_state.DECAY, decay),
+        (contact_state.LENGTH_UM, length_um),
+        (contact_state.X_UM, x1_um),
+        (contact_state.B, b1),
+        (contact_state.X_LAST_UM, some[0]),
+        (contact_state.B_LAST, some[1]),
+        (contact_state.X_NOW_UM, more[0]),
+        (contact_state.B_NOW, more[1]),
+    ):
+        state[at] = SmallInt(value)
+    return state
 
 
 @pytest.mark.parametrize("exponent", [-9.3, -1.0, -0.2, 0.0, 0.37, 0.75, 5.5, 16.99])
@@ -103,12 +121,11 @@ def test_a_second_finger_is_as_certain_as_the_noise_allows(feel, places_mm):
 @pytest.mark.parametrize("places_mm", [(10, 27), (30, 47), (62, 45), (60, 80), (10, 70), (80, 20)])
 def test_two_readings_give_both_fingers_though_the_light_of_the_first_is_unknown(feel, places_mm):
     first_mm, second_mm = places_mm
-    found = [0] * 3
     x1_um, alone, _ = feel((first_mm, FIRM))
     some = feel((first_mm, FIRM), (second_mm, 0.4 * FIRM))[:2]
     more = feel((first_mm, FIRM), (second_mm, FIRM))[:2]
-    end_um = 87_000 if second_mm > first_mm else -2000
-    assert weigh(found, *map(SmallInt, (DECAY, x1_um, end_um, *some, *more)))
+    found = two_readings(x1_um, alone, some, more)
+    assert weigh(found)
     off_mm = abs(found[0] / 1000 - second_mm)
     assert off_mm < 2
     assert off_mm < found[1] / 1000
@@ -118,14 +135,14 @@ def test_two_readings_give_both_fingers_though_the_light_of_the_first_is_unknown
 def test_readings_of_one_light_give_no_second_finger(feel):
     x1_um, _, _ = feel((30.0, FIRM))
     both = feel((30.0, FIRM), (60.0, FIRM))[:2]
-    assert not weigh([0] * 3, DECAY, x1_um, 87_000, *both, *both)
+    assert not weigh(two_readings(x1_um, 0, both, both))
 
 
 @pytest.mark.parametrize("share", [0.2, 1.0])
 def test_a_light_that_no_second_finger_leaves_shows_that_the_first_one_lifts(feel, share):
     x1_um, b1, _ = feel((30.0, FIRM))
     reading = feel((30.0, share * FIRM), (60.0, 0.3 * FIRM))[:2]
-    assert may_rest(*map(SmallInt, (DECAY, x1_um, b1 - 74_000, 87_000, *reading))) == (share == 1)
+    assert may_rest(two_readings(x1_um, b1, reading, reading)) == (share == 1)
 
 
 def test_a_finger_that_presses_harder_is_no_second_one(feel):
@@ -152,8 +169,8 @@ def test_no_dye_exceeds_the_integers_of_a_board(x_mm, decay):
             reading = (1000 * x_mm, bright << 20, fits, 20_000)
             known = SmallInt(decay), SmallInt(0)
             locate([0] * 3, *known, SmallInt(6 << 20), *map(SmallInt, reading))
-            for end_mm in (-2, 87, 600):
-                end = SmallInt(1000 * end_mm)
+            for length_um in (30_000, 85_000, 600_000):
                 again = (600 * x_mm, bright + 1 << 20)
-                weigh([0] * 3, *known, end, *map(SmallInt, (*reading[:2], *again)))
-                may_rest(*known, SmallInt(6 << 20), end, *map(SmallInt, reading[:2]))
+                some = two_readings(0, 6 << 20, reading[:2], again, decay, length_um)
+                weigh(some)
+                may_rest(some)

@@ -22,6 +22,7 @@ from viper import need_viper
 
 import spots_device
 from spots.deploy.constants import inline
+from spots.deploy.names import shorten
 from spots.deploy.staging import use_viper
 from spots_sim.vm import micropython_command
 
@@ -113,6 +114,7 @@ class Unix64(Machine):
         # constants, so their modules are not changed.
         if script == "sample_path":
             inline(self.folder / "spots_device")
+            shorten(self.folder / "spots_device")
         return [*micropython_command(), "-X", f"heapsize={HEAP_64_BYTES}", f"{script}.py"]
 
 

@@ -10,6 +10,7 @@ from canned import Clock
 from spots_device import kernel
 from spots_device.calibration import pack
 from spots_device.contact_state import (
+    B_NOW,
     DECAY,
     DRIFTS,
     FOUND_B,
@@ -18,6 +19,7 @@ from spots_device.contact_state import (
     LENGTH_UM,
     NOISE_PRODUCT,
     SIZE,
+    X_NOW_UM,
 )
 from spots_device.decode import (
     AGE_STEP_US,
@@ -371,7 +373,9 @@ def second_finger(cases, results):
         s[DECAY] = case[1]
         s[NOISE_PRODUCT] = case[2]
         s[DRIFTS] = case[3]
-        is_there = estimate_second(s, case[4], case[5], case[6], case[7], case[8])
+        s[X_NOW_UM] = case[6]
+        s[B_NOW] = case[7]
+        is_there = estimate_second(s, case[4], case[5], case[8])
         results[4 * i] = 1 if is_there else 0
         for j in range(3):
             results[4 * i + 1 + j] = s[FOUND_UM + j]
