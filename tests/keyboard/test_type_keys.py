@@ -289,7 +289,7 @@ def test_the_demo_types_the_scenarios_text(capsys):
 
 
 def test_a_dry_run_prints_the_keys(capsys):
-    arguments = ["keyboard", "--port", "virtual", "--dry-run", "--seconds", "4"]
+    arguments = ["keyboard", "--port", "virtual", "--dry-run", "--seconds", "8"]
     assert cli.main(arguments) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines

@@ -434,7 +434,8 @@ RICH = [
 def test_keypad(compare, rng):
     layouts = [default_lines(), *([f"flavour {flavour}", *RICH] for flavour in range(3))]
     cases = [(rng.choice(layouts), 85_000, a_finger(rng)) for _ in range(3)]
-    compare("keypad", cases, width=3 * 150)
+    for case in cases:  # the heap has no room for the arrays of all cases
+        compare("keypad", [case], width=3 * 150)
 
 
 # Results of a case: next sequence number, size, and the longest frame. COBS adds one byte, and one

@@ -33,11 +33,11 @@ class Shown(PageState):
         self.parts[name] = value
 
 
-def feel_of(layout, exposure_us):
+def feel_of(layout, exposure_us, **options):
     info = {"length_um": 85_000, "exposure_us": exposure_us, "average": 1, "keys": 0}
     board = SimpleNamespace(command=lambda line: info, now_s=lambda: 0.0)
     state = Shown()
-    return Feel(board, info, state, layout), state
+    return Feel(board, info, state, layout, **options), state
 
 
 def read(feel, now_s, flags, x_um=10_000):
@@ -73,3 +73,17 @@ def test_untrusted_readings_are_shown_within_a_second():
     assert "does not fit one press; next: " in state.parts["untrusted"]
     read(feel, 1.01, 1)
     assert state.parts["untrusted"] == ""
+
+
+def test_a_draft_that_is_sent_again_still_sees_the_touch(tmp_path):
+    path = tmp_path / "draft.toml"
+    path.write_text('name = "x"\n[[layer]]\nname = "a"\nkeys = ["C", "A"]\n')
+    feel, state = feel_of(load("digits"), 10_000, draft=lambda: load(path))
+    tried = []
+    state.add_event = tried.append
+    for i, flags in enumerate([4] * 8 + [1] * 8 + [4] * 8):
+        read(feel, 0.01 * i, flags)
+    assert [(one["name"], one["pressed"]) for one in tried if one["kind"] == "tried"] == [
+        ("C", True),
+        ("C", False),
+    ]

@@ -108,7 +108,7 @@ class Feel:
         """If a browser edits a draft of the layout, compute pressed keys with this draft, too."""
         length_um, decay = self._sizes
         draft = self._draft() if length_um else None
-        if draft is not self._tried:
+        if draft != self._tried:  # an equal draft that is sent again must not end a touch
             self._tried, self._engines = draft, self._untried
             if draft:
                 trial = KeyEngine(draft, length_um, SimpleNamespace(key=self._tried_key), decay)
