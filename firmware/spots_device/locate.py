@@ -13,6 +13,7 @@ except ImportError:
 
 from .contact_state import (
     APART_UM,
+    B_LAST,
     B_NOW,
     DECAY,
     DRIFTS,
@@ -21,7 +22,9 @@ from .contact_state import (
     LENGTH_UM,
     NEAR_UM,
     NOISE_PRODUCT,
+    X_LAST_UM,
     X_NOW_UM,
+    X_UM,
 )
 from .log2 import log2_q20
 
@@ -164,3 +167,50 @@ def estimate(s, x1_um, b1, fits):
         )
         and -NEAR_UM - s[FOUND_SLACK_UM] < s[FOUND_UM] < s[LENGTH_UM] + NEAR_UM + s[FOUND_SLACK_UM]
     )
+
+
+def _part(decay, off_um, brightness, away_um):
+    """Return the light of the first of two fingers in a reading, in sixteenths of a count.
+
+    `decay` is as in `locate.locate`; `brightness` is that of the reading, in Q20 of log2.
+
+    `off_um` is the distance from the first finger to the position of the reading, `away_um` the
+    distance from the first finger to the second finger.
+    """
+    # At most 11 words in the call frame, see strip.py. `second.weigh` makes 20 calls, and on a
+    # board a call of `min` or `max` takes a tenth of the time of this function.
+    share = (off_um << 10) // away_um
+    decay *= away_um
+    lost = decay >> 14
+    lost = ((share * (1024 - share) >> 12) * (lost * lost >> 8) >> 8) * 69
+    brightness += lost if lost < 1 << 20 else 1 << 20
+    decay >>= 4
+    if decay > 3 << 20:
+        decay = 3 << 20
+    elif decay < -(9 << 20):
+        decay = -(9 << 20)
+    ratio = power(decay) * share // (1024 - share)
+    return (power(brightness) & ~63) // (1024 + ratio >> 4)
+
+
+def light(s, away_um, is_now):
+    """Return the light of the first of two fingers, in sixteenths of a count.
+
+    Parameters
+    ----------
+    s : array.array
+        State of a `contact.ContactTracker` with the last two readings.
+    away_um : int
+        Distance from the first finger to the second one, in um; not 0.
+    is_now : bool
+        True for the light in the present reading; False for the difference between this light and
+        that in the reading before.
+
+    Returns
+    -------
+    int
+    """
+    now = _part(s[DECAY], s[X_NOW_UM] - s[X_UM], s[B_NOW], away_um)
+    if is_now:
+        return now
+    return now - _part(s[DECAY], s[X_LAST_UM] - s[X_UM], s[B_LAST], away_um)

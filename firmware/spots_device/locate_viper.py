@@ -119,3 +119,34 @@ def estimate(state: ptr32, at_um: int, first: int, fits: int) -> int:
     state[2] = (exponent << 20) + ((lost + 8) >> 4)
     share += 2000
     return ((0 - at_um - share) & (at_um - x_um - share)) >> 31 & 1
+
+
+@micropython.viper
+def light(s: ptr32, away_um: int, is_now: int) -> int:
+    # s: 4 X_UM. late, the elements from 43 on: 0 X_LAST_UM, 1 B_LAST, 18 X_NOW_UM, 19 B_NOW,
+    # 28 DECAY.
+    late = ptr32(uint(s) + 172)
+    sign = 1
+    sign <<= 31
+    two_to = power
+    found = 0
+    far = late[28] * away_um
+    bend = far >> 14
+    bend = (bend * bend) >> 8
+    far >>= 4
+    if far > 3 << 20:
+        far = 3 << 20
+    if far < -9 << 20:
+        far = -9 << 20
+    far = int(two_to(far))
+    at = is_now * 18
+    while at < 19:
+        share = ((((late[at] ^ sign) - sign) - ((s[4] ^ sign) - sign)) << 10) // away_um
+        rest = 1024 - share
+        lost = (((share * rest >> 12) * bend) >> 8) * 69
+        if lost > 1 << 20:
+            lost = 1 << 20
+        lost += (late[at + 1] ^ sign) - sign
+        found = (int(two_to(lost)) & -64) // ((1024 + far * share // rest) >> 4) - found
+        at += 18
+    return found

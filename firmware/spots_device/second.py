@@ -14,9 +14,6 @@ and of ln(l) are below 0.01. l1 is known from a reading of the first finger alon
 gives two values, position and brightness, for the two unknowns l2 and d. So one reading cannot show
 whether the first finger rests: several readings must give the same result. All integers fit 31
 bits; allocates nothing.
-
-Boards with ``viper = true`` in board.toml get second_viper.py instead of this file: the same
-functions with identical results, whose arithmetic is in machine code.
 """
 
 try:
@@ -26,9 +23,6 @@ except ImportError:
 
 from .contact_state import (
     APART_UM,
-    B_LAST,
-    B_NOW,
-    DECAY,
     EVEN,
     FOUND_B,
     FOUND_SLACK_UM,
@@ -40,35 +34,11 @@ from .contact_state import (
     X_UM,
     B,
 )
-from .locate import FAR_LOG2, power
+from .locate import FAR_LOG2, light, power
 from .log2 import log2_q20
 
 _ROOM_UM = const(300)  # least distance of a reading's position from each finger
 _STEP_UM = const(2000)  # change of the distance, with which `weigh` measures the uncertainty
-
-
-def _part(decay, off_um, brightness, away_um):
-    """Return the light of the first of two fingers in a reading, in sixteenths of a count.
-
-    `decay` is as in `locate.locate`; `brightness` is that of the reading, in Q20 of log2.
-
-    `off_um` is the distance from the first finger to the position of the reading, `away_um` the
-    distance from the first finger to the second finger.
-    """
-    # At most 11 words in the call frame, see strip.py. `weigh` calls this function 20 times, and on
-    # a board a call of `min` or `max` takes a tenth of the time of this function.
-    share = (off_um << 10) // away_um
-    decay *= away_um
-    lost = decay >> 14
-    lost = ((share * (1024 - share) >> 12) * (lost * lost >> 8) >> 8) * 69
-    brightness += lost if lost < 1 << 20 else 1 << 20
-    decay >>= 4
-    if decay > 3 << 20:
-        decay = 3 << 20
-    elif decay < -(9 << 20):
-        decay = -(9 << 20)
-    ratio = power(decay) * share // (1024 - share)
-    return (power(brightness) & ~63) // (1024 + ratio >> 4)
 
 
 def _far_um(s):
@@ -91,7 +61,7 @@ def may_rest(s):
         return True
     return (
         off_um * sign < far_um - _ROOM_UM
-        and _part(s[DECAY], off_um, s[B_NOW], far_um * sign) >= power(s[B] - EVEN) >> 6
+        and light(s, far_um * sign, True) >= power(s[B] - EVEN) >> 6
     )
 
 
@@ -103,9 +73,6 @@ def weigh(s):
     state, from `FOUND_UM` on: position of the second finger and its uncertainty in um, and
     brightness of the first finger.
     """
-    decay = s[DECAY]
-    brightness = s[B_LAST]
-    next_b = s[B_NOW]
     a_um = s[X_LAST_UM] - s[X_UM]
     b_um = s[X_NOW_UM] - s[X_UM]
     far_um = _far_um(s)
@@ -116,21 +83,20 @@ def weigh(s):
         return False
     low *= sign
     high *= sign
-    above = _part(decay, a_um, brightness, low) > _part(decay, b_um, next_b, low)
-    if above == (_part(decay, a_um, brightness, high) > _part(decay, b_um, next_b, high)):
+    above = light(s, low, False) < 0
+    if above == (light(s, high, False) < 0):
         return False
     for _ in range(8):
         middle = low + high >> 1
-        if above == (_part(decay, a_um, brightness, middle) > _part(decay, b_um, next_b, middle)):
+        if above == (light(s, middle, False) < 0):
             low = middle
         else:
             high = middle
-    light = _part(decay, b_um, next_b, low)
-    if light < 16 or abs(low) < APART_UM:
+    first = light(s, low, True)
+    if first < 16 or abs(low) < APART_UM:
         return False
-    farther = low + sign * _STEP_UM
-    gap = _part(decay, a_um, brightness, farther) - _part(decay, b_um, next_b, farther)
+    gap = light(s, low + sign * _STEP_UM, False)
     s[FOUND_UM] = s[X_UM] + low
-    s[FOUND_SLACK_UM] = min(light * (_STEP_UM // 80) // (abs(gap) + 1), (1 << FAR_LOG2))
-    s[FOUND_B] = log2_q20(light) - (4 << 20)
+    s[FOUND_SLACK_UM] = min(first * (_STEP_UM // 80) // (abs(gap) + 1), (1 << FAR_LOG2))
+    s[FOUND_B] = log2_q20(first) - (4 << 20)
     return True

@@ -20,7 +20,7 @@ from spots.deploy.names import shorten
 from spots.deploy.staging import board_names, device_of, stage
 from spots_sim.vm import micropython_command
 
-VIPER = ("kernel", "locate", "pair", "second", "steady")
+VIPER = ("kernel", "locate", "pair", "steady")
 MACHINE_CODE = {f"spots_device/{name}.mpy" for name in VIPER}
 DOCS = Path(__file__).parents[2] / "docs"
 
