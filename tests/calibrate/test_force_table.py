@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from spots_device.calibration import Calibration
+from spots import SpotsError
+from spots.calibrate.fit import fit
+from spots.calibrate.presses import Noise, Presses
+from spots_device.calibration import Calibration, Conditions
 from spots_device.views import Decoded
 from spots_sim.bound import Bound
 from spots_sim.files import SensorFile, load
@@ -35,3 +38,23 @@ def test_the_errors_of_the_force_are_balanced_and_small(name):
     print(name, errors.mean(), np.abs(errors).mean(), np.abs(errors).max())
     assert abs(errors.mean()) < 2.5
     assert np.abs(errors).max() < 12
+
+
+@pytest.mark.parametrize(
+    ("lit", "says"), [(9, "only 9 forces give light in all channels"), (10, "does not rise")]
+)
+def test_too_few_forces_are_not_reported_as_a_brightness_that_does_not_rise(lit, says):
+    def presses(position_um, force_mN, brightness):
+        slopes = np.array([4e-5, 3e-5, 2e-5, 1.5e-5, 1e-5, 0.5e-5])
+        logs = 10 + brightness[:, None] - position_um[:, None] * slopes
+        saturated = np.zeros(len(logs), dtype=bool)
+        return Presses(position_um, force_mN, 2.0**logs, np.full(logs.shape, 0.1), saturated)
+
+    at_um = np.linspace(0, 85_000, 17)
+    along = presses(at_um, np.full(17, 6000.0), np.zeros(17))
+    force_mN = np.geomspace(100, 10_000, 14)
+    pressed = presses(np.full(14, 42_500.0), force_mN, np.zeros(14))  # equally bright
+    pressed.counts[: 14 - lit, 0] = 0.5
+    conditions = Conditions("ab", ("F3", "F4", "F5", "F6", "F7", "F8"), 9, 2780, 10)
+    with pytest.raises(SpotsError, match=says):
+        fit({0: along}, pressed, Noise(0.1, 0.01), conditions)

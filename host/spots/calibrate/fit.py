@@ -80,7 +80,8 @@ def fit(
     Raises
     ------
     SpotsError
-        If the readings are too noisy, or do not change monotonically with position or force.
+        If the readings are too noisy or too dark, or do not change monotonically with position or
+        force.
     """
     curves = {strain: Curves(p.position_um, p.logs) for strain, p in sorted(along.items())}
     rest = curves[0]
@@ -282,7 +283,12 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     )
     forces = np.unique(lit.force_mN)
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
-    if len(forces) < FORCES_MIN or (np.diff(means) <= 0).any():
+    if len(forces) < FORCES_MIN:
+        raise SpotsError(
+            f"only {len(forces)} forces give light in all channels, but {FORCES_MIN} are needed: "
+            "take more forces, or check the strip, its LED and the gain"
+        )
+    if (np.diff(means) <= 0).any():
         raise SpotsError(
             "the brightness does not rise with the force: check the strip, its LED and the gain"
         )
