@@ -60,7 +60,7 @@ def test_who_forgets_to_unplug_it_is_asked_again(person):
     forgetful.board.command("set led=always gain=7")
     dark = take_dark(forgetful.board, forgetful.ask)
     assert max(dark) < 5 * DARK_SAMPLES
-    assert [text.split()[0] for text in forgetful.asked] == ["unplug", "still", "still", "plug"]
+    assert [text.split()[0] for text in forgetful.asked] == ["unplug", "the", "the", "plug"]
     assert "of full scale" in forgetful.asked[1]
 
 

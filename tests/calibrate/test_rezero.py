@@ -355,7 +355,7 @@ def test_a_mark_that_is_released_too_early_is_asked_for_again(made, sensor, tmp_
     with Drifted(sensor, made, tmp_path / "a.toml", Hasty) as strip:
         rezero(strip.bench, made)
         assert strip.bench.presser.presses == 4
-        assert "no press is seen; press again" in strip.said.getvalue()
+        assert "no press is seen; try again" in strip.said.getvalue()
 
 
 def test_a_person_is_led_through_the_marks(made, sensor, tmp_path):

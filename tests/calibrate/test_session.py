@@ -180,6 +180,13 @@ def test_a_damaged_line_in_the_middle_is_named(full, tmp_path):
             Session(path)
 
 
+def test_a_session_in_a_folder_that_does_not_exist_names_the_folder(full, tmp_path):
+    lost = Session(tmp_path / "none" / "a.jsonl")
+    with pytest.raises(SpotsError, match=r"there is no folder .*none: make it first"):
+        lost.add(Session(full.session).points[0])
+    assert not lost.points
+
+
 def test_a_killed_session_goes_on_where_it_was(tmp_path):
     path = tmp_path / "killed.jsonl"
     words = ["position", "--plan", "F3,F4,F5,F6,F7,F8", "--places", "40", "--session", str(path)]
@@ -405,7 +412,7 @@ def trembling(held, press):
 
 
 MISTAKES = [
-    (elsewhere, "the colour does not lie between those of the neighbouring presses"),
+    (elsewhere, "the colour does not fit the neighbouring presses"),
     (lightly, "the brightness does not fit the neighbouring presses"),
     (barely, "too dark: press harder"),
     (not_at_all, "no press is seen"),
@@ -438,11 +445,11 @@ def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
         if times == 1:
             session_of(stage, Wrong(stage, mistake, times), path, shown)
             assert says in out.getvalue()
-            assert out.getvalue().count("; press again") == 1
+            assert out.getvalue().count("; try again") == 1
             assert len(Session(path).points) == 17
         else:
             with pytest.raises(
-                SpotsError, match=f"^47.8 mm with 6 N: .*{says}.*run the same command again"
+                SpotsError, match=f"^47.8 mm with 6 N: .*{says}.*start the session again"
             ):
                 session_of(stage, Wrong(stage, mistake, times), path, shown)
             assert len(Session(path).points) == 9

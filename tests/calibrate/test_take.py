@@ -74,7 +74,7 @@ def test_a_choice_of_channels_takes_dark_ones_as_they_are(stage, bench):
     stage.reader.read = dim
     wanted = Wanted(kind="choose", place_um=60_000.0, force_mN=6000.0)
     assert bench.take(wanted).dark
-    assert "press again" not in bench.said()
+    assert "try again" not in bench.said()
     with pytest.raises(SpotsError, match="too dark"):
         bench.take(msgspec.structs.replace(wanted, kind="position"))
 
@@ -90,4 +90,4 @@ def test_a_joint_whose_press_is_refused_need_not_be_released(bench):
 
     wanted = Wanted(kind="joint", place_um=40_000.0, force_mN=3000.0, angle_deg=4.0)
     bench.take(wanted, judge=judge)
-    assert bench.said().count("press again") == 2
+    assert bench.said().count("try again") == 2

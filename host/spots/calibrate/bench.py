@@ -33,7 +33,7 @@ _SIGMAS = 5.0  # tolerance of noise in all checks, in standard deviations
 _OUTLIER = 0.3  # log2: largest difference from the light expected from other presses
 _VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
 _CHANGED = 1.25  # least ratio of the light before and after a change of the force
-CONTINUES = "the presses taken so far are stored; run the same command again to continue"
+CONTINUES = "the presses taken so far are stored; start the session again to continue"
 
 
 class BadPressError(Exception):
@@ -154,7 +154,7 @@ class Bench:
                     self.release()
                     raise
                 trouble = f"{wanted}: {bad}"
-            self.guide.say(f"{trouble}; press again")
+            self.guide.say(f"{trouble}; try again")
             if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
                 self.release()
         raise SpotsError(f"{trouble}; {given_up}")
@@ -282,7 +282,7 @@ class Bench:
 
 
 def _check_steady(reading: Reading, noise: Noise | None, window: int, kind: str) -> None:
-    """Raise `BadPressError` if a short reading has light in no channel, or its light changes.
+    """Raise `BadPressError` if a short reading has light in no channel, or is not steady.
 
     `noise` is the noise of the sensor, or None if unknown. `window` is the number of samples in the
     reading. `kind` is the kind of the press: for ``mark`` and ``hand``, the brightness may change
@@ -334,8 +334,8 @@ def judge_place(known: Presses, wanted: Wanted, counts: np.ndarray, noise: Noise
     sigma = np.sqrt(2 * noise.log_variance(counts) @ way**2 / window)
     if (np.diff(contrasts) < -_SIGMAS * sigma).any():
         raise BadPressError(
-            "the colour does not lie between those of the neighbouring presses: check the position "
-            "of this press and of the previous one"
+            "the colour does not fit the neighbouring presses: check the position of this press "
+            "and of the previous one"
         )
     near = np.sort(np.argsort(np.abs(places - wanted.place_um))[:2])
     if np.abs(places[near] - wanted.place_um).min() > 1.5 * np.ptp(places[near]):

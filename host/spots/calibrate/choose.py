@@ -1,8 +1,8 @@
 """Chooses the six of the sensor's nine diodes that give the least noise of the position.
 
-A plan is a choice of six diodes, one for each channel of the board. Two passes along the strip,
-with different plans, read all nine diodes. Three diodes are read in both passes; they show how much
-the force differs between the passes.
+A plan is a choice of six diodes, one for each channel of the board. Presses along the strip are
+read with two plans, which together contain all nine diodes. A pass is all readings with one plan.
+Three diodes are in both plans; they show how much the force differs between the passes.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     if len(usable) < len(plans[0]):
         raise SpotsError(
             f"only {len(usable)} channels are usable, but six are needed; the other channels are "
-            "too dark or too bright: run without --keep-settings, or set gain and LED current; "
-            "then begin another session"
+            "too dark or too bright: begin another session without --keep-settings, or set gain "
+            "and LED current and begin one with --keep-settings"
         )
     used = [np.isin(plan, usable) for plan in plans]
     noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))
@@ -108,7 +108,7 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
 
 def _merge(plans, measured, full_scale):
-    """Merge the readings of both passes (presses along the whole strip with one plan each).
+    """Merge the readings of both passes.
 
     The arguments are those of `choose`. Returns the names of the c usable diodes, the n positions
     in um, and log2 of the counts of these diodes, shape (n, c). The counts of the second pass are

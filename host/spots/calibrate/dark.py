@@ -58,7 +58,10 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
     ask("unplug the LED or cover its end, touch nothing, then press Enter: ")
     while max(dark := board.command("dark off", timeout_s=_TIMEOUT_S)["dark"]) > limit:
         share = max(dark) / DARK_SAMPLES / state["full_scale"]
-        ask(f"still {share:.0%} of full scale: keep light off the strip, then press Enter: ")
+        ask(
+            f"the light is still {share:.0%} of full scale: keep light off the strip, then press "
+            "Enter: "
+        )
     ask("plug the LED in again or uncover it, then press Enter: ")
     board.command("save")
     return dark

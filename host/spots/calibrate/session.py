@@ -1,8 +1,9 @@
-"""Session files: one JSON line per press, on disk before the session asks for the next press.
+"""Session files: each line is a press and its reading in JSON.
 
-A session asks for the presses of a calibration. For a press *by hand*, the person then reads its
-true position off a ruler, and its force off a scale. Marks are positions that a re-zero (``spots
-rezero``) presses again, to measure drift.
+A line is on disk before the session asks for the next press. A session asks for the presses of a
+calibration. For a press *by hand*, the person then reads its true position off a ruler, and its
+force off a scale. Marks are positions that a re-zero (``spots rezero``) presses again, to measure
+drift.
 """
 
 from __future__ import annotations
@@ -34,11 +35,12 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     Attributes
     ----------
     kind : str
-        Purpose of the press. ``choose`` is for the choice of channels, ``mark`` for a re-zero,
-        ``hand`` for a press by hand. ``position``, ``force``, ``strain`` and ``joint`` are steps of
-        ``spots calibrate``.
+        Purpose of the press. ``choose`` is for the choice of exposure and channels, ``mark`` for a
+        re-zero, ``hand`` for a press by hand. ``position``, ``force``, ``strain`` and ``joint`` are
+        steps of ``spots calibrate``.
     place_um : float
         Distance from the strip's end at the sensor in um, measured while the strip has its strain.
+        0 for a joint that a person turns.
     force_mN : float
         Force in mN; 0 if the force is unknown.
     strain_ppm : int
@@ -46,7 +48,8 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     angle_deg : float or None
         Angle of the joint in degrees; None without a joint.
     direction : int
-        Direction in which the joint was turned: 1 upwards, -1 downwards; 0 without a joint.
+        Direction in which the joint was turned: 1 upwards, -1 downwards; 0 if the kind is not
+        ``joint``.
     then_mN : float
         Second force in mN, to which the person changes without a release; 0 for a press with one
         force.
@@ -88,8 +91,8 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     time : str
         Date and time in UTC, ISO 8601.
     trace : tuple of tuple of float
-        All readings of a press by hand: time in s by the clock of `Board.now_s`, then the six
-        counts.
+        All readings of a press by hand with a known force: time in s by the clock of `Board.now_s`,
+        then the six counts.
     holds : tuple of (float, float)
         Start and end of the time in which each force was steady, in s by the same clock.
     """
@@ -195,9 +198,7 @@ class Session:
                 atomic.sync(file)
                 self._whole = file.seek(0, os.SEEK_END)
         except OSError as error:
-            raise SpotsError(
-                f"cannot write the session {self.path} ({error.strerror}): make room on the disk"
-            ) from None
+            raise atomic.not_written(self.path, error) from None
         self.points.append(taken)
 
     def undo(self) -> Point | None:

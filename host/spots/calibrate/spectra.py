@@ -34,7 +34,8 @@ class Reading:
         Mean dark-subtracted counts of each channel.
     variance : numpy.ndarray, shape (6,)
         Variance of one sample of each channel in counts**2, without the noise that all channels
-        share; 0 for a channel without light.
+        share. 0 for a channel with a mean of at most one count, and for all channels if fewer than
+        three channels have more than that.
     drift : float
         Change of the brightness from the first half of the samples to the second, in log2 units.
     saturated : bool
@@ -79,7 +80,7 @@ class SpectrumReader:
     Parameters
     ----------
     board : Board
-        The board. Its strip must not be pressed during `set_up`, which the constructor calls.
+        The board. Its strip should not be pressed during `set_up`, which the constructor calls.
     """
 
     def __init__(self, board: Board):
@@ -137,7 +138,9 @@ class SpectrumReader:
         limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
         frames = self._frames(count, _is_lit, limit_s)
         if len(frames) < count:
-            raise SpotsError("the board sends no spectra: 'spots command get' shows why")
+            raise SpotsError(
+                "the board sends too few spectra: 'spots command get' shows its faults"
+            )
         saturated = any(frame.flags & SATURATED for frame in frames)
         return np.array([frame.counts for frame in frames], dtype=float) - self._dark, saturated
 
@@ -164,7 +167,7 @@ class SpectrumReader:
         frames = self._frames(count, lambda f: isinstance(f, Touch) and f.trusted, timeout_s)
         if len(frames) < count:
             raise SpotsError(
-                "the board reports no position: press the strip firmly with the indenter"
+                "the board reports too few positions: press the strip firmly with the indenter"
             )
         return np.array([frame.position_um for frame in frames], dtype=float)
 

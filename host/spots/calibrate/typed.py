@@ -38,7 +38,7 @@ def typed(
     Raises
     ------
     SpotsError
-        If a unit is missing or unknown, or a value is impossible for a press by a finger.
+        If a unit is missing or unknown, or a value is impossible for a press by hand.
     """
     place_um = force_mN = None
     at = 0
@@ -60,7 +60,7 @@ def typed(
             if not min(_LEAST_MN, _SHARE * wanted_mN) <= force_mN <= _MOST_MN:
                 other = "g" if unit in ("n", "mn") else "N"
                 raise SpotsError(
-                    f"{found[0].strip()} is not a possible force of a finger: did you mean "
+                    f"{found[0].strip()} is not a possible force of a press: did you mean "
                     f"{found[1]} {other}?"
                 )
     return place_um, force_mN
