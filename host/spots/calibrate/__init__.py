@@ -1,1 +1,1 @@
-"""Calibration of a board, computed from presses at known positions with known forces."""
+"""Calibration of a board: sessions that ask for presses, the fit, calibration files, re-zero."""

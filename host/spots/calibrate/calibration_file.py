@@ -59,7 +59,8 @@ class Residual(_Struct, kw_only=True):
         Root mean square error of the force, in mN; None for a stretched strip, and if the forces
         are unknown.
     presses : int
-        Number of presses whose errors were computed.
+        Number of position errors, plus number of presses with a known force; a press can count in
+        both.
     """
 
     strain_ppm: int
@@ -166,7 +167,7 @@ class CalibrationFile(_Struct, kw_only=True):
     marks : Marks or None
         Marks for ``spots rezero``; None in files of older versions.
     joint_marks : Marks or None
-        Marks at the end stops and a middle stop of the joint; None without a joint.
+        Marks at the lowest, a middle and the highest angle of the joint; None without a joint.
     rezeros : list of Rezero
         All re-zeros, oldest first. `lines` contains the correction of the last re-zero only.
     """

@@ -87,7 +87,7 @@ class Dialog(Protocol):
         """Show that the press `wanted` was taken; `reading` has its counts."""
 
     def fitted(self, progress: Progress) -> None:
-        """Show the progress of a session by hand, after each press."""
+        """Show the progress of a session by hand after a press."""
 
     def say(self, text: str) -> None:
         """Show a message to the person."""

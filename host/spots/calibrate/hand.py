@@ -181,9 +181,9 @@ def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
     """Return the next press that has two forces, one after the other.
 
     The result is the first force in mN, the second force in mN, and how long to hold the first
-    force in s. According to the fit `surface`, both forces give light in all channels at the
-    position `place_um`. Returns None until `_LOADS_FROM` presses by hand are done, and after the
-    last press with two forces.
+    force in s. If the second force is lower, both forces are increased where the fit `surface`
+    expects too little light at the position `place_um`. Returns None until `_LOADS_FROM` presses by
+    hand are done, and after the last press with two forces.
     """
     hand = session.of("hand")
     loads = sum(bool(p.then_mN) for p in hand)

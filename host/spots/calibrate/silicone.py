@@ -84,8 +84,8 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
     Returns
     -------
     Compensated or None
-        The compensation; None if the presses have too few readings, or show neither hysteresis nor
-        creep.
+        The compensation; None if no press has two forces, or if the presses have too few readings,
+        or show neither hysteresis nor creep.
     """
     if not any(len(p.holds) > 1 for p in points):
         return None

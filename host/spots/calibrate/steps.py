@@ -123,7 +123,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
 
 
 def missing_step(session: Session) -> str | None:
-    """Return the command for the presses that are still missing; None if no press is missing."""
+    """Return the command that takes the next missing presses; None if no press is missing."""
     if len(session.of("hand")) >= COUNTS["rough"][1]:
         return None
     for kind, name in (("position", "place_um"), ("force", "force_mN")):
@@ -194,7 +194,7 @@ class _Steps:
         bench.guide.say(f"gain {found['gain']}, LED {led}, exposure {found['exposure_us']} us")
 
     def _exposed(self) -> None:
-        """Read the press that set the exposure again, at the new settings.
+        """Read the same press once more, at the settings that `_auto` found.
 
         The person then types the true position, and the press is stored as a press by hand.
         """
