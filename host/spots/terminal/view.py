@@ -62,14 +62,14 @@ class Judge(Protocol):
 
 
 class StripView:
-    """A picture of a board's latest readings.
+    """A picture of the latest readings of one strip.
 
     Parameters
     ----------
     info : dict
-        The board's reply to ``hello``.
+        The board's reply to ``hello`` for this strip.
     port : str
-        Name of the board's port.
+        Name of the board's port; with several strips, also the strip's number.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ def bars(plan: Sequence[str], counts: Sequence[float], least: float) -> Table:
 
 
 def strip_columns() -> int:
-    """Return the width of a strip's picture in characters, limited by the terminal's width."""
+    """Return the width of a strip's picture in characters: 32 to 64, by the terminal's width."""
     return max(_TRACE_COLUMNS // 2, min(_TRACE_COLUMNS, get_terminal_size().columns - 16))
 
 
@@ -263,7 +263,8 @@ def plain(touch: Touch, started_s: float, unit: str = "N") -> str:
     touch : Touch
         A reading with its host time.
     started_s : float
-        Host time of the first reading, in seconds; the line shows the time since then.
+        Time of the start, in seconds of the clock of ``touch.time_s``; the line shows the time
+        since then.
     unit : str
         Unit of the force, see `StripView`.
 
