@@ -14,7 +14,7 @@ _TEXT_MAX = 200
 class Guarded:
     """Wraps a function for a thread or a callback: its exceptions are reported, not raised.
 
-    A raised exception would end the thread silently.
+    Without this class, an exception would end the thread.
 
     Parameters
     ----------
@@ -73,4 +73,4 @@ def sentence_of(name: str, error: Exception) -> str:
         trace = trace.tb_next
     place = f"{trace.tb_frame.f_globals.get('__name__')}, line {trace.tb_lineno}"
     what = printable(f"{type(error).__name__}: {error}"[:_TEXT_MAX])
-    return f"{name} failed and continues: please report this fault ({place}, {what})"
+    return f"{name} failed: please report this fault ({place}, {what})"

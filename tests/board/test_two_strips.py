@@ -322,7 +322,7 @@ def test_a_port_with_the_number_of_a_strip_is_that_strip():
             assert {touch.sensor for touch in board.touches(0.3)} == {0}
         with spots.open(start["port"]) as board:
             assert {touch.sensor for touch in board.touches(0.3)} == {0, 1}
-        with pytest.raises(SpotsError, match="sensor must be one of 0, 1"):
+        with pytest.raises(SpotsError, match="has no strip 2: leave out #2"):
             spots.open(start["port"] + "#2")
     finally:
         end()

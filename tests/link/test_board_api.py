@@ -17,6 +17,9 @@ from spots.errors import ClosedError, PortLostError, SpotsError
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
 from spots_device.decode import LED_OFF, NOT_CALIBRATED, TOO_DARK, TOUCHING
+from spots_sim.files import ScenarioFile, load
+from spots_sim.lockstep import LockstepLink
+from spots_sim.scenario import Scenario
 from test_frames import encoded
 from test_restart import StandIn
 
@@ -113,6 +116,12 @@ def test_the_newest_reading_of_a_fresh_board():
     assert link.now_s() - board.read_latest().time_s < 0.05
 
 
+def test_a_strip_that_the_board_does_not_have_is_refused_by_its_number(sensor):
+    link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")))
+    with pytest.raises(SpotsError, match="has no strip 1: leave out #1"):
+        Board(link, 1)
+
+
 def test_a_slow_board_has_time_for_its_newest_reading(strip):
     link, board = strip
     link.exposure_us = 1_500_000
@@ -161,7 +170,7 @@ def test_a_subscriber_of_a_lost_board_has_its_error(strip, capsys):
     lost = board.subscribe(lambda touch: setattr(link, "gone", 1_000_000))
     lost._thread.join(GIVE_UP_S)
     assert "no such port" in str(lost.error)
-    assert "no such port" in capsys.readouterr().err
+    assert capsys.readouterr().err == f"spots: {lost.error}\n"
 
 
 def test_handlers_of_state_and_end_do_not_replace_each_other(strip):
@@ -267,7 +276,7 @@ def test_a_fault_in_a_thread_is_raised_in_asyncio_and_reported_by_a_subscription
     subscription = board.subscribe(print)
     subscription._thread.join(GIVE_UP_S)
     assert isinstance(subscription.error, ZeroDivisionError)
-    assert "a subscriber of a board" in capsys.readouterr().err
+    assert "a subscriber of a board failed: please report" in capsys.readouterr().err
 
 
 def test_a_second_thread_gets_all_readings_while_the_first_one_sends_commands(strip):

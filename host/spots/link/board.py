@@ -122,11 +122,12 @@ class Board:
     Attributes
     ----------
     info : replies.Hello
-        The board's reply to ``hello``, updated after each change of a setting.
+        The board's reply to ``hello`` when it was connected. Since then, ``set`` and ``auto`` have
+        updated the settings, and `connect.upload` the calibration.
     log : collections.deque of dict
         The latest log lines of the board.
     patience_s : float
-        Time in seconds for which a streaming board may be unplugged before PortLostError is raised.
+        Time in seconds for which a streaming board may be unplugged before SpotsError is raised.
     calibration : list of str or None
         Lines of the latest calibration that this object uploaded to sensor 0; None if there was no
         upload. They cannot be read from a board, which reports only their checksum.
@@ -326,7 +327,7 @@ class Board:
         if not line.strip() or len(line) > LINE_MAX or not (line.isascii() and line.isprintable()):
             raise SpotsError(
                 f"cannot send {line!r}: a command must have 1 to {LINE_MAX} printable ASCII "
-                "characters"
+                "characters, not only spaces"
             )
         if timeout_s is None:
             timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
@@ -362,7 +363,7 @@ class Board:
         return content
 
     def stream(self, *kinds: str) -> None:
-        """Start streaming these kinds of frames from all strips.
+        """Make all strips stream these kinds of frames, and no other kinds.
 
         For one strip, use ``command("stream touch sensor=1")``.
 
@@ -426,8 +427,8 @@ class Board:
         Raises
         ------
         SpotsError
-            If the board's keys are off. ``command("keys on")`` turns them on. The board then also
-            types on the computer that it is plugged into.
+            If the board's keys are off. ``command("keys on")`` turns them on. If the board is a USB
+            keyboard, it then also types on the computer that it is plugged into.
         """
         if not self.read_only and not self.command("hello")["keys"]:
             raise SpotsError(
@@ -470,7 +471,8 @@ class Board:
     async def atouches(self, seconds: float | None = None) -> AsyncGenerator[Touch, None]:
         """Iterate over readings in asyncio, without blocking the event loop; see `touches`.
 
-        A thread waits for the readings. The thread ends with the iteration, on every exit path.
+        A thread of asyncio's pool waits for the readings. Soon after the iteration ends, on every
+        exit path, the thread is free again.
 
         Parameters
         ----------
@@ -502,9 +504,10 @@ class Board:
         self, callback: Callable[[_ReadingT], object], *kinds: type[_ReadingT]
     ) -> Subscription[_ReadingT]: ...
     def subscribe(self, callback: Callable[[Any], object], *kinds: Any) -> Subscription[Any]:
-        """Call a function with each frame from now on, in a new thread.
+        """Call a function with each frame, in a new thread.
 
-        A board can have any number of subscribers.
+        Earlier frames that no iterator has read come first. A board can have any number of
+        subscribers.
 
         Parameters
         ----------
@@ -516,7 +519,8 @@ class Board:
         Returns
         -------
         readers.Subscription
-            The subscription, which ends with its method ``cancel()``, or when the board is closed.
+            The subscription. It ends when you call its method ``cancel()``, or when the board is
+            closed or lost.
 
         Examples
         --------
@@ -555,8 +559,8 @@ class Board:
             if not touches.unread:
                 return latest
         raise SpotsError(
-            f"no reading within {timeout_s:g} s from the board on {self.port}: check the wires of "
-            "its sensor"
+            f"no reading within {timeout_s:g} s from the board on {self.port}: check its USB cable "
+            "and the wires of its sensor"
         )
 
     def close(self) -> None:
@@ -646,7 +650,7 @@ class Board:
         path : str or Path
             Name of the new file.
         rotate_bytes : int, optional
-            Largest size of a file, in bytes; the recording then continues in another file. No limit
+            Largest size of a file, in bytes; a longer recording continues in another file. No limit
             if not given.
 
         Returns
@@ -696,7 +700,7 @@ class Board:
     def when_state_changes(self, action: Callable[[str], None]) -> Handle:
         """Register ``action(state)``, to be called at each change of `state`; return a `Handle`.
 
-        The call comes from the thread that waits for frames.
+        The call comes from the thread that waits for frames, so never for the state ``closed``.
         """
         return Handle(self._on_state, action)
 
@@ -723,6 +727,11 @@ class Board:
                 "its firmware does not run; name another port, or flash the board"
             )
         if refusal := reply.content.get("error"):
+            if self._only and "sensor" in refusal:
+                raise SpotsError(
+                    f"the board on {self.port} has no strip {self._only}: leave out "
+                    f"#{self._only}, or write the number of another strip"
+                )
             raise SpotsError(f"the board on {self.port} refuses 'hello': {refusal}")
         version = reply.content.get("protocol")
         if version != PROTOCOL:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from weakref import WeakSet
 
 from spots_device.decode import DROPPED
 
-from ..errors import ClosedError
+from ..errors import ClosedError, SpotsError
 from ..guarded import Guarded
 from .frames import Contact, Key, LinkStats, Reading
 
@@ -104,7 +105,7 @@ class FrameIterator(Generic[_ReadingT]):
     kinds : tuple of type
         Kinds of the frames to yield.
     advance : callable
-        ``advance(reader)`` waits up to 0.1 s for frames, and returns False if no more will come.
+        ``advance(reader)`` waits a short time for frames; returns False if no more will come.
 
     Attributes
     ----------
@@ -147,7 +148,7 @@ class FrameIterator(Generic[_ReadingT]):
         return self._log.unread(self)
 
     def wait(self) -> bool:
-        """Wait up to 0.1 s for a frame; return False if the iteration has ended."""
+        """Wait for a frame, usually up to 0.2 s; return False if the iteration has ended."""
         return not self._closed and (self.unread or self._advance(self))
 
     def close(self) -> None:
@@ -196,6 +197,9 @@ class Subscription(Generic[_ReadingT]):
                 self._callback(frame)
         except ClosedError:
             pass
+        except SpotsError as error:
+            self.error = error
+            print(f"spots: {error}", file=sys.stderr, flush=True)
         except Exception as error:
             self.error = error
             self._callback.failed(error)
