@@ -52,11 +52,12 @@ _WORDS = {
     "array": "a list",
     "object": "a table",
 }
+_GOT = _WORDS | {"float": "a decimal number"}  # of the value in a file; 1.0 is no whole number
 _LIMITS = {">=": "at least ", "<=": "at most ", ">": "more than ", "<": "less than ", None: ""}
 
 
 class WrongKeyError(msgspec.ValidationError):
-    """Raised if a key of a file is unknown, missing or out of range.
+    """Raised if a key of a file is unknown or missing, or if its value is invalid.
 
     Attributes
     ----------
@@ -95,7 +96,7 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     Raises
     ------
     SpotsError
-        If the file does not exist, is not a regular file, or is too large.
+        If the file cannot be read as text, is not a regular file, or is too large.
     """
     path = Path(name)
     if not path.suffix:
@@ -117,7 +118,7 @@ def loads(text: str) -> dict:
     ------
     msgspec.ValidationError
         If the text is not TOML, is nested too deep, or has a number that is not finite or a
-        string with control characters.
+        string with unprintable characters.
     """
     try:
         _check_keys(text)
@@ -181,7 +182,7 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
     Raises
     ------
     SpotsError
-        If the text is not TOML, or a key is unknown, missing or out of range.
+        If the text is not TOML, a key is unknown or missing, or a value is invalid.
     """
     try:
         return convert(loads(text), kind)
@@ -207,8 +208,8 @@ def convert(content: dict, kind: type[_Kind]) -> _Kind:
     Raises
     ------
     WrongKeyError
-        If a key is unknown, missing or out of range. For an unknown key the text suggests keys
-        that exist.
+        If a key is unknown or missing, or a value is invalid. For an unknown key the text suggests
+        keys that exist.
     """
     try:
         return msgspec.convert(content, kind)
@@ -246,7 +247,7 @@ def _allowed(wrong: re.Match) -> str:
     if wrong["length"]:
         allowed += f" of {_LIMITS[wrong['least']]}{wrong['length']} entries"
     got = wrong["got"]
-    return f"{allowed}, not {_WORDS.get(got, got)}" if got else allowed
+    return f"{allowed}, not {_GOT.get(got, got)}" if got else allowed
 
 
 def _place(path: str) -> str:
@@ -267,7 +268,7 @@ def _place(path: str) -> str:
 
 
 def _known(kind: type, path: str) -> list[str]:
-    """Return the keys or values that the type `kind` allows at a path such as ``$.key[0].tap``."""
+    """Return the keys or values that the type `kind` allows at a path such as ``.key[0].tap``."""
     found = _alternatives(inspect.type_info(kind))
     for name, _ in _STEP.findall(path):
         found = [one for outer in found for one in _inside(outer, name)]
@@ -316,4 +317,4 @@ def _check_strings(content: object) -> None:
         for one in content:
             _check_strings(one)
     elif isinstance(content, str) and not content.isprintable():
-        raise ValueError(f"{content!r} has control characters: remove them")
+        raise ValueError(f"{content!r} has unprintable characters: remove them")

@@ -75,6 +75,11 @@ def test_a_slip_is_answered_with_what_was_meant(tmp_path, kind, text, says):
         ("sensor", {"length_mm": "x"}, "length_mm must be a number, not text"),
         (
             "controller",
+            {"button": [{"when": "pressed", "number": 1.0}]},
+            "number in entry 1 of button must be a whole number, not a decimal number",
+        ),
+        (
+            "controller",
             {"button": [{"when": "presed", "number": 1}]},
             "when in entry 1 of button cannot be 'presed': did you mean pressed?",
         ),
