@@ -24,9 +24,10 @@ class ClockMap:
 
     A query is sent at host time a, answered at board time t, and the reply arrives at host time
     b. So the host time of t lies between a and b: each round trip bounds the offset between the
-    clocks from both sides. All bounds together are tighter than those of the shortest round trip.
-    Because clocks drift, the offset is a linear function of time. Its slope is chosen so that
-    the gap between the lower and the upper bounds of the latest 64 round trips is largest.
+    clocks from both sides. All bounds together are usually tighter than those of the shortest round
+    trip. Because clocks drift, the offset is modelled as a linear function of time. Its slope is
+    chosen so that the gap between the lower and the upper bounds of the latest 64 round trips is
+    largest.
 
     Parameters
     ----------

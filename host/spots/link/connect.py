@@ -90,7 +90,7 @@ def find() -> tuple[list[Board], list[str]]:
     boards : list of Board
         The open boards.
     reasons : list of str
-        Error message of each port without a SPOTS board.
+        Error message of each port that could not be opened as a SPOTS board.
     """
     boards: list[Board] = []
     reasons: list[str] = []

@@ -38,7 +38,8 @@ def whole(data: bytes) -> int:
     """Return the number of bytes after which data can be cut without splitting a frame.
 
     The cut is after the last delimiter (a zero byte). Without a delimiter, return 0, because the
-    frame is incomplete. But data longer than the longest valid frame is damaged: return its length.
+    frame is incomplete. But if data without a delimiter is longer than any valid frame, it is
+    damaged: return its length.
     """
     size = data.rfind(b"\0") + 1
     return len(data) if not size and len(data) > ENCODED_MAX else size
@@ -76,7 +77,8 @@ class Touch(NamedTuple):
         Values of `contrast` and `brightness`, times 2**20.
     position_um : float
         Distance of the press from the sensor's end of the strip, in um. NaN without a press,
-        without a calibration, and while the LED is off. Inaccurate while `touching` is false.
+        without a calibration, and while the LED is off. Inaccurate if the press is too light for a
+        touch (`touching` is false).
     force_mN : float
         Force of the press, in mN; NaN without a calibration, and while the LED is off. If
         ``board.info["relative_force"]`` is true, the force has no unit.
@@ -320,9 +322,9 @@ class LinkStats:
 class Decoder:
     """Decodes a byte stream, which may be damaged, into frames.
 
-    If the CRC of the bytes between two delimiters is wrong, these bytes are counted and dropped.
-    The decoder resynchronises at the next delimiter. Memory is limited to the length of the longest
-    frame.
+    If the CRC of the bytes between two delimiters is wrong, these bytes are dropped, and
+    `stats.bad_crc` grows by one. The decoder resynchronises at the next delimiter. Memory is
+    limited to the length of the longest frame.
 
     Attributes
     ----------

@@ -35,8 +35,8 @@ class Settings(TypedDict):
 class Changed(Settings, total=False):
     """The reply to ``set`` and ``auto``: all settings after the change.
 
-    ``note`` is only present as a warning that the calibration or the layout does not fit these
-    settings. ``rate_mHz`` is the expected rate, in readings per 1000 s.
+    ``note`` is only present as a warning that the calibration is not used, or that keys or gamepad
+    do not work. ``rate_mHz`` is the expected rate, in readings per 1000 s.
     """
 
     rate_mHz: _Number
@@ -46,8 +46,9 @@ class Changed(Settings, total=False):
 class Hello(Settings):
     """The reply to ``hello``: the board's identity and settings.
 
-    ``id`` is None if the board has no id; ``layout`` is None if it has no layout. If it has no
-    calibration, ``length_um``, ``decay``, ``relative_force`` and ``calibration`` are None.
+    ``id`` is None if the board has no id; ``layout`` is None if it uses the default layout. If it
+    has no calibration that is valid at its settings, ``length_um``, ``decay``, ``relative_force``
+    and ``calibration`` are None.
     """
 
     board: str

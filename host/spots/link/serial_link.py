@@ -221,7 +221,7 @@ def _why_not(port: str, error: Exception) -> str:
         return f"{port} is busy: close the other program that uses it"
     if not denied:
         return f"{port} cannot be opened as a serial port: {error}"
-    group = f"no permission to open {port}: join the port's group (ls -l {port}) and log in again"
+    group = f"no permission to open {port}: join the group in 'ls -l {port}' and log in again"
     vid = next((usb.vid for usb in usb_ports() if usb.device == port), None)
     if vid is None or not sys.platform.startswith("linux"):
         return group

@@ -1,9 +1,9 @@
 """Timeouts and back-off while a board is silent or unplugged, by the clock of the board's link.
 
-When readings stop, the link sends a query to the board after `ASK_S`. Applications release their
+When readings stop, `Board` sends a query to the board after `ASK_S`. Applications release their
 keys after `RELEASE_S`. The state becomes stalled after `STALLED_S`. The web UI closes the board and
 searches again after `SEARCH_S`. The search for an unplugged port has a growing back-off; iterators
-over frames raise PortLostError after `PATIENCE_S`.
+over frames raise SpotsError after `PATIENCE_S`.
 """
 
 # States of a link; a program that has not found a board yet is in the state SEARCHING.
@@ -56,8 +56,8 @@ def silent_s(least_s: float, every_s: float) -> float:
 class LinkLoss:
     """State machine of a link that may stall or be unplugged.
 
-    States: ``connected``; ``stalled`` if an expected reading is `STALLED_S` late; ``lost`` if the
-    port is unplugged; ``refused`` while another board is on the port.
+    States: ``connected``; ``stalled`` if no expected reading has arrived for `STALLED_S`; ``lost``
+    if the port is unplugged; ``refused`` while another board is on the port.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class LinkLoss:
     ask_s : float
         Time of the next query to a silent board, in seconds.
     reopen_s : float
-        Time of the next search for an unplugged board, in seconds; infinite while it is connected.
+        Time of the next search for an unplugged board, in seconds; valid only while `unplugged`.
     first_asked_s : float
         Time of the first query since the last frame that `heard` recorded, in seconds.
     is_open : bool

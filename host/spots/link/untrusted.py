@@ -17,7 +17,8 @@ _CAUSES = {
         "the sensor is saturated; next: shade the strip, or calibrate it with a smaller gain"
     ),
     decode.LED_OFF: (
-        "the board keeps measuring its dark frame; next: lift all fingers and keep the light steady"
+        "the board keeps measuring its dark frame; next: lift all fingers, and keep the ambient "
+        "light steady"
     ),
     TWO_FIT: (
         "two fingers touch the strip, or it has drifted since its calibration; next: lift all but "
