@@ -62,9 +62,7 @@ def test_there_is_no_room_for_the_output(arguments):
     with FULL.open("w") as full:
         code, told = said(arguments, full)
     assert code == 2
-    assert told.startswith(
-        f"spots: cannot write the output: {os.strerror(errno.ENOSPC)}; make room"
-    )
+    assert told.startswith(f"spots: cannot write the output: {os.strerror(errno.ENOSPC)}; free")
     assert told.count("\n") == 1
 
 

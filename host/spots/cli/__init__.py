@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     except OSError as error:
         if error.errno not in _NO_ROOM:
             raise
-        text = f"spots: cannot write the output: {error.strerror}; make room, or write elsewhere"
+        text = f"spots: cannot write the output: {error.strerror}; free space or write elsewhere"
         print(text, file=sys.stderr)
         code = 2
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

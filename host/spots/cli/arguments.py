@@ -23,7 +23,7 @@ def add_port(parser: argparse.ArgumentParser) -> None:
 
 def add_ports(parser: argparse.ArgumentParser) -> None:
     """Add the options that name one board, or the two boards of a linkage."""
-    text = f"{PORTS}; found on USB if not given; for a linkage, give it for each joint"
+    text = f"{PORTS}; found on USB if not given; if a linkage has two boards, give --port for each"
     parser.add_argument("--port", action="append", default=[], help=text)
     add_zenoh_config(parser)
 
@@ -35,7 +35,7 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
 
 
 def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
-    """Add the options for a simulated board or linkage, which other packages may provide.
+    """Add the options of a simulated board or linkage; other packages may define these options.
 
     Parameters
     ----------

@@ -114,7 +114,8 @@ def calibrate(parser: Parser):
     parser.option(
         "--plan",
         "F3,F4,...",
-        "six channels to measure; if not given, the best ones, or with --rough the present ones",
+        "six channels to measure; if not given, the best ones, but with --rough or led=always the "
+        "present ones",
     )
     parser.flag("--keep-settings", "do not adjust gain and LED current")
     return calls("spots.calibrate.calibrate:calibrate_command")
@@ -151,7 +152,7 @@ def rezero(parser: Parser):
 
 
 def dark(parser: Parser):
-    """Take the dark frame of a board that cannot switch its LED off: asks you to unplug it.
+    """Take the dark frame of a board that cannot switch its LED off: asks you to unplug the LED.
 
     example:
       spots dark
@@ -183,7 +184,7 @@ def _add_strips(parser: Parser) -> None:
 def _add_board(parser: Parser) -> None:
     parser.option("board", "BOARD", "a name that 'spots boards' lists")
     parser.add_argument(
-        "--port", help="serial port or CIRCUITPY drive; the only board if not given"
+        "--port", help="serial port or CIRCUITPY drive; the only connected board if not given"
     )
 
 
@@ -192,7 +193,7 @@ def _ports(options: argparse.Namespace) -> None:
 
     rows = survey()
     lines = ["  ".join(map(printable, row.values())) for row in rows]
-    none = f"no USB serial port: plug a board in, or give {known()} with --port"
+    none = f"no USB serial port: plug a board in; other commands also take --port {known()}"
     print(json.dumps(rows) if options.json else "\n".join(lines or [none]))
 
 

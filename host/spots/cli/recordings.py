@@ -71,7 +71,11 @@ def export(parser: Parser):
     parser.add_argument(
         "--to", required=True, choices=["mcap", "csv", "npz"], help="format of the new file"
     )
-    parser.option("--out", "NAME", "the new file; named like the recording if not given")
+    parser.option(
+        "--out",
+        "NAME",
+        "the new file; named like the recording if not given; with csv, a file for each kind",
+    )
     return _export
 
 
