@@ -1,4 +1,4 @@
-"""Host side of SPOTS, the stretchable parallel optical tactile sensor.
+"""Host side of SPOTS, an open stretchable optical tactile sensor.
 
 >>> import spots
 >>> with spots.open() as board:                       # doctest: +SKIP

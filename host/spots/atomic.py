@@ -3,8 +3,8 @@
 A file is written under a random name in the same folder, and renamed when it is complete. The
 random name is created exclusively, so no link is followed. `folder` makes a staging directory: a
 caller completes a new folder in it, then moves the new folder to its final path. If the process is
-killed, temporary files and directories remain. A write in the same folder at least an hour later
-removes them.
+killed, temporary files and directories remain. When they are more than an hour old, the next
+`replacing` in the same folder removes the files, and the next `folder` the directories.
 """
 
 import errno
@@ -54,7 +54,8 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
     Raises
     ------
     SpotsError
-        If the file cannot be written. An existing file is unchanged.
+        If the file cannot be written, or `new` is true and it exists. An existing file is
+        unchanged.
     """
     path = Path(path)
     part = path.parent / f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}"
@@ -159,7 +160,7 @@ def _place_new(part: Path, path: Path) -> None:
 def _replaced_mode(path: Path, new: bool) -> int | None:
     """Return the permissions of the file at `path`, or None if there is no file.
 
-    If `new` is true, an existing file is an error. So is a folder, a pipe or a device at `path`.
+    A folder, a pipe or a device at `path` is always an error; a file is an error if `new` is true.
     """
     if new and os.path.lexists(path):
         raise exists(path)

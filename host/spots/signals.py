@@ -184,9 +184,10 @@ def _console_events(released: threading.Event) -> Iterator[None]:
 
 
 def on_console_event(event: int, released: threading.Event) -> bool:
-    """Interrupt the main thread as Ctrl-C does; wait until that thread has released all outputs.
+    """Handle a console event of Windows; on close, logoff and shutdown, release all outputs.
 
-    Windows calls this in another thread. The wait lasts at most 4.5 s.
+    Interrupt the main thread as Ctrl-C does, and wait until that thread has released all outputs,
+    at most 4.5 s. Windows calls this function in another thread.
 
     Parameters
     ----------
@@ -198,7 +199,8 @@ def on_console_event(event: int, released: threading.Event) -> bool:
     Returns
     -------
     bool
-        Whether the event ends the process.
+        True for close, logoff and shutdown. False for other events; Windows then calls the next
+        handler.
     """
     if event not in _CONSOLE_EVENTS:
         return False
