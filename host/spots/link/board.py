@@ -700,7 +700,7 @@ class Board:
     def when_state_changes(self, action: Callable[[str], None]) -> Handle:
         """Register ``action(state)``, to be called at each change of `state`; return a `Handle`.
 
-        The call comes from the thread that waits for frames, so never for the state ``closed``.
+        The call comes from the thread that waits for frames. It may be missing for ``closed``.
         """
         return Handle(self._on_state, action)
 
@@ -748,7 +748,7 @@ class Board:
         except msgspec.ValidationError as error:
             raise SpotsError(
                 f"the device on {self.port} is not a SPOTS board: its reply to '{name}' is "
-                f"invalid: {error}"
+                f"invalid ({error}); name another port, or flash the board"
             ) from None
 
     def _take_settings(self, settings: Mapping[str, Any]) -> None:
