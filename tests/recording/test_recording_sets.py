@@ -62,6 +62,9 @@ def test_a_missing_file_of_a_set_is_told(rotated):
     with pytest.raises(spots.SpotsError, match=r"run-001.spots is missing or damaged"):
         Recording(path)
     assert replayed(path.with_name("run-002.spots"))[0]
+    alone = path.with_name("alone.spots")
+    path.rename(alone)  # as the message advises
+    assert replayed(alone)[0]
 
 
 def test_files_of_another_recording_are_left_alone(rotated, tmp_path):
@@ -103,7 +106,7 @@ def test_a_set_never_writes_over_a_file(tmp_path):
 @pytest.mark.parametrize("name", ["run-001.spots", "run-017.spots", "run-1000.spots"])
 def test_a_set_does_not_begin_where_one_of_its_later_files_is_in_the_way(tmp_path, name):
     (tmp_path / name).write_text("mine")
-    for other in ("run-01.spots", "run-001.csv", "rerun-001.spots"):
+    for other in ("run-01.spots", "run-000.spots", "run-001.csv", "rerun-001.spots"):
         (tmp_path / other).write_text("in nobody's way")
     before = sorted(tmp_path.iterdir())
     with pytest.raises(spots.SpotsError, match=f"{name} exists: choose another name"):

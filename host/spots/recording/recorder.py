@@ -23,7 +23,7 @@ ARRIVAL_STEP_S = 0.005
 
 
 class Recorder:
-    """Writes the frames of a link to a file, and notes about time and clocks between the frames.
+    """Writes the frames of a link to files, and notes about time and clocks between the frames.
 
     The format is in docs/recording.md.
 
@@ -39,8 +39,8 @@ class Recorder:
     begun : bytes
         Bytes of an incomplete frame that arrived before the recording began.
     rotate_bytes : int, optional
-        Largest size of a file, in bytes. After FILE.spots the recording continues in
-        FILE-001.spots, which must not exist yet. No limit if not given.
+        Approximate largest size of a file, in bytes. After FILE.spots the recording continues in
+        FILE-001.spots, FILE-002.spots, ...; none of these may exist yet. No limit if not given.
     utc_s : callable
         ``utc_s()`` returns the seconds since 1970.
 
@@ -215,7 +215,8 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def parts_beside(path: Path) -> list[int]:
-    """Return the numbers of the files that continue a recording, such as 1 for FILE-001.spots."""
-    name = re.compile(re.escape(path.stem) + r"-(\d{3}|[1-9]\d{3,})" + re.escape(path.suffix))
+    """Return the numbers of existing files named as later parts, such as 1 for FILE-001.spots."""
+    number = r"-((?!000)\d{3}|[1-9]\d{3,})"
+    name = re.compile(re.escape(path.stem) + number + re.escape(path.suffix))
     beside = (name.fullmatch(file.name) for file in path.parent.glob("*"))
     return sorted(int(match[1]) for match in beside if match)
