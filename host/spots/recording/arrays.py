@@ -81,7 +81,7 @@ _Groups = dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 class _Run(NamedTuple):
-    """Consecutive pieces of a recording: frames except texts, and notes that contain only a time.
+    """Consecutive pieces of a recording: notes that contain only a time, and frames except texts.
 
     A note is metadata that the recorder adds between frames. A piece is the bytes between two
     delimiters. Indices count these pieces from 0.
@@ -192,7 +192,7 @@ class Arrays:
         More columns: ``id`` u1, ``state`` u1, ``position_um`` i4, ``sigma_um`` u2, ``force_mN`` u2,
         as in `Contact`; an unknown force is 0. 40 bytes a row.
     texts : list of (float, Text)
-        Time of arrival and content of each reply and log line.
+        Time of arrival and frame of each reply and log line.
     stats : LinkStats
         Statistics of the recorded link from the beginning of the recording to the end of the block.
 

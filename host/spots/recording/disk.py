@@ -1,4 +1,4 @@
-"""A file to append to, whose content reaches the disk within a second."""
+"""A file to append to, which is flushed to the disk every second."""
 
 import os
 import threading
@@ -49,7 +49,10 @@ class Disk:
         self._syncer.start()
 
     def append(self, data: bytes) -> None:
-        """Append bytes; raise SpotsError if the disk is full. Earlier bytes stay in the file."""
+        """Append bytes; raise SpotsError if the write fails, for example because the disk is full.
+
+        Earlier bytes stay in the file.
+        """
         view = memoryview(data)
         try:
             while view:

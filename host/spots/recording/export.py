@@ -48,13 +48,13 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     Raises
     ------
     SpotsError
-        If the recording cannot be read, or a new file already exists or cannot be written. Then no
-        file is written.
+        If the recording cannot be read, the package mcap is missing, or a new file already exists
+        or cannot be written. Then no file is written.
 
     Notes
     -----
-    Memory use does not grow with the length of the recording. While an NPZ file is written, the
-    export needs disk space for about twice the size of that file.
+    Memory use does not grow with the length of the recording. While an NPZ file is written,
+    temporary files take about twice its size in the same folder.
     """
     recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)

@@ -58,7 +58,7 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     calibration : list of str or None
         Lines of the board's calibration, if the host knew them.
     restarts : int
-        Number of restarts of the board after it was opened and before the recording began.
+        Number of restarts of the board after it was opened and before this file began.
     """
 
     recording: int
@@ -102,7 +102,8 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
     Raises
     ------
     SpotsError
-        If the file has no header, or its header is invalid.
+        If the file has no header, its header is invalid, or this program cannot read its version or
+        the board's protocol.
     """
     decoder, pieces, searched = Decoder(), {}, 0
     for block in blocks:
@@ -120,7 +121,7 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
     if not pieces:
         raise SpotsError(f"{path} is not a recording: name a file that 'spots record' has made")
     raise SpotsError(
-        f"{path} cannot be read, because both copies of its header are damaged: name another file"
+        f"{path} cannot be read, because its header is damaged or incomplete: name another file"
     )
 
 

@@ -30,7 +30,7 @@ def record(
     seconds : float or None
         Duration, in seconds by the clock of `Board.now_s`; no limit if None.
     rotate_bytes : int or None
-        Largest size of a file, in bytes; see `Board.record`.
+        Approximate largest size of a file, in bytes; see `Board.record`.
     calibration : list of str or None
         Lines of the board's calibration, to be stored in the recording; None if unknown.
 
@@ -42,9 +42,10 @@ def record(
     if calibration is not None:
         used, name = board.command("hello")["calibration"], checksum(calibration)
         if name != used:
+            uses = f"calibration {used}" if used else "no calibration"
             raise SpotsError(
-                f"the calibration file has calibration {name}, but the board uses "
-                f"{used or 'none'}: give the calibration file of the board with --calibration"
+                f"the board uses {uses}, but the calibration file has {name}: name the file of the "
+                "calibration that the board uses, or leave out --calibration"
             )
         board.calibration = calibration
     begun_s, frames = board.now_s(), 0

@@ -151,8 +151,8 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
     for part in range(1, max(found, default=0)):
         if part not in found:
             raise SpotsError(
-                f"{part_path(path, part)} is missing or damaged: restore it, or name the other "
-                "files of the recording one by one"
+                f"{part_path(path, part)} is missing or damaged: restore it, or rename {path} and "
+                "read each file separately"
             )
     return dict(found.values())
 

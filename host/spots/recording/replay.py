@@ -47,7 +47,7 @@ class Replay(Board):
 
     Programs read this object like any other board. Iterators end with the recording. All commands
     except ``hello`` and ``stream`` are refused, and ``stream`` has no effect: all recorded frames
-    are returned. `now_s` returns the present time of the playback, on the time scale of the
+    are played. `now_s` returns the present time of the playback, on the time scale of the
     recording.
 
     Parameters
@@ -161,8 +161,8 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
     Raises
     ------
     SpotsError
-        If the file is not a recording or has a later format version, or if a later file of the
-        recording is missing.
+        If the file is not a recording or has a later format version, if a later file of the
+        recording is missing, or if `speed` is not more than 0.
     """
     if not speed > 0:
         raise SpotsError(f"the speed of a recording must be more than 0, not {speed:g}")

@@ -25,10 +25,10 @@ class Table(NamedTuple):
     name : str
         Name of the table, and of the kind of frames.
     columns : dict
-        NumPy type of each column, by the column's name: ``"U"`` for text, or a tuple of type and
-        shape. Every table begins with the columns ``time_s`` (time of the measurement; of a text,
-        the time of arrival), ``arrived_s``, ``sensor``, ``sequence`` and ``t_us``. The first two
-        are in s since the recording began.
+        NumPy type of each column, by the column's name: ``"U"`` for text; for a column of arrays, a
+        tuple of type and shape. Every table begins with the columns ``time_s`` (time of the
+        measurement; if this is unknown, and for a text, the time of arrival), ``arrived_s``,
+        ``sensor``, ``sequence`` and ``t_us``. The first two are in s since the recording began.
     """
 
     name: str
