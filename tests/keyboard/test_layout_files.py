@@ -77,6 +77,10 @@ MISTAKES = {
     "keys = []": "line 4.*keys",
     'keys = ["A"]\ngap_percent = 90': "line 5.*gap_percent",
     'keys = ["A"\nswipe_plus = 1': "line 5",
+    'keys = ["A", {tap = "B", width = 0.05}]\ngap_percent = 10': (
+        "line 3: in layer 'a', key 2 is too narrow: increase its width, or reduce gap_percent"
+    ),
+    'keys = [{tap = "A", width = 0.001}, "B", "C"]': "line 3: in layer 'a', key 1 is too narrow",
     'keys = ["A"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
         "line 6: no key leads to layer 'b': add 'toggle b' to a key"
     ),

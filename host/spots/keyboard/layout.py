@@ -188,8 +188,14 @@ class _Compiler:
             ]
             keys = layers[layer.name] = self._keys(layer)
             lines.append("layer {} {}".format(*swipes))
-            for key in keys:
+            for i, key in enumerate(keys, 1):
                 bounds = round(FULL * key.low), round(FULL * key.high)
+                if not bounds[0] < bounds[1]:
+                    self._refuse(
+                        layer.name,
+                        f"in layer '{layer.name}', key {i} is too narrow: increase its width, or "
+                        "reduce gap_percent",
+                    )
                 lines.append("key " + " ".join(map(str, (*bounds, *key.actions.values()))))
         self._check_ways(layers)
         try:
