@@ -1,4 +1,4 @@
-"""Computes key events from readings on the host, with the firmware's code and a key layout."""
+"""Computes key events on the host: from readings and a key layout, with the firmware's code."""
 
 from spots_device.decode import LED_OFF
 from spots_device.keypad import Keypad
@@ -73,7 +73,7 @@ class KeyEngine:
     def tick(self, now_s: float) -> None:
         """Release all keys and drop pending actions if no reading arrives for `RELEASE_S` seconds.
 
-        Call `tick` regularly.
+        Readings with the LED off do not count. Call `tick` regularly.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Detects gestures, each with a confidence, on a strip that is worn on the body.
 
-On an arm that bends and stretches, positions and forces are less accurate than on a desk. So the
-limits of a gesture concern the movement, duration and force of a touch, but not its position.
+On an arm that bends and stretches, positions and forces are less accurate than on a desk. So no
+gesture depends on the position of a touch, and only a squeeze depends on its force.
 """
 
 import math
@@ -142,7 +142,7 @@ class Gestures:
     def tick(self, now_s: float) -> None:
         """Drop the touch and a pending tap if no reading arrives for `RELEASE_S` seconds.
 
-        Call `tick` regularly.
+        Readings with the LED off do not count. Call `tick` regularly.
 
         Parameters
         ----------
