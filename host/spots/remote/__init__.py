@@ -1,8 +1,8 @@
-"""Reads boards on other machines over Zenoh; see docs/zenoh.md."""
+"""Publishes boards over Zenoh, and reads boards on other machines; see docs/zenoh.md."""
 
 from ..errors import missing
 
 try:
     import zenoh  # noqa: F401
 except ImportError:
-    raise missing("boards on other machines need", "Zenoh", "zenoh") from None
+    raise missing("'spots publish' and remote boards need", "Zenoh", "zenoh") from None

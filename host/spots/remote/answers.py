@@ -53,7 +53,7 @@ class Answers:
     def give(self) -> None:
         """Answer the waiting queries, if the rate limit permits.
 
-        A command is sent to the board only one time for all waiting queries.
+        A command is sent to the board at most once for all waiting queries.
         """
         began_s = self._board.now_s()
         if began_s < self._due_s or not any(self._waiting.values()):
@@ -78,7 +78,7 @@ class Answers:
             self._waiting[command].append(query)
 
     def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
-        """Answer the queries `asked` for `command`; return False if the board did not reply."""
+        """Answer the queries `asked` for `command`; return False if the reply is an error."""
         place = self._queryables[command].key_expr
         try:
             reply, error = encode(self._reply(command)), None

@@ -19,7 +19,7 @@ class Mailbox:
     changed : threading.Condition
         Notified when a message arrives; its lock is reentrant.
     dropped : int
-        Number of messages that were dropped unread.
+        Number of messages that were dropped because they were too long or the queue was full.
     """
 
     def __init__(self):

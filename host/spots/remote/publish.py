@@ -51,7 +51,10 @@ class Publisher:
 
     def __init__(self, board: Board, session: zenoh.Session):
         if board.read_only:
-            raise SpotsError(f"cannot publish {board.port}: give the port of a connected board")
+            raise SpotsError(
+                f"cannot publish {board.port}, which is a recording or a remote board: give the "
+                "port of a connected board"
+            )
         self._board, self._session = board, session
         self.board_id = board.info["id"]
         if not re.fullmatch("[0-9A-Za-z_-]+", self.board_id or ""):

@@ -45,7 +45,8 @@ class Remote(Board):
             return None
         if name == "hello" and not sensor and "error" in reply:
             raise SpotsError(
-                f"the board {self.port} does not answer 'hello': {reply['error']}; replug the board"
+                f"the board {self.port} does not answer 'hello'; its publisher reports: "
+                f"{reply['error']}"
             )
         if name == "sync":
             if not isinstance(reply.get("t_us"), int):

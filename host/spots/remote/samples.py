@@ -1,4 +1,4 @@
-"""Converts frames to dicts for JSON; their keys are the column names of ``spots export``."""
+"""Converts frames to dicts for JSON; keys are ``utc_s`` and columns of ``spots export``."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_c
 
 
 def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
-    """Return the dict to publish for a frame, as JSON.
+    """Return the dict that is published as JSON for a frame.
 
     Parameters
     ----------

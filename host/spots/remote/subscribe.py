@@ -50,7 +50,8 @@ def subscribe_command(options: argparse.Namespace) -> None:
             pass
         finally:
             if mail.dropped:
-                print(f"{mail.dropped} messages lost: printing is too slow", file=sys.stderr)
+                why = "too many to print in time, or too long"
+                print(f"{mail.dropped} messages dropped: {why}", file=sys.stderr)
 
 
 def _print(mail: Mailbox, written: Callable[[str, dict], str], seconds: float | None) -> None:
@@ -95,7 +96,7 @@ def _as_json(name: str, content: dict) -> str:
 
 
 class _Lines:
-    """Formats the messages of published boards as lines of text; omits some frequent messages."""
+    """Formats the messages of published boards as lines of text; omits readings that come fast."""
 
     def __init__(self):
         self._began_s = time.time()

@@ -18,7 +18,7 @@ class ZenohLink(Link):
     """Receives the frames of a published board, and never writes to the board.
 
     Frames arrive after a call of `listen`; call `listen` again after each `reopen`. If the
-    publisher disconnects or the board restarts, `read` raises PortLostError.
+    publisher disconnects or restarts, or the board restarts, `read` raises PortLostError.
 
     Parameters
     ----------
@@ -56,7 +56,9 @@ class ZenohLink(Link):
         Raises
         ------
         PortLostError
-            If the publisher disconnected, or the board restarted.
+            If the publisher disconnected or restarted, or the board restarted.
+        SpotsError
+            If this link is closed.
         """
         mail = self._mail
         with mail.changed:
@@ -95,7 +97,7 @@ class ZenohLink(Link):
         Returns
         -------
         dict or None
-            The reply, or None if no valid reply arrives in time.
+            The reply, or a dict with the key ``error``; None if no valid reply arrives in time.
         """
         selector = key(self._id, READ_ONLY[command])
         for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
@@ -130,7 +132,9 @@ class ZenohLink(Link):
         while self._mail:
             run, data = self._mail.take()
             if self._run not in (None, run):
-                raise PortLostError(f"the board {self.name} has restarted: wait, or open it again")
+                raise PortLostError(
+                    f"the board {self.name} or its publisher has restarted: open the board again"
+                )
             self._run = run
             pieces.append(data)
         return b"".join(pieces)

@@ -70,10 +70,10 @@ def _check_config(path: str) -> None:
     """Raise SpotsError for a file on which Zenoh's own parser would block or crash."""
     try:
         text = read_bytes(path, ZENOH_MAX_BYTES)
-    except OSError:
+    except OSError as error:
         raise SpotsError(
-            f"there is no Zenoh configuration {path}: name the file with --zenoh-config or the "
-            "variable ZENOH_CONFIG"
+            f"cannot read the Zenoh configuration {path} ({error.strerror}): name the file with "
+            "--zenoh-config or the variable ZENOH_CONFIG"
         ) from None
     if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
         raise SpotsError(
