@@ -27,7 +27,7 @@ class DesktopKeyboard(Keyboard):
             why = "" if "pynput" in str(error) else f" ({error})"
             raise SpotsError(
                 f"typing on this computer needs pynput and a desktop{why}: pip install pynput, or "
-                "use --dry-run to print instead"
+                "use --dry-run to print the keys"
             ) from None
         self._names = keyboard.Key
         self._controller = keyboard.Controller()

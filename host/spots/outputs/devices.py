@@ -127,8 +127,8 @@ class Keyboard(Output):
             Modifier keys, as in `KeySink.key`. They are pressed before the key, and released with
             the key unless another key needs them. Ignored if `pressed` is false.
         pressed : bool
-            True to press, False to release. To press a pressed key, or to release a released
-            key, has no effect.
+            True to press, False to release. To press a pressed key, to release a released key, or
+            to press a key while this keyboard is muted, has no effect.
 
         Raises
         ------

@@ -14,7 +14,7 @@ def open_keyboard(dry_run: bool) -> Keyboard:
     Raises
     ------
     SpotsError
-        If a package or a permission is missing.
+        If a package, a permission, /dev/uinput (on Linux) or a desktop (elsewhere) is missing.
     """
     if dry_run:
         return PrintedKeyboard()
@@ -29,7 +29,8 @@ def open_gamepad(dry_run: bool) -> Gamepad:
     Raises
     ------
     SpotsError
-        If this system cannot emulate a gamepad, or a package or a permission is missing.
+        If this system cannot emulate a gamepad, or a package, a permission or /dev/uinput is
+        missing.
     """
     if dry_run:
         return PrintedGamepad()

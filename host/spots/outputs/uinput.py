@@ -100,7 +100,7 @@ def _why_not(error: Exception) -> str:
             "/etc/udev/rules.d/60-spots.rules, then run 'sudo udevadm control --reload' and "
             f"'sudo udevadm trigger {_NODE}': {_UINPUT_RULE}"
         )
-    return f"cannot create a device with {_NODE}: {text}"
+    return f"cannot create a virtual device with {_NODE} ({text}): use --dry-run"
 
 
 def _do(function: Callable[..., None], *arguments: int) -> None:
