@@ -97,7 +97,7 @@ def test_an_led_that_is_always_on_and_stays_lit_does_not_pass():
     with Stage(load(SensorFile, "always")) as stage:
         stage.press(NEAR_UM, 8_000)
         asked, verdict = [found for found in examine_board(stage.board) if found.check == "light"]
-    assert "unplug the LED or cover its end" in asked.text
+    assert "unplug the LED or cover the strip's end at the LED" in asked.text
     assert not verdict.ok
     assert "the LED's supply" in verdict.text
 

@@ -142,7 +142,10 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
         light, brightest, fits = _await(board, reading_s, lambda lit: lit >= least)
     if light >= least and state["led"] == "always":
         # The board cannot switch this LED, and a press also couples ambient light into the strip.
-        text = f"hold the press, and unplug the LED or cover its end within {_WITHIN_S:.0f} s"
+        text = (
+            f"hold the press, and within {_WITHIN_S:.0f} s unplug the LED or cover the strip's end "
+            "at the LED"
+        )
         yield Finding("light", True, text)
         pressed = light
         light -= _await(board, reading_s, lambda lit: lit <= pressed / 2)[0]
@@ -236,7 +239,7 @@ def _missed(exposure_us: int, share: float) -> Finding:
 
 def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     if len(spectra) < 2:
-        return Finding("rate", False, "the board sends no spectra: run 'spots command reboot'")
+        return Finding("rate", False, "too few spectra arrive: run 'spots command reboot'")
     # While the LED is off, a frame contains a single exposure, not the average of several.
     steps = list(pairwise(spectra))
     steps = [(a, b) for a, b in steps if not (a.flags | b.flags) & decode.LED_OFF] or steps
@@ -246,5 +249,5 @@ def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     rate_hz, most_hz = frames / passed_us * 1e6, 1 / reading_s
     text = f"{rate_hz:.1f} frames a second of {most_hz:.1f} that exposure and average allow"
     slow = rate_hz < _SLOWEST * most_hz
-    advice = ": set a longer exposure, or a bus clock of 400 kHz" if slow else ""
+    advice = ": set a longer exposure_us, or a bus clock of 400 kHz" if slow else ""
     return Finding("rate", not slow, text + advice)

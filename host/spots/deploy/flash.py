@@ -135,7 +135,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
             if header.version != version:
                 raise SpotsError(
                     f"{runs}, which loads .mpy version {version}, but mpy-cross makes version "
-                    f"{header.version}: install the newest MicroPython on the board"
+                    f"{header.version}: install the newest MicroPython and mpy-cross"
                 )
         # Bytecode runs on any chip, but the pins would be those of another board.
         wanted = {_arch(header.arch) for header in headers if header.arch}

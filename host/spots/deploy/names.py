@@ -2,8 +2,8 @@
 
 An .mpy file stores each identifier that MicroPython could look up at run time. Tracebacks show only
 names of modules, classes and functions. So an argument gets the name of an attribute that its file
-stores anyway; private data get one or two letters; and private functions and classes keep their
-first letters, as many as no other one begins with: ``_is_n`` in a traceback is ``_is_next``.
+stores anyway; private data get one or two letters; and private functions and classes keep only as
+many first letters as identify them: ``_is_n`` in a traceback is ``_is_next``.
 """
 
 from __future__ import annotations

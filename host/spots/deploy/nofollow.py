@@ -43,8 +43,9 @@ class Tree:
     OSError
         If the folder cannot be opened.
     SpotsError
-        Raised by every method if the file system reports an error; if a part of the path is a link
-        or a special file; if it is on another file system; or if a file's path leads to a folder.
+        Raised by the methods if the file system reports an error; if a part of the path is a link
+        or a special file, or is on another file system; if the path of a file leads to a folder, or
+        that of a folder to a file.
     """
 
     def __init__(self, folder: str):
@@ -200,8 +201,8 @@ class Tree:
 
     def _refuse(self, path: str) -> None:
         raise SpotsError(
-            f"{path} on {self.port} is a symbolic link or a special file, or leads to a different "
-            f"drive: remove {path} from {self.port}, or choose a drive other than {self.port}"
+            f"{path} on {self.port} is not the plain file or folder that belongs there, but for "
+            f"example a symbolic link: remove {path} from {self.port}, or choose another drive"
         )
 
     @contextlib.contextmanager
@@ -210,20 +211,20 @@ class Tree:
             yield
         except OSError as error:
             if error.errno == errno.ENOSPC:
-                what = "is full: remove some of your files from it and flash again"
+                what = "is full: remove some of your files from it, and run this command again"
             elif error.errno in _READ_ONLY:
                 what = (
                     "is read-only, because the board itself may write to it: reset the board and "
-                    "immediately hold its button for two seconds; then wait until the drive is "
-                    "mounted again, and flash again"
+                    "immediately hold its button for two seconds; when the drive is mounted again, "
+                    "run this command again"
                 )
             else:
-                what = f"fails ({error.strerror}): replug the board and flash again"
+                what = f"fails ({error.strerror}): replug the board, and run this command again"
             raise SpotsError(f"the drive {self.port} {what}") from None
 
 
 def settle(folder: int | None) -> None:
-    """Wait until the disk has stored all renames in the folder whose descriptor is `folder`.
+    """Wait until the disk has stored all changes of the folder whose descriptor is `folder`.
 
     If `folder` is None, do nothing: on Windows, folders have no descriptors.
     """

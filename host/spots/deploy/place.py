@@ -33,7 +33,7 @@ class Place:
 
 @contextlib.contextmanager
 def place(device: Device, port: str | None) -> Iterator[Place]:
-    """Find a board to flash, or start a simulated board that runs until the ``with`` block ends.
+    """Find a board to flash or erase; or start a simulated board, which runs during the block.
 
     Parameters
     ----------
@@ -50,7 +50,8 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
     Raises
     ------
     SpotsError
-        If `port` is not given, and no board or more than one board is found.
+        If `port` is not given, and no board or more than one board is found; or if the board needs
+        CircuitPython, and `port` is not its drive.
     """
     started = offered(port or device.port, "flash_place")
     if started is not None:

@@ -228,11 +228,14 @@ class Prompt:
             reason = lines[-1] if lines else "no reason given"
             is_full = getattr(error, "errno", None) == errno.ENOSPC
             if is_full or any(sign in reason for sign in _DISK_FULL):
-                what = "has a full file system: remove some of your files from it and flash again"
+                what = (
+                    "has a full file system: remove some of your files from it, and run this "
+                    "command again"
+                )
             elif isinstance(error, self._refused):
-                what = f"refuses: {reason}"
+                what = f"refuses ({reason}): replug the board, and run this command again"
             else:
-                what = "was disconnected: replug the board and flash again"
+                what = "was disconnected: replug the board, and run this command again"
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self) -> dict:
