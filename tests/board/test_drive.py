@@ -140,7 +140,7 @@ def refused_after_copying(capsys):
     [
         (
             ("9.2.1", "raspberry_pi_pico"),
-            "is raspberry_pi_pico, but qtpy_rp2040 needs adafruit_qtpy",
+            "has board ID raspberry_pi_pico, but qtpy_rp2040 has adafruit_qtpy",
         ),
         (("9.0.5", "adafruit_qtpy_rp2040"), "9.0.5: install CircuitPython 9.1 or newer"),
     ],

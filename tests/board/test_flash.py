@@ -170,7 +170,7 @@ def test_a_dry_run_without_hardware(capsys):
         ({"runtime": "circuitpython"}, "needs micropython"),
         ({"version": (1, 22, 2)}, "1.22.2: install MicroPython 1.23 or newer"),
         ({"mpy": (5, 4)}, "mpy version 5"),
-        ({"mpy": (6, 10)}, "is xtensawin, but pico needs armv6m"),
+        ({"mpy": (6, 10)}, "has architecture xtensawin, but pico has armv6m"),
     ],
 )
 def test_a_board_that_will_not_do(changed, sentence, tmp_path):

@@ -127,7 +127,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         version, needed = ".".join(map(str, facts["version"])), ".".join(map(str, oldest))
         raise SpotsError(f"{runs} {version}: install {name} {needed} or newer")
     if device.runtime == "circuitpython":
-        pairs = [(facts["board_id"], device.board_id)]
+        kind, pairs = "board ID", [(facts["board_id"], device.board_id)]
     else:
         version, arch = facts["mpy"]
         headers = [mpy_header(data) for path, data in files.items() if path.endswith(".mpy")]
@@ -140,11 +140,11 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         # Bytecode runs on any chip, but the pins would be those of another board.
         wanted = {_arch(header.arch) for header in headers if header.arch}
         wanted |= {device.march} if device.march and arch else set()
-        pairs = [(_arch(arch), march) for march in wanted]
+        kind, pairs = "architecture", [(_arch(arch), march) for march in wanted]
     for found, needed in pairs:
         if found != needed:
             raise SpotsError(
-                f"the board on {port} is {found}, but {device.name} needs {needed}: name the "
+                f"the board on {port} has {kind} {found}, but {device.name} has {needed}: name the "
                 "board that is plugged in"
             )
 
@@ -343,4 +343,4 @@ def _on_disk(size: int, block: int) -> int:
 
 
 def _arch(number: int) -> str:
-    return dict(enumerate(ARCHITECTURES)).get(number) or f"architecture {number}"
+    return dict(enumerate(ARCHITECTURES)).get(number) or str(number)

@@ -49,7 +49,7 @@ def push(board: Board, layout: KeyLayout) -> str | None:
     Raises
     ------
     SpotsError
-        If the board refuses the layout.
+        If the board refuses the layout or a command.
     """
     upload_lines(board, "layout", layout.lines)
     note = board.command("set keys=1 baseline=1").get("note")
