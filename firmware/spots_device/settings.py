@@ -2,7 +2,7 @@
 
 A file ends with a checksum line. A new file is written beside the old file, which remains as the
 last good copy. So at least one valid file exists at every moment of a save. Only the command
-``save`` writes files.
+``save`` writes these files.
 """
 
 import os
@@ -148,8 +148,8 @@ class BoardSettings:
             value = int(text)
         except ValueError:
             value = low - 1
-        if name == "led_mA" and value and value < exposure.LED_MIN_MA:
-            value = -1
+        if name == "led_mA" and 0 < value < exposure.LED_MIN_MA:
+            low = exposure.LED_MIN_MA
         if not low <= value <= high:
             raise ValueError("%s must be a whole number from %d to %d" % (name, low, high))
         return value

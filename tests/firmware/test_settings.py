@@ -37,7 +37,7 @@ def test_the_exposure_becomes_what_the_chip_can_do():
         ("exposure_us=0", "1000 to 1000000"),
         ("average=65", "1 to 64"),
         ("led_mA=101", "0 to 100"),
-        ("led_mA=3", "whole number"),
+        ("led_mA=3", "4 to 100"),
         ("plan=F1,F2", "six different"),
         ("plan=F1,F2,F3,F4,F5,F9", "F9"),
         (
