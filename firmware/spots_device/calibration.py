@@ -423,9 +423,7 @@ def _between(strains, strain_ppm):
     """
     last = len(strains) - 1
     if not 0 <= strain_ppm <= strains[last][0]:
-        raise CalibrationError(
-            "the calibration is for strain_ppm from 0 to %d: set this" % strains[last][0]
-        )
+        raise CalibrationError("the calibration needs strain_ppm from 0 to %d" % strains[last][0])
     i = 0
     while i < last and strains[i + 1][0] <= strain_ppm:
         i += 1

@@ -1,7 +1,8 @@
 """Text commands from the host: one ASCII line each; the reply is one JSON object.
 
-docs/protocol.md describes the commands. An invalid line changes nothing; the reply to it contains
-an error sentence. Commands allocate memory, which is acceptable because they are rare.
+docs/protocol.md describes the commands. An invalid line changes no settings, calibration or layout;
+the reply to it contains an error sentence. Commands allocate memory, which is acceptable because
+they are rare.
 """
 
 import gc
@@ -313,7 +314,7 @@ class Commands:
 
     def _rest(self, words):
         if not self._app.settings.values["baseline"]:
-            raise ValueError("the baseline is off: send 'set baseline=1' first")
+            raise ValueError("the baseline is off: send 'set baseline=1'")
         self._app.strip.request_rest()
         return {}
 

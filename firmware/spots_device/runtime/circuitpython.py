@@ -376,7 +376,7 @@ def main():
         print("stopped by Ctrl-C: reset the board to start the application")
         return
     if usb_cdc.data is None:
-        print("no port for data, so the application was not started: press reset, not the button")
+        print("no data port, so the application did not start: reset without holding the button")
         return
 
     speed_up()
@@ -443,7 +443,7 @@ def _sleep_ms(ms):
 
 
 def _is_stored(board_config, name):
-    """Return whether the stored settings of any strip switch `name` on."""
+    """Return whether `name` is on in the stored settings of at least one strip."""
     for i in range(len(getattr(board_config, "SENSORS", " "))):
         settings = BoardSettings(board_config)
         try:
