@@ -31,9 +31,9 @@ class Meter:
     ----------
     busy_us : int
         Mean duration in us of a loop pass that processes a sample; 0 before the first mean is
-        complete. The fixed time of FIFO reads (see `as7341.AS7341.burst_us`) is left out, because
-        it hardly matters for a loop that is slower than the sensor: one FIFO read then gets many
-        samples.
+        complete. The part of a FIFO read that does not depend on its number of samples (see
+        `as7341.AS7341.burst_us`) is left out: only a loop slower than the sensor limits the rate,
+        and one FIFO read of such a loop gets many samples.
     """
 
     def __init__(self):
@@ -54,7 +54,7 @@ class Meter:
             Duration of the pass without its sleep, in us.
         burst_us : int
             Part of this duration that does not depend on the number of samples read from the FIFO,
-            see `as7341.AS7341.burst_us`; 0 for a pass without a FIFO read.
+            see `as7341.AS7341.burst_us`; 0 if an earlier pass has read the sample from the chip.
         """
         if burst_us:
             if self._passes >= _COUNTED:
@@ -81,7 +81,7 @@ class BoardApp:
     Parameters
     ----------
     board : object
-        Module board_config, or an object with its ``NAME`` (str) and the attributes that
+        Module board_config, or an object with the attribute ``NAME`` (str) and those that
         `settings.BoardSettings` needs.
     runtime : str
         Name and version of the Python runtime, for the reply to ``hello``.
@@ -216,8 +216,8 @@ class BoardApp:
     def step(self):
         """Run one pass of the loop; allocates nothing while sampling.
 
-        It sleeps 10 ms at most, so that commands are read often. While the sensor is lost, a pass
-        takes 0.1 s or more.
+        It sleeps 10 ms at most, so that commands are read often. On a board with one strip, a pass
+        takes 0.1 s or more while the sensor does not answer.
         """
         try:
             self._pass()
@@ -286,7 +286,7 @@ class BoardApp:
         self.reconnect.restart()
 
     def abandon(self, why):
-        """Cancel a requested dark frame or search for settings; `why` is its error reply."""
+        """Cancel a requested dark frame or search for settings; its error reply contains `why`."""
         self.strip.forget_requests()
         self.replies.abandon(why)
 
@@ -361,8 +361,8 @@ class BoardApp:
         Returns
         -------
         str or None
-            Why the stored calibration is not used; None if it is used, or if there is none. A
-            missing dark frame (of an LED that is always on) is reported in both cases.
+            Why the stored calibration is not used; None if it is used, or if there is none. The
+            missing dark frame of an LED that is always on is reported even without a calibration.
         """
         if self.reconnect.lost:
             found = why_not = None

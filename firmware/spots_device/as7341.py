@@ -6,8 +6,8 @@ FIFO, so it is not certain that this works. Each start of the sensor tests it: t
 contain the sample that is in the data registers. If this test fails, `poll` reads the data
 registers, one sample in each transfer.
 
-Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. `poll`,
-`switch_led` and `read_into` allocate nothing.
+Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. On
+MicroPython, `poll`, `switch_led` and `read_into` allocate nothing.
 
 The bus is an object with three methods. ``read_into(address, register, buffer)`` reads registers of
 the chip at an I2C address. ``write(buffer)`` writes registers of the sensor; the first byte of the
@@ -79,14 +79,14 @@ _CHECKED = (_ENABLE, _CFG0, _ASTEP)
 
 
 class SensorError(Exception):
-    """Raised if the sensor is absent, is another chip, or stopped sampling."""
+    """Raised if the sensor is absent, is another chip, lost its settings, or stopped sampling."""
 
 
 class AS7341:
     """One AS7341 that samples six diodes without a gap.
 
     A runtime with its own driver of the chip overrides `_configure` and `_light`. Such a runtime
-    still uses the SMUX map of this class, and its transfers that read samples.
+    still uses this class to write the SMUX map and to read the samples.
 
     Parameters
     ----------
@@ -139,7 +139,8 @@ class AS7341:
         gain : int
             Register code of the gain (CFG1), 0 to 10 for 0.5x to 512x.
         exposure_us : int
-            Integration time in us. The attribute `exposure_us` becomes the nearest possible value.
+            Integration time in us. If `mains_hz` is 0, the attribute `exposure_us` becomes the
+            nearest value that the chip allows.
         led_mA : int
             Current of the LED driver in mA: 0 for off, or 4 to 258.
         mains_hz : int
@@ -150,7 +151,7 @@ class AS7341:
         Raises
         ------
         SensorError
-            If no AS7341 answers, or a step exceeds its time limit.
+            If no AS7341 answers, or a register does not contain the written value.
         OSError
             If an I2C transfer fails.
         """

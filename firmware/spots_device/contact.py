@@ -3,8 +3,9 @@
 One reading of six channels cannot distinguish two fingers from one finger between them. A sequence
 of readings can, because nearly every finger is alone on the strip for some readings. While there
 may be several fingers, the measured position lies between them and is not reported. State machine
-with the states UP (no finger), DOWN (one finger) and TWO (perhaps several fingers). "The position"
-is the measured one; `detect` is set in the layout:
+with the states UP (no finger), DOWN (one finger) and TWO (perhaps several fingers). In a fourth
+state, SPENT, a touch is ignored until it ends. "The position" is the measured one; `detect` is set
+in the layout:
 
 ====  =====  ==================================================================================
 from  to     when
@@ -25,18 +26,18 @@ TWO   UP     while the first finger lifts, the position has almost reached the s
 TWO   DOWN   the position stays, although the light changes: only one finger touches
 TWO   TWO    the first finger rests, and two readings agree on the position of the second finger
              (second.py); the light of the first finger may be unknown
-TWO   TWO    the second finger slides, at least 0.1 s after the start of TWO; the first finger
-             rests, because its lift would cause different readings
+TWO   TWO    the second finger slides, at least 0.1 s after the start of TWO; the readings show that
+             the first finger rests and does not lift
 TWO   DOWN   one of two known fingers has left: one reading shows which one
 TWO   TWO    two known fingers rest, and two readings agree on the position of a third finger
-TWO   TWO    the first finger has left: it began to lift `_FALL_T` ago, or two readings lie between
-             the second and a third finger; the second finger is now the first one
+TWO   TWO    the first finger has left: it began to lift 35 ms ago, or two readings lie between the
+             second and a third finger; the second finger is now the first one
 TWO   UP     no finger touches
 ====  =====  ==================================================================================
 
-A second finger may rest beside the first one without being found. If one of them then leaves, its
-position is computed from the earlier readings. A release is delayed by `release_ms` (release
-debounce). The conditions about other fingers are in pair.py and evidence.py.
+A second finger may rest beside the first one without being found. If one of the two then leaves,
+the second finger's position is computed from earlier readings. A release is delayed by `release_ms`
+(release debounce). The conditions about other fingers are in pair.py and evidence.py.
 Integers only; allocates nothing.
 """
 
@@ -182,7 +183,7 @@ _HALF = const(1 << 20)  # 2
 def elapsed(since, now):
     """Return the ticks from the time `since` to the later time `now`, both in ticks.
 
-    The result is correct if the counter has wrapped once in between.
+    Correct for times less than `TICKS` apart, even if the counter wraps in between.
     """
     return (now - since) & (TICKS - 1)
 
@@ -247,8 +248,8 @@ class ContactTracker:
         layout : layout.Layout
             Layout whose limits are used, see `layout.LIMITS`.
         length_um : int
-            Length of the strip in um. With 0, one finger is expected: each movement is a slide,
-            and readings that do not fit one press are ignored.
+            Length of the strip in um. With 0, one finger is expected: a movement up to ``jump_um``
+            is a slide, and readings that do not fit one press are ignored.
         decay : int
             Decay of the light by the dye, see `locate.locate`.
         """
@@ -500,7 +501,7 @@ class ContactTracker:
         s[X_PEAK_UM] = s[X_NOW_UM]
 
     def _part(self, flags):
-        """Process a reading in the state TWO; return False if `take` must check it before."""
+        """Process a reading in the state TWO; return False if `take` must check it first."""
         s = self.state
         s[FLAGS_NOW] = flags
         what = watch(s, s, s[B_NOW], s)

@@ -56,8 +56,6 @@ _PRODUCT_MAX = const(256)
 class Dark:
     """Averages dark windows to a dark frame. `add` allocates nothing.
 
-    A dark window is the mean of four samples with the LED off.
-
     `kernel.process` decides when the next dark window begins: it counts the age of the dark frame
     and detects changes of the ambient light.
 

@@ -87,13 +87,13 @@ _SINGLE = const(419_000)  # 1.32
 def slack_um(s, b_last):
     """Return the largest distance between two readings of a resting finger, in um.
 
-    The readings are the present one and one of the brightness `b_last`. The darker one is noisier.
+    The readings are the present one and one with the brightness `b_last`; the darker is noisier.
     """
     return max(REST_UM, noise(s[NOISE_PRODUCT], min(s[B_NOW], b_last)) * 7 >> 1)
 
 
 def beside(s):
-    """Estimate a second finger in the present reading, if the first finger rests."""
+    """Estimate a second finger in the present reading; assumes that the first finger rests."""
     return estimate(s, s[X_UM], s[B], s[FITS])
 
 

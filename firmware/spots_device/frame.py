@@ -52,7 +52,7 @@ class Time32:
     head : array of int
         Header of the next frame, see `decode.KIND`.
     last : int
-        Ticks of the clock ``head[LESS_US]`` us after the time in `head`.
+        Ticks of the clock at the time in `head` plus ``head[LESS_US]`` us.
     """
 
     def __init__(self, clock):
@@ -148,7 +148,10 @@ class Framer:
         return self._send_body(CONTACT | sensor << 4, HEADER_SIZE + _CONTACT)
 
     def text(self, data):
-        """Send at most `TEXT_MAX` bytes as a TEXT frame; return whether it was sent. Allocates."""
+        """Send `data`, at most `TEXT_MAX` bytes, as a TEXT frame; return whether it was sent.
+
+        Allocates.
+        """
         self.payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
         return self._send_body(TEXT, HEADER_SIZE + len(data))
 

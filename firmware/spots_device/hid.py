@@ -58,7 +58,7 @@ def with_report_id(descriptor, report_id):
 
 
 class Outbox:
-    """First-in first-out queue of reports; no report is sent twice.
+    """First-in first-out queue of reports; no report that USB has accepted is sent again.
 
     If the queue is full, all its reports are dropped. If the host may see a pressed key, one report
     without pressed keys is sent: a lost key press is better than a stuck key.

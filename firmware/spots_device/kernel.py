@@ -1,11 +1,12 @@
 """Arithmetic and framing of a sample in portable Python.
 
 These functions, from counts to framed bytes, take most of the processing time of a sample. Boards
-with ``viper = true`` in board.toml get kernel_viper.py instead of this file: the same functions
-with identical results, in machine code. All integers fit 31 bits; the functions allocate nothing.
+with ``viper = true`` in board.toml get kernel_viper.py instead of this file: `unpack`, `process`
+and `frame` with identical results, in machine code. All integers fit 31 bits; the functions
+allocate nothing.
 
-On a board, every sequence of integers must be an ``array('i')``, because kernel_viper.py reads
-the memory of these arrays directly.
+On a board, the arguments of these three functions that are sequences of integers must be
+``array('i')``, because kernel_viper.py reads the memory of these arrays directly.
 """
 
 from array import array

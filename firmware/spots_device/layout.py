@@ -17,7 +17,7 @@ usage. The kinds `MOMENTARY`, `TOGGLE` and `ONCE` switch a layer on: while the k
 the action is repeated, or for the next key. Then bits 0 to 11 are the number of the layer.
 
 The keys of a layer are in ascending order and do not overlap. A press between two keys has no
-action.
+action until the finger reaches a key.
 """
 
 from array import array

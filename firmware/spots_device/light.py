@@ -14,7 +14,7 @@ _DARK_MAX = (exposure.GAIN_MAX, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAM
 def settle(changes, values, board):
     """Validate new values of ``led`` and ``dark``, and adapt settings that depend on others.
 
-    A new LED changes ``led_mA``. A new LED or channel plan removes the stored dark frame.
+    A new ``led`` changes ``led_mA``. A new ``led`` or ``plan`` removes the stored dark frame.
 
     Parameters
     ----------

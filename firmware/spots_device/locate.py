@@ -1,7 +1,8 @@
 """Estimates the second of two fingers in one reading, see second.py.
 
-Boards with ``viper = true`` in board.toml get locate_viper.py instead of this file: the same
-functions with identical results, in machine code. All integers fit 31 bits; allocates nothing.
+Boards with ``viper = true`` in board.toml get locate_viper.py instead of this file: `power`,
+`noise`, `estimate` and `light` with identical results, in machine code. All integers fit 31 bits;
+allocates nothing.
 """
 
 from array import array

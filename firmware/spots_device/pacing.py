@@ -8,7 +8,7 @@ times do not fall behind the samples, and about one poll in twenty is early. Int
 allocates nothing.
 
 A loop that is slower than the sensor never polls early, so it has no brackets. When it finds a
-sample, the sample may have ended up to one period before; this is the uncertainty of its time.
+sample, the end of this sample was at most one period ago; this is the uncertainty of its time.
 Without a FIFO, a slow loop misses samples. They are counted with the last measured period of the
 chip, scaled to the exposure. Samples in the chip's FIFO are not lost while the loop stalls.
 
@@ -109,7 +109,7 @@ class Pacing:
 
         The relative deviation is equal for all exposures.
 
-        Call it before `start`. A measurement since the last `start` replaces the stored deviation
+        Call this before `start`. A measurement since the last `start` replaces the stored deviation
         if the two disagree. If there is neither a measurement nor a stored deviation, the lower
         bound of the period is used, after 0.2 s of samples: it is then accurate to 0.1 %.
         """

@@ -2,8 +2,8 @@
 
 `contact.ContactTracker` then reports it.
 
-Boards with ``viper = true`` in board.toml get pair_viper.py instead of this file: the same
-functions with identical results, in machine code. Integers only; allocates nothing.
+Boards with ``viper = true`` in board.toml get pair_viper.py instead of this file: `watch` with
+identical results, in machine code. Integers only; allocates nothing.
 """
 
 try:

@@ -69,7 +69,7 @@ class Reconnect:
                 self.lose(error)
 
     def lose(self, error):
-        """Record that the sensor does not answer; the caller must call `search` next.
+        """Record that the sensor does not answer; the main loop then calls `search`.
 
         Parameters
         ----------

@@ -28,9 +28,10 @@ _STEP_FROM = 440
 class Search:
     """Finds settings for which the brightest channel is at 60-90 % of full scale.
 
-    The search changes the gain first (factors of 2), then the LED current. If both are at their
-    maximum, it sets a longer exposure of at least 182 ms. A shorter one would not help: below
-    182 ms, full scale grows with the exposure as the counts do.
+    In weak light the search increases the gain (factors of 2), then the LED current. If both are
+    at their maximum, it sets a longer exposure of at least 182 ms. A shorter one would not help:
+    below 182 ms, full scale grows with the exposure as the counts do. In strong light the search
+    reduces the gain while the sensor is saturated, else the LED current, then the gain.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ def may_rest(s):
 
 
 def weigh(s):
-    """Estimate both fingers from two readings; only the second finger's force differs between them.
+    """Estimate both fingers from two readings that differ only in the second finger's force.
 
     The readings are the present one and the one before, in the state `s` of a
     `contact.ContactTracker`. Returns whether there is a second finger. Stores three elements of the

@@ -36,7 +36,9 @@ from .decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHI
 
 
 def stays(s, flags):
-    """Update the state if the reading is of the first finger, unchanged; return whether it is.
+    """Process a reading of a finger that rests or moves slowly; return whether this was done.
+
+    If not, the state is unchanged, and `contact.ContactTracker.take` processes the reading.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """Processes the samples of one strip: averages and decodes them, and sends frames.
 
 Rare operations are in the modules `dark` and `search`. `Strip.take` allocates only after the last
-sample of a dark frame, and at the end of a search for settings (command ``auto``).
+sample of a requested dark frame, during a search for settings (command ``auto``), and when it
+restarts the sensor to correct the exposure (setting ``mains_hz``).
 """
 
 from micropython import const
@@ -63,11 +64,11 @@ class Strip:
     framer : frame.Framer
         Sends the frames.
     time : frame.Time32
-        Board time. Before each frame it is set to the middle of the integration.
+        Board time. Before each frame it is set to the middle of the reading.
     clock : object
         ``ticks_add`` as in MicroPython's ``time``.
     settings : settings.BoardSettings
-        Settings of the board; read at every start.
+        Settings of the board; read by `start` and `configure`.
     uses : uses.Uses
         Receives every reading.
 
@@ -147,7 +148,7 @@ class Strip:
         self.sensor.report(reply)
 
     def saturation(self):
-        """Return the saturation of the last sample, see `as7341.AS7341`; None if the bus fails."""
+        """Return `as7341.AS7341.saturation` of the last sample; None if the bus fails."""
         try:
             return self.sensor.saturation()
         except OSError:

@@ -199,7 +199,7 @@ class Uses:
             self._keypad.tick(t)
 
     def key(self, page, usage, modifiers, pressed):
-        """Send a key event as a frame, and as a USB report if there is a keyboard interface.
+        """Send a key event as a frame, and as a USB report if the interface for this key is open.
 
         Parameters
         ----------
