@@ -1,6 +1,6 @@
 """Adds the processor time of a slow board to functions of the firmware, in simulated time.
 
-Runs in MicroPython and, for a board without MicroPython, in CPython.
+Runs in the interpreter of the virtual board: MicroPython or CPython.
 """
 
 import sys

@@ -1,6 +1,6 @@
 """`time` of the virtual board: ticks wrap at 2**30 us as on a microcontroller.
 
-In simulated time, only bus transfers and sleeps advance the clock.
+In simulated time, only bus transfers, sleeps and added processor time (`_cpu`) advance the clock.
 """
 
 import os
