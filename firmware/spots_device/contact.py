@@ -18,7 +18,7 @@ TWO   DOWN   the position stays where the first finger was: the second finger ha
 TWO   DOWN   the position stays elsewhere, and the first finger has left: it was lifting, or the
              brightness was never that of two fingers, or no second finger could cause this position
 TWO   DOWN   while the first finger lifts, the position approaches the second finger in ever smaller
-             steps, or approaches its estimated position, and less than 2 mm remain
+             steps, or the estimated position of this finger, and less than 2 mm remain
 TWO   DOWN   while the first finger lifts, the position has almost reached the second finger (the
              last step was small), and the light then grows, because a third finger arrives
 TWO   UP     while the first finger lifts, the position has almost reached the second finger, and

@@ -88,7 +88,7 @@ class Uses:
         Parameters
         ----------
         calibration : calibration.Calibration or None
-            None switches keys and gamepad off.
+            None switches keys, gamepad and contacts off.
         """
         self.release()
         known = calibration is not None

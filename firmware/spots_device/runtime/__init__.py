@@ -1,1 +1,1 @@
-"""Code that differs between MicroPython and CircuitPython: one module for each runtime."""
+"""Code for only one runtime, MicroPython or CircuitPython, and the code that both share."""
