@@ -58,7 +58,7 @@ _COUNTS_MIN = 10.0
 # Limits of the options: a value outside them was probably given in another unit.
 _LENGTHS_MM = 1.0, 10_000.0
 _FINEST_UM = 1e-3
-_SLOWEST_HZ = 1e6 / (AVERAGE_MAX * MAX_US)
+_SLOWEST_HZ = math.ceil(1e9 / (AVERAGE_MAX * MAX_US)) / 1e3  # rounded up, as messages show it
 _FASTEST_HZ = 1e6 / MIN_US
 
 

@@ -101,6 +101,14 @@ def test_a_mistake_is_one_sentence(capsys, numbers, says):
     assert output.err.count("\n") == 1
 
 
+def test_the_limits_in_a_message_are_accepted(capsys):
+    _, output = command(capsys, 85, 50, 0)
+    low_hz, high_hz = output.err.split("must be from ")[1].split(" Hz")[0].split(" to ")
+    for rate_hz in low_hz, high_hz:
+        _, output = command(capsys, 85, 5000, rate_hz)
+        assert "must be from" not in output.err
+
+
 def test_a_sensor_file_that_cannot_be_written_is_one_sentence(tmp_path, capsys):
     (tmp_path / "sensor.toml").mkdir()
     line = ["design", "--length-mm", "85", "--resolution-um", "60", "--rate-hz", "100"]

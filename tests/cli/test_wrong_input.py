@@ -16,7 +16,7 @@ WRONG = {
     "record /nope/run.spots --port virtual": "there is no folder /nope: make it first",
     "monitor --seed x": "whole number from 0 to 9,223,372,036,854,775,808, not 'x'",
     f"{DESIGN} 12cm --rate-hz 10": "argument --length-mm: '12cm' is not a number",
-    f"{DESIGN} 120 --rate-hz 1e9": "--rate-hz must be from 0.0156 to 1000 Hz, not 1e+09",
+    f"{DESIGN} 120 --rate-hz 1e9": "--rate-hz must be from 0.016 to 1000 Hz, not 1e+09",
     "characterize --average x": "argument --average: 'x' is not a whole number",
     "calibrate positon": "argument KIND: there is no 'positon': did you mean position?",
     "keys shwo mini": "argument ACTION: there is no 'shwo': did you mean show?",
