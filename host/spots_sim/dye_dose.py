@@ -4,7 +4,8 @@ Both pieces have the same length and are put between LED and sensor, one after t
 may be coupled better to LED and sensor than the other. So the ratio of their counts is the decay by
 the dye times an unknown factor. This factor is the same for all channels, so only differences
 between channels are used. The result is the dye strength whose decay (`optics`, Eq. 1 of the paper)
-fits these differences best. The dose is proportional to this strength.
+fits these differences best. A dye's strength is proportional to its dose, so the dose that gives
+the wanted strength can be computed.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     Raises
     ------
     SpotsError
-        If a channel is dark, the pieces differ too little, or the dye is not red.
+        If a channel is dark, the pieces differ too little or were swapped, or the dye is not red.
     """
     clear, dyed = np.asarray(clear, dtype=float), np.asarray(dyed, dtype=float)
     for name, counts in (("clear", clear), ("dyed", dyed)):
@@ -94,7 +95,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
             dark = plan[int(counts.argmin())]
             raise SpotsError(
                 f"channel {dark} is dark through the {name} test piece: push the piece against LED "
-                "and chip, or cast a shorter piece or one with a smaller dose"
+                "and chip, cast both pieces shorter, or cast the dyed one with a smaller dose"
             )
     columns = [Optics.names.index(name) for name in plan]
     seen = _even(np.log(dyed / clear))

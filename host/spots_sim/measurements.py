@@ -109,7 +109,7 @@ def characterize(
         touch_mN = Calibration(rig.lines).touch_on_mN
         if touch_mN > FORCE_MN:
             raise SpotsError(
-                f"this strip needs {touch_mN / 1000:.1f} N for a touch, but is measured with "
+                f"this strip needs {touch_mN / 1000:g} N for a touch, but is measured with "
                 f"{FORCE_MN / 1000:.0f} N: choose a brighter strip or a longer exposure"
             )
         drift = age(rig, change, hand, seed)

@@ -256,8 +256,9 @@ def check_light(along: Presses, pressed: Presses) -> None:
     SpotsError
         If a press is too dark or saturated. The message names the position of the press.
     """
+    too_dark = "too dark: choose a longer exposure or a brighter strip"
     for presses, bad, trouble in (
-        (along, (along.counts < 1).any(axis=1), "too dark: choose a longer exposure"),
+        (along, (along.counts < 1).any(axis=1), too_dark),
         (along, along.saturated, "saturated: choose a shorter exposure"),
         (pressed, pressed.saturated, "saturated: choose a shorter exposure"),
     ):
@@ -294,7 +295,7 @@ def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str,
     """Calibrate a sensor at an exposure; return calibration lines and LED settings.
 
     If `exposure_us` is None, the board searches for the exposure. The LED settings are
-    assignments such as ``led_mA=20`` for the board's command ``set``.
+    assignments such as ``led=gpio`` for the board's command ``set``.
     """
     with Stage(sensor) as stage:
         stage.expose(exposure_us)

@@ -49,7 +49,7 @@ def micropython_command() -> list[str]:
         If MicroPython is not installed.
     """
     if sys.platform == "win32":
-        raise SpotsError("there is no MicroPython for Windows: use Linux or macOS for this")
+        raise SpotsError("this command needs MicroPython's unix port: use Linux or macOS")
     if spec := importlib.util.find_spec("micropython_unix"):
         # Without the module `site`, a start takes 4 ms less.
         place = str(Path(spec.origin).parent)

@@ -42,7 +42,7 @@ def test_a_strip_whose_touches_begin_above_the_force_of_a_measurement_is_refused
         irradiance_uW_cm2_per_mA=6.0,
     )
     brown = structs.replace(sensor.dye, strength_per_mm=0.022, edge_nm=640.0, edge_width_nm=60.0)
-    with pytest.raises(SpotsError, match=r"needs 3\.\d N for a touch, .* longer exposure"):
+    with pytest.raises(SpotsError, match=r"needs 3\.\d+ N for a touch, .* longer exposure"):
         characterize(structs.replace(sensor, led=green, dye=brown), 1, 100_000)
 
 
