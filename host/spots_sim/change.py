@@ -106,8 +106,8 @@ class Temperature(msgspec.Struct, **_Struct):
         Parameters
         ----------
         change : Change
-            Change since the calibration. Its `temperature_K` is converted to changes of LED,
-            phosphor, filters and dye.
+            Change since the calibration. Its `temperature_K` is converted to changes of the other
+            attributes.
         led_K : float
             Temperature rise of the LED by its own power, in K.
 

@@ -1,8 +1,8 @@
 """Measured processor times of the firmware's functions on real boards, from `data/cpus.toml`.
 
-On a virtual board with a `Cpu`, simulated time advances at the end of each function call, by the
-measured time of this function. So each event within a pass of the firmware's loop is as late as on
-the real board.
+On a virtual board with a `Cpu`, simulated time advances at the end of each call of a measured
+function, by the time of this function. So events within a pass of the firmware's loop are about as
+late as on the real board.
 """
 
 from __future__ import annotations

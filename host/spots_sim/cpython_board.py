@@ -229,7 +229,7 @@ def _load(folder: Path) -> str:
 class _Requests:
     """Handles the requests of the firmware to the simulator: clock, transfers, waits, LED pin.
 
-    After a power failure begins, all requests except those for the clock raise PowerLostError.
+    When a power failure begins, the next request that is not for the clock raises PowerLostError.
     """
 
     def __init__(self, bus: I2CBus | FaultyBus, faults: BoardFaults | None):

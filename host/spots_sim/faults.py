@@ -1,10 +1,11 @@
 """Simulates faults of a serial link, an I2C bus and a board, and counts them.
 
-Each fault has its own random generator, which depends only on the seed. So the sensor's noise is
-the same with and without faults, and one fault does not change another. All times are simulated
-times. The classes can be used alone: `FaultyLink` damages bytes, `FaultyBus` damages transfers,
-and `BoardFaults` applies faults of power and clock before each request of the firmware to the
-simulator, such as a transfer.
+Faults have their own random generators, one for each name such as ``i2c`` or ``clock.stalls``,
+which depend only on the seed. So faults take no random numbers from the generator of the sensor's
+noise, and the start times of one fault do not depend on other faults. All times are those of the
+board's `bus.SimulationClock`. The classes can be used alone: `FaultyLink` damages bytes,
+`FaultyBus` damages transfers, and `BoardFaults` applies faults of power and clock before each
+request of the firmware to the simulator, such as a transfer.
 """
 
 from __future__ import annotations
@@ -120,7 +121,7 @@ def _poisson(per_s: float, from_s: float, rng) -> Iterator[float]:
 class Damage:
     """Damages the bytes that a link sends in one direction.
 
-    The damage does not depend on how the bytes are split into calls.
+    The damage depends on the time of each byte, but not on how the bytes are split into calls.
 
     Parameters
     ----------

@@ -226,7 +226,7 @@ class SensorFile(toml.Strict):
 
     @property
     def mains_hz(self) -> int:
-        """Mains frequency of the lamps around the strip in Hz: 50 or 60; 0 without flicker."""
+        """Mains frequency in Hz of lamps that flicker at 100 or 120 Hz: 50 or 60; otherwise 0."""
         around = self.surroundings
         lamps = {100.0: 50, 120.0: 60} if around.flicker_percent else {}
         return lamps.get(around.flicker_hz, 0)
@@ -373,7 +373,7 @@ class BusFaults(toml.Strict):
 
 
 class PowerFaults(toml.Strict):
-    """Brown-outs of board and sensor, resets of the sensor, and times when it is unplugged."""
+    """Brown-outs of board and sensor, resets of the sensor, and times without a sensor."""
 
     brown_outs: Moments = Moments()
     sensor_resets: Moments = Moments()
@@ -420,7 +420,7 @@ class ScenarioFile(toml.Strict):
     seconds : float
         Duration of the scenario in s.
     strain_percent, bend_deg : float
-        Constant strain and bending angle; each is used only if `strain` or `bend` is empty.
+        Constant strain, used if `strain` is empty; constant bending angle, used if `bend` is empty.
     strain : list of tuple
         Points (time in s, strain in per cent).
     bend : list of tuple

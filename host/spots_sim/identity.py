@@ -1,4 +1,4 @@
-"""The unique id of a virtual board: different sensor files get different ids."""
+"""The unique id of a virtual board: a hash of its sensor file without the table ``[change]``."""
 
 from __future__ import annotations
 

@@ -63,8 +63,8 @@ def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
     Returns
     -------
     numpy.ndarray, shape (5, n)
-        One column for each reading; rows: time in s, true force in mN, measured force in mN, true
-        position as a share of the length, and measured position in um.
+        One column for each reading with the LED on. Rows: time in s, true force in mN, measured
+        force in mN, true position as a share of the length, and measured position in um.
     """
     whole = points(loads)
     end_s = whole[-1][-1][0] + REST_S

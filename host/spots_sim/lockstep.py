@@ -115,7 +115,7 @@ class LockstepLink:
         self._board.second = bus
 
     def set_busy_us(self, busy_us: float) -> None:
-        """Set the processor time of one loop pass; only for a board started with `busy_us`."""
+        """Set the processor time of one loop pass in us; no effect on CPython."""
         self._board.busy_us = busy_us
 
     @property

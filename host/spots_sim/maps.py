@@ -58,7 +58,8 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
     step_deg : int
         Difference of the joint angles of two neighbouring lines, in degrees.
     mechanism : spots_sim.mechanism.Mechanism, optional
-        Mechanism whose joints limit the workspace by their travel. By default there is no limit.
+        Mechanism whose joints limit the workspace by their travel. By default any travel is
+        allowed.
 
     Returns
     -------
@@ -68,7 +69,7 @@ def angles(linkage: Linkage, path: Path, step_deg: int = 10, mechanism=None) -> 
     Raises
     ------
     SpotsError
-        If matplotlib is missing.
+        If matplotlib is missing, or the file cannot be written.
     """
     require()
 
@@ -130,7 +131,7 @@ def deviation(survey: Survey, path: Path) -> Path:
     Raises
     ------
     SpotsError
-        If matplotlib is missing.
+        If matplotlib is missing, or the file cannot be written.
     """
     require()
     parts = {

@@ -9,7 +9,7 @@ from .lockstep import LockstepLink
 
 
 class PacedLink(LinkWrapper):
-    """A `lockstep.LockstepLink` that never runs ahead of real time.
+    """A `lockstep.LockstepLink` that waits for real time before each read and sleep.
 
     The links of a linkage's two boards must have the same clock: give both the same `epoch_s`.
 

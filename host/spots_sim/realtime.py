@@ -6,7 +6,7 @@ the firmware copied to it. STRIPS is 1 or 2; the second strip has the same senso
 
 The process prints one JSON object: the port for frames, the port for the prompt, and the host's
 monotonic time of power-on. The two ports differ only on CircuitPython. The process ends when its
-standard input closes or its parent ends, so it never outlives its parent.
+standard input closes or its parent ends.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ class PortNoise:
         return self._faults.to_board(data, self._clock.now_us())
 
     def pass_in(self) -> None:
-        """Damage the host's bytes and send them to the board, unless the port is the console."""
+        """Damage the host's bytes and send them to the board; not for a port with the console."""
         self.to_board.write(self.damaged(os.read(self._port_end, 4096)))
 
     def pass_out(self) -> None:

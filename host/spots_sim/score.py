@@ -84,8 +84,9 @@ class Score:
     def position_median_um(self) -> float | None:
         """Median absolute error of the position in um; None if no reading was compared.
 
-        The rms error depends on the one or two faintest readings: at the force at which a touch
-        begins, the error of a single reading can exceed 1 mm. The median hardly depends on them.
+        The rms error depends mainly on the one or two faintest readings: at the force at which a
+        touch begins, the error of a single reading can exceed 1 mm. The median hardly depends on
+        them.
         """
         return _rounded(np.median(self._errors_um)) if self._compared else None
 

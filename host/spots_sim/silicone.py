@@ -57,7 +57,8 @@ class Silicone(toml.Strict):
         Largest difference of the effective force between unloading and loading, for a load of
         10 N; in per cent of 10 N.
     softening_percent : float
-        Growth of the effective force by the first load of 10 N (Mullins effect), in per cent.
+        Largest growth of the effective force by a first load of 10 N (Mullins effect), in per
+        cent.
     preload_mN : float
         Largest force with which the whole strip was pressed before the simulation, in mN.
     """

@@ -336,7 +336,7 @@ def visited(
     x_mm, y_mm : array_like, shape (n,)
         Positions of the end point in mm.
     seed : int
-        Random seed of the noise.
+        Random seed of the strips and of the noise.
     exposure_us : int
         Integration time of both strips, in us.
     run : int
