@@ -92,7 +92,8 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
     -------
     list of tuple
         For each reading in which `ContactFinder` finds two fingers: position error of the second
-        finger, and the standard deviation that `ContactFinder` computes for it, in mm.
+        finger, and the standard deviation that `ContactFinder` computes for it, in mm. Readings
+        while the second finger arrives or lifts are left out.
     """
     truth = Scenario(file)
     points = file.touch[1].points
@@ -154,7 +155,7 @@ def main() -> None:
         type=float,
         default=0.1,
         help="largest change of the second finger's force, as a share of this force (0.1); the "
-        "force of the first finger changes by a tenth of this share",
+        "force of the first finger changes by at most a tenth of this share",
     )
     options = parser.parse_args()
     for speed in options.mm_per_s:

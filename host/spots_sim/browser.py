@@ -1,4 +1,4 @@
-"""Opens the web UI in a browser if this computer has a screen."""
+"""Opens the web UI in a browser if this computer can show it, see `opens`."""
 
 from __future__ import annotations
 
@@ -20,6 +20,6 @@ def opens() -> bool:
 
 
 def show(url: str) -> None:
-    """Open an address in a browser if one can be opened, see the function `opens`."""
+    """Open an address in a browser if `opens` returns True."""
     if opens():
         webbrowser.open(url)

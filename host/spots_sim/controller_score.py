@@ -109,7 +109,7 @@ class ControllerScore:
             ``states``: number of gamepad states sent. ``largest_unexplained_jump_percent``: largest
             change of X between two sent states, beyond the change that the finger's movement
             causes. ``x_rms_percent``: root mean square error of X; None without a compared reading.
-            Both are in per cent of the range from the centre of X to its end.
+            The percentages refer to the range from the centre of X to its end.
         """
         rms = math.sqrt(self._squares / self._compared) if self._compared else None
         return {

@@ -86,7 +86,8 @@ def demo(
     Raises
     ------
     SpotsError
-        If `use` is unknown, a file is missing or invalid, or the virtual board does not start.
+        If `use` or `cpu` is unknown, a file is missing or invalid, or the virtual board does not
+        start.
     """
     if use == FIVEBAR:
         return demonstrate(sensor, seed, seconds, fast, quiet)
@@ -230,14 +231,15 @@ def open_fast(
     return board, digest
 
 
-def show_page(use: str, sensor: str, scenario: str, seed: int) -> None:
-    """Serve the web UI with a virtual board, and open it in a browser if there is a display.
+def show_page(use: str | None, sensor: str, scenario: str, seed: int) -> None:
+    """Serve the web UI with a virtual board, and open it with `browser.show`.
 
     Parameters
     ----------
-    use : str
+    use : str or None
         Application to show. For ``fivebar``, the web UI shows a simulated linkage. Otherwise it
-        shows a strip, and directly below the strip the panel of the application.
+        shows a strip, and directly below the strip the panel of the application. None for no
+        application.
     sensor, scenario : str
         Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int

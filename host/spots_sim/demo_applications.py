@@ -115,7 +115,7 @@ def type_on_board(
     Raises
     ------
     SpotsError
-        If the board is lost.
+        If the layout is missing or invalid, or the board is lost.
     """
     layout = load_layout(layout_name)
     typed, here, there = TypedText(), _Events(), _Events()

@@ -125,7 +125,7 @@ class Design:
 
 
 def timing(rate_hz: float) -> tuple[int, int]:
-    """Return exposure in us and samples per reading that give `rate_hz` readings per second."""
+    """Return exposure in us and samples per reading that give about `rate_hz` readings a second."""
     reading_us = 1e6 / rate_hz
     average = min(AVERAGE_MAX, max(1, math.ceil(reading_us / _LONGEST_US)))
     exposure_us = min(MAX_US, max(MIN_US, int(reading_us / average)))
@@ -222,8 +222,8 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
     Raises
     ------
     SpotsError
-        If a value is out of range, or the resolution cannot be reached. The message has the best
-        resolution at this rate.
+        If a value is out of range, the strip is too dark, or the resolution cannot be reached. In
+        the last case, the message has the best resolution at this rate.
     """
     for name, value, low, high in (
         ("length-mm", length_mm, *_LENGTHS_MM),

@@ -1,4 +1,4 @@
-"""Runs a simulated five-bar linkage in real time; measures the error of its twin on a path.
+"""Runs a simulated five-bar linkage in real time, or measures its twin's error in simulated time.
 
 The digital twin (`spots.Twin`) computes the position of the end point. Its input is the readings of
 two strips, one in each base joint of the linkage.

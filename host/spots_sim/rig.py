@@ -171,7 +171,7 @@ class Rig:
         return self._held(count)
 
     def turned(self, angle_deg: float, direction: int, count: int):
-        """Turn the joint whose indenter presses the strip; return the same values as `readings`.
+        """Turn the joint whose indenter presses the strip; return readings as `readings` does.
 
         Parameters
         ----------

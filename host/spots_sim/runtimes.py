@@ -48,7 +48,7 @@ def is_socket() -> bool:
 
 
 def headline(runtime: str = "") -> str:
-    """Return the first line of a demonstration: the runtime of the firmware, and why it is used.
+    """Return the first line of a demonstration: the firmware's runtime, and the reason if CPython.
 
     Parameters
     ----------

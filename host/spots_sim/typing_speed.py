@@ -84,7 +84,7 @@ def added(runs: list[dict]) -> dict:
     dict
         Counts as in `typing_score.TypingScore.summary`. ``error_percent`` is the number of wrong,
         missed and extra keys per hundred touches. Each of the following has the latency percentiles
-        ``p50`` and ``p99`` in ms. ``latency_ms``: the largest percentile of any run.
+        ``p50`` and ``p99`` in ms. ``latency_ms``: the largest of the runs' percentiles.
         ``median_latency_ms``: the median of the runs' percentiles. ``pooled_latency_ms``: the
         percentile over all presses of all runs.
     """

@@ -116,7 +116,7 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     Returns
     -------
     Bench
-        The board of the strip, pressed by the stage.
+        The board of the strip, and its presser: the stage, or the person with ``virtual:PIPE``.
 
     Raises
     ------
