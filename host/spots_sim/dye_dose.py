@@ -202,8 +202,8 @@ def read_pieces(
         reading = reader.read(_SAMPLES)
         if reading.saturated:
             raise SpotsError(
-                f"the {piece} test piece saturates the sensor: put the clear one in first, and set "
-                "a smaller exposure with 'spots command set exposure_us=5000'"
+                f"the {piece} test piece saturates the sensor: start again with the clear piece, "
+                "and push each piece against LED and chip before you press Enter"
             )
         counts.append(reading.counts)
     return reader.conditions.plan, *counts

@@ -455,9 +455,9 @@ class ScenarioFile(toml.Strict):
                 f"a touch lasts beyond the end of the scenario ({self.seconds:g} s): shorten the "
                 "touch"
             )
-        for name, constant in (("strain", self.strain_percent), ("bend", self.bend_deg)):
-            if getattr(self, name) and constant:
-                raise ValueError(f"{name} is given as points and as a constant: remove one of them")
+        for name, constant in (("strain", "strain_percent"), ("bend", "bend_deg")):
+            if getattr(self, name) and getattr(self, constant):
+                raise ValueError(f"{name} and {constant} are both given: remove one of them")
         lines = {name: getattr(self, name) for name in ("strain", "bend", "leak")}
         lines |= {f"change.{k}": v for k, v in msgspec.structs.asdict(self.change).items()}
         for name, points in lines.items():

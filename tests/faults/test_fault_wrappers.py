@@ -263,7 +263,7 @@ FIRE = "seconds = 5.0\n[faults]\n"
         ),
         ("[faults.power]\nbrown_outs = {last_ms = 0}", "last_ms must be a number of more than 0"),
         ("[faults.clock]\noscillator_ppm = 5000", "oscillator_ppm must be .* at most 1000"),
-        ("strain = [[0, 1.0]]\nstrain_percent = 2.0", "strain is given as points and"),
+        ("strain = [[0, 1.0]]\nstrain_percent = 2.0", "strain and strain_percent are both given"),
         ("bend = [[1, 1.0], [1, 2.0]]", "times of bend must ascend"),
         ("bend = [[1, 400.0]]", "entry 2 of entry 1 of bend must be .* at most 360"),
         ("leak = [[6, 0.1, 1.0]]", "leak has points after"),
