@@ -15,7 +15,7 @@ class SimulationClock(Protocol):
         """Return the time since power-on, in us."""
 
     def spend_us(self, duration_us: float) -> None:
-        """Advance a simulated clock by the duration of a transfer; a real clock ignores this."""
+        """Advance a simulated clock while the board is busy; a real clock ignores this."""
 
     def pause_us(self, duration_us: float) -> None:
         """Let `duration_us` microseconds pass, in which the board does nothing."""

@@ -9,7 +9,7 @@ from .lockstep import LockstepLink
 
 
 class PacedLink(LinkWrapper):
-    """A `lockstep.LockstepLink` that waits for real time before each read and sleep.
+    """A `lockstep.LockstepLink` whose reads and sleeps first wait until real time has caught up.
 
     The links of a linkage's two boards must have the same clock: give both the same `epoch_s`.
 

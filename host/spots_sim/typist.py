@@ -217,7 +217,7 @@ class Hands:
         release the last one.
     spread : float
         Standard deviation of the natural logarithm of the time between two key presses. With the
-        default, 12 % of the touches overlap the previous touch at 60 words a minute, 50 % at 100.
+        default, 12 % of the touches overlap the previous touch at 60 words a minute, 46 % at 100.
     force_mN, force_spread : float
         Median of the largest force of a touch in mN, and standard deviation of its natural
         logarithm. Source: Effects of key stiffness on force and the development of fatigue while
