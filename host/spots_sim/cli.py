@@ -256,13 +256,13 @@ def _check(options: argparse.Namespace) -> None:
     if options.layout and options.use != KEYBOARD:
         raise SpotsError("--layout needs a keyboard: add --use keyboard")
 
-    if options.page and (options.seconds or options.json or options.fast):
+    fast_only = options.rezero or options.warm or options.cpu
+    if options.page and (options.seconds or options.json or options.fast or fast_only):
         raise SpotsError(
-            "--page always runs in real time until Ctrl-C: leave out --seconds, --json and --fast"
+            "--page always runs in real time until Ctrl-C: leave out --seconds, --json, --fast, "
+            "--rezero, --warm and --cpu"
         )
-    if (options.rezero or options.warm or options.cpu) and (
-        not options.fast or options.use == FIVEBAR
-    ):
+    if fast_only and (not options.fast or options.use == FIVEBAR):
         raise SpotsError(
             "--rezero, --warm and --cpu need simulated time and one strip: add --fast, and leave "
             "out --use fivebar"

@@ -62,7 +62,7 @@ def demo(
     fast : bool
         True for simulated time: as fast as possible, with the same bytes in each run.
     quiet : bool
-        True to print nothing.
+        True to print nothing on standard output.
     use : str
         Application: a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage.
     layout : str, optional
@@ -89,11 +89,9 @@ def demo(
         If `use` or `cpu` is unknown, a file is missing or invalid, or the virtual board does not
         start.
     """
+    _check_use(use)
     if use == FIVEBAR:
         return demonstrate(sensor, seed, seconds, fast, quiet)
-    if use not in USES:
-        known = ", ".join([*USES, FIVEBAR])
-        raise SpotsError(f"there is no demo of '{use}': use one of {known} with --use")
     show, usual = USES[use]
     if layout:
         show = partial(_keyboard, layout=layout)
@@ -115,6 +113,12 @@ def demo(
     if digest is not None:
         summary["stream_sha256"] = digest.hexdigest()
     return summary
+
+
+def _check_use(use: str) -> None:
+    if use not in (*USES, FIVEBAR):
+        known = ", ".join([*USES, FIVEBAR])
+        raise SpotsError(f"there is no demo of '{use}': use one of {known} with --use")
 
 
 def _strip(
@@ -244,9 +248,16 @@ def show_page(use: str | None, sensor: str, scenario: str, seed: int) -> None:
         Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise.
+
+    Raises
+    ------
+    SpotsError
+        If `use` is unknown.
     """
     from spots.web.serve import LOOPBACK, serve
 
+    if use is not None:
+        _check_use(use)
     state, layout = PageState(), load_layout(_PAGE_LAYOUT)
     if use == FIVEBAR:
         readers = driven_readers(endless(sensor, seed=seed), layout, state)

@@ -80,6 +80,8 @@ def test_there_is_no_room_for_an_output_without_a_buffer():
         (["--page", "--seconds", "3"], "--page always runs in real time"),
         (["--page", "--json"], "--page always runs in real time"),
         (["--page", "--fast"], "--page always runs in real time"),
+        (["--page", "--rezero"], "leave out --seconds, --json, --fast, --rezero"),
+        (["--use", "fivebar", "--page", "--warm"], "leave out --seconds, --json, --fast, --rezero"),
         (["--use", "fivebar", "--scenario", "nope"], "leave out --scenario"),
         (["--use", "fivebar", "--page", "--scenario", "nope"], "leave out --scenario"),
         (["--use", "fivebar", "--fast", "--seconds", "3"], "leave out --seconds"),

@@ -67,6 +67,12 @@ def test_who_asks_for_the_terminal_gets_it(at_a_screen, shown, arguments):
     assert shown == ["terminal"]
 
 
+def test_an_unknown_application_has_no_page(monkeypatch, capsys):
+    monkeypatch.setattr("spots.web.serve.serve", lambda *_: pytest.fail("served"))
+    assert apart(main, ["demo", "--page", "--use", "keybord"]) == 2
+    assert "there is no demo of 'keybord'" in capsys.readouterr().err
+
+
 def test_without_a_display_it_is_the_terminal(at_a_screen, shown, monkeypatch):
     monkeypatch.delenv("DISPLAY")
     assert main(["demo"]) == 0
