@@ -139,7 +139,7 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     fast : bool
         True for simulated time; the linkage then follows its path one time.
     quiet : bool
-        True to print nothing.
+        True to print nothing on standard output.
 
     Returns
     -------
