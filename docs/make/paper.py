@@ -19,14 +19,14 @@ _HEAD = """# The paper's figures, and those of the simulated sensor
 `make paper` writes this document, and measures all numbers except the published ones. The published
 numbers are from Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile
 Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sections. The columns
-"ours" show the **simulated** default sensor, {length_mm:g} mm long, read through the firmware with
-seed {seed}. [calibration.md](calibration.md) defines the quantities. The column titles contain the
-duration of a reading, which the paper does not state. The **imperfect strip** (sensor file `real`)
-is simulated, too: it has aged and warmed up since its calibration, and is under a lamp. Then it was
-re-zeroed: its calibration was corrected with one press at each of three marks, while the strip was
-on a kitchen scale ([drift.md](drift.md)). The board compensates the creep and the hysteresis of
-this strip's silicone ([calibration.md](calibration.md#silicone)). In the tests of the force, the
-force rises from 0.6 to 9.5 N and falls again.
+"ours" show the default sensor, {length_mm:g} mm long, **simulated** with seed {seed} and read
+through the firmware. [calibration.md](calibration.md) defines the quantities. The column titles
+contain the duration of a reading, which the paper does not state. The **imperfect strip** (sensor
+file `real`) is simulated, too: it has aged and warmed up since its calibration, and is under a
+lamp. Then it was re-zeroed: its calibration was corrected with one press at each of three marks,
+while the strip was on a kitchen scale ([drift.md](drift.md)). The board compensates the creep and
+the hysteresis of this strip's silicone ([calibration.md](calibration.md#silicone)). In the tests of
+the force, the force rises from 0.6 to 9.5 N and falls again.
 
 """
 _PICTURES = {
@@ -101,8 +101,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "The bound assumes simulated noise of the counts, independent in each channel.",
         ),
         (
-            "Scatter of one pair of channels divided by the same bound (Eq. 2; here the best, "
-            f"{pair[1]} over {pair[0]})",
+            "Scatter with one pair of channels (Eq. 2; here the best pair, "
+            f"{pair[1]} over {pair[0]}), divided by the same bound",
             "III.A",
             "",
             each("{:.2f}", lambda s: s["position"]["one_pair"]["crb_ratio"]),
