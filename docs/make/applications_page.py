@@ -35,9 +35,9 @@ A simulated person types {touches} touches on ten keys, for each of {seeds} seed
 10 ms. The statistics of these touches are from publications, which
 [typist.py](../host/spots_sim/typist.py) cites. "Errors" are wrong, missed and extra keys; "no
 finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The
-latency is the time from the start of a touch to the report of the correct key. Its percentiles p50
-and p99 are those of the worst seed. In the rows `controller`, the simulated fingers of the demo
-move the axes of the game controller for {seconds:g} s;
+latency is the time from the start of a touch to the report of the correct key. For each of its
+percentiles p50 and p99, the table shows the largest value of all seeds. In the rows `controller`,
+the simulated fingers of the demo move the axes of the game controller for {seconds:g} s;
 [controller.md](controller.md#untrusted-and-missing-readings) explains the values. These commands
 measure the column "imperfect strip, re-zeroed":
 

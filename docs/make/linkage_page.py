@@ -75,9 +75,10 @@ spots twin --json --picture sust.png                 # the same, faster, with th
 
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
 and singularities (positions where the outer bars are in line). If the output is a file or pipe, it
-prints lines. With `--json` it prints an object for each position, with the keys of `twin` in
-[page.md](page.md#messages), and `velocity_mm_s`, `sigma_mm`, `limit`, `singular` and `within`
-(whether both joints are in their calibrated range). The web UI shows this picture, too:
+prints lines. With `--json` it prints an object for each position, with `time_s`; `x_mm`, `y_mm`,
+`theta1_rad`, `theta2_rad` and `cov` as in [page.md](page.md#messages); and `velocity_mm_s`,
+`sigma_mm`, `limit`, `singular` (within 10° of a singularity, or no position) and `within` (whether
+both joints are in their calibrated range). The web UI shows this picture, too:
 `spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
@@ -135,15 +136,15 @@ spots twin --linkage drawn.toml --measure points.csv     # hold the end point, t
 spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
-The fit needs the encoders' angles and the coordinates of the end point at some positions, in any
-coordinate system, for example on graph paper. Robust least squares finds the lengths of bars and
-base, the offsets and gains of the joints, and the position and rotation of this coordinate system
-(`pip install 'spots-tactile[kinematics]'`). It reports standard errors, points
-that do not fit, and parameters that these positions do not separate from each other. For example,
-coordinates from a picture of unknown scale determine only ratios of lengths. `--place-sigma-mm` is
-the standard error of a measured coordinate. Another program may write `points.csv`: its columns are
-`x_mm`, `y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and `sigma2_deg`. The angles are those of
-the joints' calibrations, without offset and gain.
+The fit needs `pip install 'spots-tactile[kinematics]'`, the encoders' angles, and the coordinates
+of the end point at some positions, in any coordinate system, for example on graph paper. Robust
+least squares finds the lengths of bars and base, the offsets and gains of the joints, and the
+position and rotation of this coordinate system. The fit reports standard errors, points that do not
+fit, and parameters that these positions do not separate from each other. For example, coordinates
+from a picture of unknown scale determine only ratios of lengths. `--place-sigma-mm` is the standard
+error of a measured coordinate. Another program may write `points.csv`: its columns are `x_mm`,
+`y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and `sigma2_deg`. The angles are those of the
+joints' calibrations, without offset and gain.
 
 ```python
 from spots.linkage import kinematics
