@@ -127,7 +127,7 @@ def test_without_a_grid_of_its_own_fewer_are_free():
 
 def test_angles_that_belong_to_other_places_are_refused():
     angles, seen = places(40)
-    with pytest.raises(SpotsError, match="do not belong to the positions"):
+    with pytest.raises(SpotsError, match="no linkage near the nominal one fits the points"):
         kinematics.calibrate(angles, *seen[:, ::-1], DRAWN, **SIGMAS, **MEANT)
 
 

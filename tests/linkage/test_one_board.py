@@ -84,7 +84,7 @@ def test_two_joints_with_the_calibration_of_one_strip_are_refused(arm, monkeypat
 
 def test_a_reading_of_a_third_sensor_is_refused_in_one_sentence():
     twin = Twin(Linkage((100, 45, 45, 100), 80), (Encoder(JOINT), Encoder(JOINT)))
-    with pytest.raises(SpotsError, match="a reading of joint 3, but a linkage has two joints"):
+    with pytest.raises(SpotsError, match="index of a joint must be 0 or 1, not 2"):
         twin.take(2, reading(0.0, 10_000))
 
 

@@ -294,7 +294,7 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
         (HEAD + JOINTS + "[grip]\n", "unknown key 'grip'"),
         ("base_mm = 80\n" + JOINTS, "the key 'bar_mm' is missing: add it"),
         (HEAD + "[[joint]]\ncalibration = 'a'\noffset_deg = 0\n", "there are 1 .*linkage has two"),
-        (HEAD.replace("80", "800") + JOINTS, "is more than the sum of the other lengths"),
+        (HEAD.replace("80", "800") + JOINTS, "must be below the sum of the other lengths"),
         (
             "bar_mm = [0.1, 0.1, 0.1, 0.1]\nbase_mm = 0.08\n" + JOINTS,
             "entry 1 of bar_mm must be .* at least 1",
@@ -305,7 +305,7 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
         (HEAD + JOINTS.replace("strip", "none"), "joint 1: there is no file .*none.toml"),
         (
             HEAD + JOINTS.replace("strip", "bare"),
-            "joint 1: .*bare.toml contains no joint: run",
+            "joint 1: .*bare.toml is not the calibration of a joint: run",
         ),
     ],
 )
@@ -394,7 +394,7 @@ def test_options_that_do_not_go_together(arguments, words, machine, capsys):
     [
         (["--record", "a.spots"], "need boards: name the boards with --port"),
         (["--port", "virtual", "--measure", "p.csv"], "--measure needs real boards"),
-        (["--port", "virtual", "--picture", "a.png"], "recordings and --port virtual"),
+        (["--port", "virtual", "--picture", "a.png"], "leave out --port, and name no"),
         (["--port", "virtual", "--port", "virtual"], "but --port was given 2 times: give --port"),
         (["--port", "virtual", "--port", "0"], "but --port was given 2 times: give --port"),
     ],
@@ -411,7 +411,14 @@ def test_recordings_without_a_terminal_are_an_error(machine, tmp_path, capsys):
         pass
     ports = [word for path in paths for word in ("--port", f"recording:{path}")]
     assert cli.main(["twin", "--linkage", str(machine.arm), *ports]) == 2
-    assert "made at the same time" in capsys.readouterr().err
+    assert "pressed at the same time" in capsys.readouterr().err
+
+
+def test_the_next_command_after_a_measurement_names_the_linkage_file(monkeypatch, capsys):
+    monkeypatch.setattr(twin_command, "measure", lambda source, points: 4)
+    twin_command._measure(None, Path("p.csv"), "arm.toml")
+    expected = "p.csv has 4 points; next: spots twin --linkage arm.toml --calibrate p.csv\n"
+    assert capsys.readouterr().out == expected
 
 
 def test_a_line_is_out_when_it_is_told(monkeypatch):

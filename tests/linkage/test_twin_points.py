@@ -174,7 +174,7 @@ def test_points_are_measured_one_by_one(tmp_path):
     assert said.count("type two numbers in mm, such as: 40 150") == 5
     angles_deg[:] = 41.0, None
     assert measure("41 150") == 1
-    assert "joint 2 gives no angle" in said[-1]
+    assert "joint 2 gave 0 angles in 1 s, but 3 are needed" in said[-1]
     angles_deg[:] = 42.0, 57.0
     assert measure("42 150.5") == 2
     with open(points, newline="") as file:

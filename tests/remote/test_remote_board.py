@@ -259,7 +259,9 @@ def test_a_hello_that_is_not_answered_in_time_is_asked_again(net, monkeypatch):
 def test_a_linkage_from_afar_needs_boards_that_hold_its_calibration(net, calibration):
     strip = SimpleNamespace(lines=calibration, board="a1")
     with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
-        with pytest.raises(SpotsError, match="joint 1, zenoh:a1: the board uses calibration None"):
+        with pytest.raises(
+            SpotsError, match="joint 1, zenoh:a1: the board has no calibration: save"
+        ):
             give(board, strip, 1)
         hello = board.command("hello") | {"calibration": checksum(calibration)}
         board.command = lambda line: hello

@@ -37,8 +37,8 @@ class Terminal(NamedTuple):
     x_mm, y_mm : float or None
         Position in mm; None if the linkage has no solution at these angles.
     velocity_mm_s : tuple of 2 floats or None
-        Velocity in x and in y, in mm/s; None without a position, or before the third
-        reading of a joint.
+        Velocity in x and in y, in mm/s; None without a position, or while the velocity of a joint
+        is unknown, see `Angle`.
     covariance_mm2 : tuple of 3 floats or None
         Variance of x, covariance of x and y, and variance of y, in mm**2; None without a position.
     theta_rad : tuple of 2 floats
@@ -118,7 +118,7 @@ class Twin:
     Attributes
     ----------
     trail : collections.deque of Terminal
-        The latest 4096 positions of the end point, oldest first.
+        The latest 4096 values that `take` returned, oldest first; also values without a position.
 
     Notes
     -----
@@ -171,8 +171,8 @@ class Twin:
         """
         if joint not in (0, 1):
             raise SpotsError(
-                f"there is a reading of joint {joint + 1}, but a linkage has two joints: pass the "
-                "readings of two sensors"
+                f"the index of a joint must be 0 or 1, not {joint}: pass only the readings of the "
+                "linkage's two strips"
             )
         angle = self.encoders[joint].take(touch)
         if angle is None:

@@ -35,18 +35,21 @@ class Angle(NamedTuple):
         Angle in rad.
     sigma_rad : float
         Standard error of the angle, in rad. It includes the noise and the error of the calibrated
-        line (angle over position). If the joint rests, it also includes the backlash.
+        line (angle over position). If the joint rests or `direction` is 0, it also includes the
+        backlash.
     systematic_rad : float
         Part of `sigma_rad` that averaging does not reduce: everything except the noise.
     velocity_rad_s, velocity_sigma_rad_s : float or None
         Angular velocity and its standard error in rad/s, from times of the board's clock. The
         velocity is the mean over the last 3 readings in a fast movement, and over up to 8 in a slow
-        movement. None before the third reading.
+        movement. None before the third reading, and before the third one after a pause of 2 s or
+        a restart of the board.
     direction : int
         Direction of the last movement: 1 towards larger angles, -1 towards smaller angles, 0 if
         unknown.
     within : bool
-        Whether the angle is inside the calibrated range, extended by 5 % at both ends.
+        Whether the angle is inside the calibrated range, extended by 5 % at both ends. Always true
+        if the calibration file does not contain the noise of the angle.
     """
 
     time_s: float
@@ -76,7 +79,8 @@ class Encoder:
     Raises
     ------
     SpotsError
-        If the calibration file is not that of a joint, or `offset_rad` or `gain` is invalid.
+        If the calibration file cannot be read or is not that of a joint, or `offset_rad` or `gain`
+        is invalid.
 
     Examples
     --------
@@ -97,11 +101,13 @@ class Encoder:
     def __init__(
         self, joint: Joint | str | PathLike[str] | None, offset_rad: float = 0.0, gain: float = 1.0
     ):
-        source = "the calibration"
+        source = "the given file"
         if isinstance(joint, (str, PathLike)):
             source, joint = joint, load(Path(joint)).joint
         if joint is None:
-            raise SpotsError(f"{source} contains no joint: run 'spots calibrate joint'")
+            raise SpotsError(
+                f"{source} is not the calibration of a joint: run 'spots calibrate joint'"
+            )
         if not (math.isfinite(offset_rad) and math.isfinite(gain) and gain):
             raise SpotsError(
                 "offset and gain of an encoder must be finite numbers, and the gain must not be 0"

@@ -92,7 +92,7 @@ class Linkage:
     Raises
     ------
     SpotsError
-        If a length is not positive, or the lengths cannot form a linkage.
+        If an argument is invalid, or the lengths cannot form a linkage.
 
     Notes
     -----
@@ -122,7 +122,7 @@ class Linkage:
             raise SpotsError("each length of a linkage must be a positive number of mm")
         if 2 * lengths.max() >= lengths.sum():
             raise SpotsError(
-                f"the length {lengths.max():g} mm is more than the sum of the other lengths: "
+                f"the length {lengths.max():g} mm must be below the sum of the other lengths: "
                 "check the four bars and the base"
             )
         if assembly not in ("far", "near"):
@@ -152,7 +152,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the outer bars cannot meet at these angles.
+            For scalars, if there is no solution at these angles.
         """
         return _answer(self._forward, _ANGLES, theta1_rad, theta2_rad)
 
@@ -172,7 +172,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the linkage cannot reach the position.
+            For scalars, if there is no solution for this position.
         """
         return _answer(self._inverse, _TERMINAL, x_mm, y_mm)
 
@@ -187,7 +187,7 @@ class Linkage:
         Returns
         -------
         numpy.ndarray of int8
-            Codes; 0 where the outer bars can meet.
+            Codes; 0 where there is a solution.
         """
         return self._forward(*_arrays(theta1_rad, theta2_rad))[-1]
 
@@ -202,7 +202,7 @@ class Linkage:
         Returns
         -------
         numpy.ndarray of int8
-            Codes; 0 where the linkage reaches the position.
+            Codes; 0 where there is a solution.
         """
         return self._inverse(*_arrays(x_mm, y_mm))[-1]
 
@@ -222,7 +222,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the outer bars cannot meet at these angles, or are in line.
+            For scalars, if there is no solution at these angles, or the outer bars are in line.
         """
         (found,) = _answer(self._jacobian, _ANGLES, theta1_rad, theta2_rad)
         return found
@@ -270,7 +270,7 @@ class Linkage:
         Raises
         ------
         LimitError
-            For scalars, if the outer bars cannot meet at these angles.
+            For scalars, if there is no solution at these angles.
         """
         (found,) = _answer(self._outer_angle, _ANGLES, theta1_rad, theta2_rad)
         return found

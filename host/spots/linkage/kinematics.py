@@ -60,8 +60,8 @@ class Kinematics:
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
-        Groups of parameters that the points cannot separate. To separate a group, fix one of its
-        parameters.
+        Groups of parameters that the points do not determine separately. To determine the others
+        of a group, leave one of them out of the argument `free` of `calibrate`.
     rank : int
         Number of independent combinations of the free parameters that the points determine.
     condition : float
@@ -139,7 +139,7 @@ class Kinematics:
         for group in self.unidentified:
             rows.append(
                 f"these points do not determine {', '.join(group)}: measure more points that are "
-                f"far apart, or fix one of these parameters"
+                "far apart, or, in Python, leave one of these parameters out of 'free'"
             )
         return "\n".join(rows)
 
@@ -222,8 +222,9 @@ def calibrate(
         outlier = distance > _OUTLIER * max(misfit, 1)
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
         raise SpotsError(
-            "the angles do not belong to the positions: measure both at the same moment, and give "
-            "positions in mm, and angles in the unit of the argument or column (_rad or _deg)"
+            "no linkage near the nominal one fits the points: check its lengths, assembly, offsets "
+            "and gains; measure angles and position at the same moment; give positions in mm, and "
+            "angles in the unit of the argument or column (_rad or _deg)"
         )
     _check_enough(int((~outlier).sum()), names, f"without {outlier.sum()} outliers, ")
     jacobian = fit.jacobian(found, scale)[np.repeat(~outlier, 2)]

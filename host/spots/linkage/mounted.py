@@ -39,7 +39,10 @@ class Mounting(toml.Strict, kw_only=True):
 
     def __post_init__(self):
         if not 0.5 <= abs(self.gain) <= 2:
-            raise ValueError("gain must be about 1, or about -1 if the angles have opposite signs")
+            raise ValueError(
+                "gain must be about 1, or about -1 if the calibrated angle grows in the opposite "
+                "direction"
+            )
 
 
 class Mounted(toml.Strict, kw_only=True):
@@ -169,7 +172,7 @@ def load(path: str | Path) -> Mounted:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(
-            f"cannot read the linkage file {path}: name an existing file with --linkage; "
+            f"cannot read the linkage file {path}: name a readable file with --linkage; "
             "docs/fivebar.md shows how to write one"
         ) from None
     return toml.checked(text, Mounted, f"linkage file {path}")

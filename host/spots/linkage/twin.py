@@ -36,8 +36,8 @@ def twin_command(options: argparse.Namespace) -> None:
         )
     if options.picture and (ports or boards):
         raise SpotsError(
-            "--picture shows a simulated linkage: use --picture without boards, recordings "
-            "and --port virtual"
+            "--picture shows a simulated linkage: leave out --port, and name no linkage file of "
+            "real boards"
         )
     if options.out and not options.calibrate:
         raise SpotsError("--out writes what --calibrate finds: add --calibrate POINTS.csv")
@@ -54,17 +54,21 @@ def twin_command(options: argparse.Namespace) -> None:
     elif boards:
         with opened(options.linkage, ports, options.record) as source:
             if options.measure:
-                _measure(source, Path(options.measure))
+                _measure(source, Path(options.measure), options.linkage)
                 return
             count = show(source, options.seconds, options.json, played)
             if not count and all(board.ended for board in source.boards):
                 raise SpotsError(
-                    "the two recordings give no position: name two recordings made at the same time"
+                    "the recordings give no position: name recordings in which both strips are "
+                    "pressed at the same time"
                 )
     else:
         run = offered("virtual", "run_linkage")
         if run is None:
-            raise SpotsError("name a linkage file with --linkage, or boards with --port")
+            raise SpotsError(
+                "there is no simulator for a linkage: name the linkage file of real boards with "
+                "--linkage"
+            )
         run(options)
 
 
@@ -80,7 +84,7 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
         ends, too.
     as_json : bool
         Whether to print each position as a JSON object. Otherwise a terminal window shows a
-        picture, and any other output gets four lines a second.
+        picture, and any other output gets at most four lines a second.
     played : bool
         Whether the boards are recordings; a picture shows recordings at their original pace.
 
@@ -110,14 +114,14 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
     return count
 
 
-def _measure(source: Source, points: Path) -> None:
+def _measure(source: Source, points: Path, linkage: str) -> None:
     try:
         count = measure(source, points)
     except (EOFError, KeyboardInterrupt):
         print()
         return
-    shown = printable(str(points))
-    print(f"{shown} has {count} points; next: spots twin --calibrate {shown}")
+    shown, arm = printable(str(points)), printable(linkage)
+    print(f"{shown} has {count} points; next: spots twin --linkage {arm} --calibrate {shown}")
 
 
 def _json(terminal: Terminal) -> None:

@@ -48,7 +48,8 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     Raises
     ------
     SpotsError
-        If a file is wrong, `out` would replace an input file, or there are too few points.
+        If a file is wrong, `out` would replace the table or a calibration file, there are too few
+        points, or no linkage near the nominal one fits them.
     """
     drawn = mounted.load(linkage)
     calibrations = [linkage.parent / joint.calibration for joint in drawn.joint]
@@ -107,7 +108,7 @@ def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say
     Raises
     ------
     SpotsError
-        If the table has other columns or cannot be written.
+        If the table is invalid or cannot be written.
     """
     count = len(_read(points)[0]) if points.exists() else 0
     while True:
@@ -143,7 +144,9 @@ def _angles(source: Source) -> list[list[Angle]]:
     for number, found in enumerate(angles, 1):
         if len(found) < _LEAST:
             raise SpotsError(
-                f"joint {number} gives no angle: check that its indenter presses the strip"
+                f"joint {number} gave {len(found)} angles in {LASTS_S:g} s, but {_LEAST} are "
+                "needed: check that its indenter presses the strip, and that the board is fast "
+                "enough"
             )
     return angles
 

@@ -225,8 +225,8 @@ def give(board: Board, strip: CalibrationFile, number: int) -> int:
     if strip.board not in ids:
         raise SpotsError(
             f"joint {number}, {board.port}: this is board {' and '.join(ids)}, but the calibration "
-            f"of the joint was made on board {strip.board}: name the ports in the order of the "
-            "joints"
+            f"of the joint was made on board {strip.board}: name the port of that board, in the "
+            "order of the joints"
         )
     sensor = ids.index(strip.board)
     info = infos[sensor]
@@ -234,6 +234,11 @@ def give(board: Board, strip: CalibrationFile, number: int) -> int:
         prepare(board, strip.lines, sensor)
         return sensor
     used, needed = info.get("calibration"), checksum(list(strip.lines))
+    if used is None:
+        raise SpotsError(
+            f"joint {number}, {board.port}: the board has no calibration: save calibration "
+            f"{needed} on the board before you record or publish its readings"
+        )
     if used != needed:
         raise SpotsError(
             f"joint {number}, {board.port}: the board uses calibration {used}, but the linkage "

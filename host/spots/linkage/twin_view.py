@@ -106,7 +106,7 @@ class TwinView:
 def _outline(twin: Twin, terminal: Terminal) -> list[np.ndarray]:
     """Return the corners of each arm in mm, shape (n, 2): joint, elbow and, if known, end point.
 
-    `terminal` is the position of the end point, from which the other corners are computed.
+    The elbows are computed from the joint angles in `terminal`.
     """
     inner1, _, _, inner2 = twin.linkage.bar_mm
     base_mm = twin.linkage.base_mm
