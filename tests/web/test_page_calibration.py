@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from serving import Bench, Serving, apart, eventually, send_from_other_site, unt
 from spots.calibrate import calibration_file
 from spots.calibrate.session import Session
 from spots.cli import main
+from spots.errors import SpotsError
+from spots.web import calibration as page_calibration
 from spots.web.calibration import PageCalibration
 from spots.web.state import PageState
 from spots_device.calibration import Calibration
@@ -261,8 +264,8 @@ def test_a_message_of_an_earlier_step_does_nothing(table, open_page):
     person.start("rough")
     person.go_on(at_press(2))
     step, taken = table.shown()["step"], Session(table.path).points
+    assert table.send(START) == (409, page_calibration._RUNNING)
     for message in (
-        START,
         {"do": "undo", "step": step - 1},
         {"do": "undo", "step": -1},
         {"do": "answer", "step": step, "text": "42mm"},
@@ -275,6 +278,18 @@ def test_a_message_of_an_earlier_step_does_nothing(table, open_page):
     assert table.send({"do": "undo", "step": step})[0] == 409  # a double click
     person.go_on(at_press(1))
     assert len(Session(table.path).of("hand")) == 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "kept"), [("rough", "the stored presses are kept"), ("rezero", "nothing was saved")]
+)
+def test_a_restart_of_the_board_ends_a_session(kind, kept, tmp_path):
+    orders = PageCalibration(tmp_path / "a.jsonl", PageState())
+    orders._show(kind=kind)
+    orders._plan, orders._restarts = (), 0
+    orders._board = SimpleNamespace(stats=SimpleNamespace(restarts=1))
+    with pytest.raises(SpotsError, match=f"the board has restarted: start again; {kept}"):
+        orders.watch(SimpleNamespace(counts=np.zeros(6)), None, 0.0)
 
 
 def test_a_flood_of_messages_is_bounded(tmp_path):

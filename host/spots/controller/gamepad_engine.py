@@ -342,7 +342,7 @@ _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton, Anchored: _AnchoredB
 
 
 class _Sender:
-    """Limits the rate of gamepad states; skips changes of the axes, but no change of a button."""
+    """Limits the rate of states: skips changes of axes, and of buttons only in a full queue."""
 
     def __init__(self, rate_hz: float):
         self._every_s = 1 / rate_hz

@@ -34,7 +34,8 @@ PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
 REZERO = "rezero"  # kind of a session that corrects the drift of a calibration
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
 _UNCHANGED = "stopped: nothing was saved"  # for a re-zero
-_BEHIND = "the answer is for an earlier step: answer the step that the web UI shows"
+_BEHIND = "the request is for an earlier step: follow the step that the web UI shows"
+_RUNNING = "a session is running already: stop it before you start another one"
 
 
 class Start(msgspec.Struct, tag_field="do", tag="start", forbid_unknown_fields=True):
@@ -206,7 +207,9 @@ class PageCalibration(Orders):
         place_um = self._place_um(reading.counts)
         self._state.put("hold", {"trouble": trouble, "steady": steady, "place_um": place_um})
         if self._board.stats.restarts != self._restarts:
-            raise SpotsError("the board has restarted: start the session again, and it continues")
+            rezero = self._shown["kind"] == REZERO
+            kept = "nothing was saved" if rezero else "the stored presses are kept"
+            raise SpotsError(f"the board has restarted: start again; {kept}")
         self._listen()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
@@ -255,7 +258,10 @@ class PageCalibration(Orders):
         if asked is None:
             return None
         request, answer = asked
-        behind = not isinstance(request, Cancel) and getattr(request, "step", None) != self._step
+        if isinstance(request, Start):
+            answer.set_exception(SpotsError(_RUNNING))
+            return None
+        behind = not isinstance(request, Cancel) and request.step != self._step
         if behind or (isinstance(request, Answer) and self._shown["phase"] != ASK):
             answer.set_exception(SpotsError(_BEHIND))
             return None

@@ -19,9 +19,9 @@ _PORT_MAX = 65_535
 class Guard:
     """Refuses requests with a foreign ``Host`` or ``Origin`` header, or without a needed token.
 
-    Another website can make a browser send requests to this server, even under the website's own
-    domain name (DNS rebinding). The browser then sends that domain name in ``Host`` and the website
-    in ``Origin``. A website cannot forge these headers.
+    Another website can make a browser send requests to this server; ``Origin`` then names that
+    website. With DNS rebinding, the website's own domain name leads to this server; ``Host`` then
+    contains that domain name. A website cannot forge these headers.
 
     Parameters
     ----------
