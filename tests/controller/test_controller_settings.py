@@ -40,7 +40,7 @@ def test_what_a_file_leaves_out_is_as_in_the_default(tmp_path):
         ("rate_hz = 0.01", "rate_hz"),  # a lift would arrive after 100 s
         ("speed = 3", "speed"),
         ('[x]\nfrom = "colour"', "colour"),
-        ('[x]\nfrom = "position"\nrest_percent = 5', "rest_percent must be between"),
+        ('[x]\nfrom = "position"\nrest_percent = 5', "rest_percent must be above min"),
         ('[x]\nfrom = "position"\nrest_mN = 5', "rest_mN"),
         ('[x]\nfrom = "position"\ndeadband = 1.0', "deadband"),
         ('[y]\nfrom = "force"\nrest_mN = 7000', "below max_mN"),

@@ -175,7 +175,7 @@ def test_a_wrong_setting_is_a_sentence_and_cannot_be_saved(desk, open_page):
     open_panel(page, "controller")
     slide(page, "X: Rest", 99)
     expect(state(page)).to_contain_text(
-        "rest_percent must be between min_percent and max_percent", timeout=LONG_MS
+        "rest_percent must be above min_percent and below max_percent", timeout=LONG_MS
     )
     expect(page.locator("#controller").get_by_role("button", name="Save")).to_be_disabled()
     page.locator("#controller").get_by_role("button", name="Undo").click()

@@ -61,7 +61,10 @@ class PositionAxis(_Axis, tag="position"):
 
     def __post_init__(self):
         if not self.min_percent < self.rest_percent < self.max_percent:
-            raise ValueError("rest_percent must be between min_percent and max_percent")
+            raise ValueError(
+                "rest_percent must be above min_percent and below max_percent; invert = true "
+                "reverses the axis"
+            )
 
 
 class ForceAxis(_Axis, tag="force"):
@@ -134,8 +137,8 @@ class Tapped(_Button, tag="tapped"):
 class Anchored(_Button, tag="anchored"):
     """A button that is down from a first touch in the button's zone until this finger lifts.
 
-    This finger is the anchor: it moves no axis and presses no other button. Position axes follow a
-    second finger.
+    This finger is the anchor: it moves no axis and presses no other kind of button. Position axes
+    follow a second finger.
     """
 
 

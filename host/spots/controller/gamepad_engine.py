@@ -217,7 +217,7 @@ class _Axis:
         self._move(getattr(touch, self._field), dt_s)
 
     def take_position(self, position_um: float, dt_s: float) -> None:
-        """Give the axis the position `position_um`; `dt_s` is the time since its previous value.
+        """Move the axis to `position_um`; `dt_s` is the time since the previous usable reading.
 
         Do nothing if the axis follows the force.
         """
@@ -238,8 +238,8 @@ class _Axis:
 def usable(touch: Touch) -> bool:
     """Return whether a reading is accurate enough for a controller.
 
-    Such a reading is trusted, or has the flags `TWO_FIT`. These mean: the spectrum fits one press
-    after subtraction of the drift, or although two fingers may touch. See docs/drift.md.
+    Such a reading is trusted, or has both flags of `TWO_FIT`: the spectrum fits one press well
+    enough, although the strip has drifted or two fingers may touch. See docs/drift.md.
     """
     return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
 

@@ -1,8 +1,9 @@
 """The web application: static files, a WebSocket for the state, and requests for changes.
 
-On the WebSocket, the server sends states, and a browser only acknowledges each one after drawing
-it. The server then sends the newest state, so stale states never wait in a queue or in a socket. A
-request that changes something is a POST, and needs the access token.
+On the WebSocket, the server sends states as numbered messages. A browser returns the number of a
+message after drawing it, and sends nothing else. While two messages are not drawn, the server
+waits; then it sends the newest state, so stale states never wait in a queue. A request that changes
+something is a POST, and needs the access token.
 """
 
 import asyncio
@@ -64,7 +65,8 @@ class PageApp:
     guard : Guard
         Access control for all requests.
     orders : dict of Orders, optional
-        Handler of the requests to each path, such as ``strip``; they need the access token.
+        Handler of the requests to each path, such as ``strip``. These requests need the access
+        token.
 
     Attributes
     ----------
@@ -132,7 +134,9 @@ class PageApp:
         except SpotsError as error:
             raise web.HTTPConflict(text=str(error)) from None
         except asyncio.TimeoutError:
-            raise web.HTTPServiceUnavailable(text="the board does not answer: try again") from None
+            raise web.HTTPServiceUnavailable(
+                text=f"there is no answer after {_ANSWER_S:g} s: try again"
+            ) from None
         return web.Response(status=204) if answer is None else web.json_response(answer)
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:

@@ -109,7 +109,9 @@ class FileEditor(Orders):
 
     def _check_base(self, base: str) -> None:
         if base != self.base:
-            raise SpotsError(f"another browser has changed the {self._kind}: reload this window")
+            raise SpotsError(
+                f"another browser window has changed the {self._kind}: reload this window"
+            )
 
     def _show(self, info: Any) -> None:
         """Show the file in the web UI; `info` is the board's ``hello`` reply, or None."""

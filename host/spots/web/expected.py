@@ -25,7 +25,8 @@ def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
     dict or None
         ``from_um`` and ``step_um``: first position and spacing; ``logs``: log2 of the counts at
         each position, see `expect.expected`; ``dark``: dark counts per sample. None if the
-        calibration is invalid, or if `board.calibration` is not the one that the board stores.
+        calibration is unknown or invalid, or if `board.calibration` is not the one that the board
+        stores.
     """
     lines = board.calibration
     if lines is None or checksum(lines) != info["calibration"]:

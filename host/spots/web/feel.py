@@ -37,7 +37,8 @@ class Feel:
         State of the web UI; its parts ``touch``, ``keys``, ``stick`` and ``untrusted`` are set, and
         events are added.
     layout : KeyLayout
-        Key layout. If the board itself is a keyboard, only the zones of the keys are used.
+        Key layout. If the board itself is a keyboard, the layout only shows where the keys are that
+        the board presses.
     controller : ControllerSettings, optional
         Settings of the gamepad; by default those of the package.
     draft : callable

@@ -9,7 +9,7 @@ from aiohttp import web
 
 _COOKIE = "spots-token-{port}"  # with the port, because a browser sends cookies to all ports
 _LOOKING = ("GET", "HEAD")  # methods that change nothing
-_ASK = "this request needs the token: open the address that 'spots serve' printed"
+_ASK = "this request needs the token: open the address that the server printed"
 # The Host header of a browser: a name, an IPv4 address or an IPv6 address in brackets; then a port.
 _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([0-9a-z.-]+))(?::([0-9]{1,5}))?", re.ASCII | re.I)
 _PORT = 80  # default port of HTTP
@@ -45,7 +45,7 @@ class Guard:
         async def check(request: web.Request, handler):
             if not self._knows(request):
                 raise web.HTTPForbidden(
-                    text="unknown host name: open the address that 'spots serve' printed"
+                    text="unknown host name: open the address that the server printed"
                 )
             origins = request.headers.getall("Origin", [])
             if origins not in ([], [f"http://{request.headers['Host']}"]):

@@ -81,7 +81,8 @@ class PagePace:
     def answered(self, way_s: float) -> None:
         """Record the round-trip time of a ping, in seconds.
 
-        A message is late if it is drawn after `LATE_S` plus the smallest round-trip time. Larger
-        times are not used, because a busy processor also delays the answer to a ping.
+        A message is late if its acknowledgement takes longer than `LATE_S` plus the smallest
+        round-trip time. Larger round-trip times are not used, because a busy processor also delays
+        the answer to a ping.
         """
         self._way_s = way_s if self._way_s is None else min(self._way_s, way_s)
