@@ -83,14 +83,15 @@ def play(
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. This function switches its ``baseline`` setting on: the board
-        then follows slow changes of the untouched strip's light.
+        Board with a calibrated strip. Unless the board is read-only, this function switches its
+        ``baseline`` setting on: the board then follows slow changes of the untouched strip's light.
     controller : Controller
         Controller that computes the states.
     gamepad : Gamepad
         Gamepad that gets the states. The caller must close the gamepad, which releases all inputs.
     seconds : float, optional
         Time after which this function ends, in seconds of `Board.now_s`; no limit if not given.
+        The end of a recording also ends this function.
     watchers : sequence of Watcher, optional
         Observers of the readings and the states.
 

@@ -60,8 +60,8 @@ class Kinematics:
     assembly : str
         ``far`` or ``near``, see `Linkage`.
     unidentified : tuple of tuple of str
-        Groups of parameters that the points do not determine separately. To determine the others
-        of a group, leave one of them out of the argument `free` of `calibrate`.
+        Groups of parameters that the points do not determine separately. To determine the rest of a
+        group, leave one of its parameters out of the argument `free` of `calibrate`.
     rank : int
         Number of independent combinations of the free parameters that the points determine.
     condition : float
