@@ -178,7 +178,7 @@ class BoardApp:
                     try:
                         try:
                             while not self.reboot:
-                                self._run()
+                                self.step(False)
                         finally:
                             self._leave()
                     finally:
@@ -204,23 +204,20 @@ class BoardApp:
             self.strip.stop()
         self._left = True
 
-    def _run(self):
+    def step(self, once=True):
+        """Run one pass of the loop, or with `once` false all passes until ``reboot`` or an error.
+
+        A pass allocates nothing while sampling. It sleeps 10 ms at most, so that commands are read
+        often. On a board with one strip, a pass takes 0.1 s or more while the sensor does not
+        answer.
+        """
         # The exception handler is outside of the loop, so that no call frame of a pass needs the
         # heap; see strip.py.
         try:
-            while not self.reboot:
+            while True:
                 self._pass()
-        except (OSError, SensorError) as error:
-            self.lose(error)
-
-    def step(self):
-        """Run one pass of the loop; allocates nothing while sampling.
-
-        It sleeps 10 ms at most, so that commands are read often. On a board with one strip, a pass
-        takes 0.1 s or more while the sensor does not answer.
-        """
-        try:
-            self._pass()
+                if once or self.reboot:
+                    return
         except (OSError, SensorError) as error:
             self.lose(error)
 
