@@ -79,6 +79,15 @@ class AlignedPacing(Pacing):
         self._advance()
         return end
 
+    def next(self):
+        if self._locked:
+            end = self._end
+            self._advance()
+            return end
+        self.due = self._add(self.due, self._chip_us)
+        self._count(self.due, 1)
+        return self.due
+
     def _doubt(self, before, after):
         end = Pacing._doubt(self, before, after)
         if self._locked:

@@ -268,21 +268,27 @@ class AS7341:
         OSError
             If all transfers failed during this time. Until then, each poll repeats the transfer.
         """
-        if not self.waits:
-            self._asked = self._ticks_us()
-            try:
-                if not (self._read_fifo() if self.fifo > 0 else self._read_burst()):
-                    return self._wait()
-            except OSError:
-                self._fail()
-                if self._is_overdue():
-                    raise
+        waits = self.waits
+        if waits > 1:
+            self.complete = self.pacing.next()
+        else:
+            if not waits:
+                self._asked = self._ticks_us()
+                try:
+                    if not (self._read_fifo() if self.fifo > 0 else self._read_burst()):
+                        return self._wait()
+                except OSError:
+                    self._fail()
+                    if self._is_overdue():
+                        raise
+                    return False
+                waits = self.waits
+            if waits:
+                self.complete = self.pacing.held(self._asked, self._known, waits)
+            elif not self._take():
                 return False
-        if self.waits:
-            self.complete = self.pacing.held(self._asked, self._known, self.waits)
-            self.waits -= 1
-        elif not self._take():
-            return False
+        if waits:
+            self.waits = waits - 1
         self.saturated = unpack(self._burst, self.counts, self._at) >= self.full_scale
         if self._burst[1] >= _ASAT:
             self.saturated = True
