@@ -161,7 +161,8 @@ class Framer:
         head = self._head
         head[KIND] = kind
         gap = head[GAP]
-        if not self.send(frame(head, self.payload, size, self.encoded)):
+        size = frame(head, self.payload, size, self.encoded)
+        if not self.send(size):
             return False
         head[GAP] = gap
         return True

@@ -229,7 +229,8 @@ class Strip:
     # Processing of a sample.
 
     # The functions that run for every sample need at most 11 words for locals and arguments.
-    # MicroPython allocates larger call frames on the heap, which costs about 80 us on an RP2040.
+    # MicroPython allocates larger call frames on the heap, which costs 40 us or more on an RP2040.
+    # tests/firmware/test_call_frames.py checks this.
 
     def take(self):
         """Process the sample that `as7341.AS7341.poll` has just read."""

@@ -102,30 +102,34 @@ class StdioSerial:
         size : int
             Bytes of the frame.
         """
-        if self._pause_us and self._pauses():
-            return False
-        for event in self._ipoll(0):
-            if event[1] & _POLLOUT:
-                return self._put(buffer, size)
-        return False
-
-    def _pauses(self):
         # Ticks wrap, so a time in the far past looks like a time in the future.
-        return 0 < ticks_diff(self._from, ticks_us()) <= self._pause_us
-
-    def _put(self, buffer, size):
+        if self._pause_us and 0 < ticks_diff(self._from, ticks_us()) <= self._pause_us:
+            return False
+        if not self._has_room():
+            return False
         began = ticks_us()
-        try:
-            # MicroPython returns the size even if it stopped waiting and dropped the bytes.
-            sent = self._out(buffer, size) == size
-        except OSError:
-            sent = False
+        self._size = size
+        self._put(buffer)
         if ticks_diff(ticks_us(), began) < _SLOW_US:
             self._pause_us = 0
-            return sent
+            return not self._size
         self._pause_us = min(max(_PAUSE_TIMES * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
         self._from = time.ticks_add(ticks_us(), self._pause_us)
         return False
+
+    # Methods of their own, because each call frame must have at most 11 words, see strip.py.
+
+    def _has_room(self):
+        for event in self._ipoll(0):
+            return event[1] & _POLLOUT
+        return False
+
+    def _put(self, buffer):
+        try:
+            # MicroPython returns the size even if it stopped waiting and dropped the bytes.
+            self._size -= self._out(buffer, self._size)
+        except OSError:
+            pass
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits.
