@@ -2,8 +2,10 @@
 
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 
+from spots.controller.controller_settings import load as load_controller
 from spots.keyboard.layout import load
 from spots.link.frames import Touch
 from spots.web.feel import Feel
@@ -73,6 +75,17 @@ def test_untrusted_readings_are_shown_within_a_second():
     assert "does not fit one press; next: " in state.parts["untrusted"]
     read(feel, 1.01, 1)
     assert state.parts["untrusted"] == ""
+
+
+def test_silence_returns_the_stick_to_rest():
+    settings = load_controller()
+    settings = msgspec.structs.replace(settings, hold_ms=10_000)
+    feel, state = feel_of(load("digits"), 10_000, controller=settings)
+    for i in range(8):
+        read(feel, 0.01 * i, 1)
+    assert state.parts["stick"]["z"] > 0
+    feel.silence("no reading arrives")
+    assert state.parts["stick"]["z"] == 0
 
 
 def test_a_draft_that_is_sent_again_still_sees_the_touch(tmp_path):

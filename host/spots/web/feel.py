@@ -138,8 +138,8 @@ class Feel:
 
     def release(self) -> None:
         """Release all keys and the gamepad; call this when the finger's state becomes unknown."""
-        if self._engine:
-            self._engine.release()
+        for engine in self._engines:
+            engine.release()
         if self._own:
             self._down.clear()
         self._shown.clear()
