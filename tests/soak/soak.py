@@ -394,5 +394,6 @@ def _memory_lines(memory: dict) -> Iterator[str]:
         f"{end['peak_kB']} kB and {end['objects']} at the end"
     )
     if memory["board_free_bytes"]:
-        least = " and then ".join(map(str, memory["board_free_bytes"]))
-        yield f"           board: at least {least} bytes free"
+        places = zip(memory["board_free_bytes"], ("before the mark", "after it"))
+        least = ", ".join(f"{free_bytes} bytes free {place}" for free_bytes, place in places)
+        yield f"           board: at least {least}"

@@ -82,7 +82,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Reading of the press, see `spectra.Reading`.
     position_um, position_sigma_um : float or None
         Mean and standard deviation of the positions that the calibrated board reported, in um; None
-        without a joint.
+        if the kind is not ``joint``.
     length_um : float or None
         Length of the strip at rest in um; None for a joint and in files of older versions.
     board, plan, gain, exposure_us, led_mA
