@@ -330,7 +330,9 @@ def test_the_repr_has_name_port_state_and_rate(strip):
     link, board = strip
     assert repr(board) == "<Board pico on stand-in: connected, no readings yet>"
     assert math.isnan(board.rate_hz)
-    take(board.touches(), 100)
+    take(board.touches(), 1)
+    assert repr(board) == "<Board pico on stand-in: connected, one reading>"
+    take(board.touches(), 99)
     assert repr(board) == "<Board pico on stand-in: connected, 100.0 Hz>"
     link.gone = 1_000_000
     list(board.frames(0.05))

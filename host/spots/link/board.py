@@ -191,7 +191,8 @@ class Board:
         self.close()
 
     def __repr__(self) -> str:
-        rate = f"{self.rate_hz:.1f} Hz" if self._times_us else "no readings yet"
+        few = dict(enumerate(("no readings yet", "one reading")))
+        rate = few.get(len(self._times_us), f"{self.rate_hz:.1f} Hz")
         name = self.info["board"]
         return f"<{type(self).__name__} {name} on {self.port}: {self.state}, {rate}>"
 
