@@ -38,7 +38,7 @@ _COMMENTS = {
     "original": "# Calibration lines before the first re-zero.",
     "joint": "# angle in degrees = zero_deg + deg_per_um * position in um",
     "marks": "# log2 of the counts of presses that 'spots rezero' repeats.",
-    "joint_marks": "# log2 of the counts at stops of the joint, for 'spots rezero --joint'.",
+    "joint_marks": "# log2 of the counts at three angles, which 'spots rezero --joint' repeats.",
 }
 
 

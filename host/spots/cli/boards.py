@@ -137,7 +137,7 @@ def rezero(parser: Parser):
     )
     arguments.add_port(parser)
     parser.flag("--quick", "press only the middle mark; this cannot correct a bleached dye")
-    parser.flag("--joint", "use both end stops and a middle stop of a joint as marks")
+    parser.flag("--joint", "as marks, use the lowest, a middle and the highest angle of a joint")
     parser.option(
         "--presses", "N", "number of presses at each mark", type=arguments.presses, default=1
     )
