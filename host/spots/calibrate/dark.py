@@ -55,7 +55,7 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
             "LED is always on, run 'spots command set led=always' first"
         )
     limit = _MOST * DARK_SAMPLES * state["full_scale"]
-    ask("unplug the LED or cover its end, touch nothing, then press Enter: ")
+    ask("unplug the LED or cover the strip's end at the LED, touch nothing, then press Enter: ")
     while max(dark := board.command("dark off", timeout_s=_TIMEOUT_S)["dark"]) > limit:
         share = max(dark) / DARK_SAMPLES / state["full_scale"]
         ask(
