@@ -313,6 +313,9 @@ def test_home_needs_no_token():
         (["--edit", "mini", "--port", "virtual"], "give a name that ends in .toml"),
         (["--edit-controller", "c.txt"], "'c.txt' is not a controller settings file: give a name"),
         (["--edit-gestures", "g.toml", "--port", "recording:x"], "--edit-gestures works with one"),
+        (["--record-to", "", "--linkage", "default"], "--record-to works with one board"),
+        (["--record-to", "", "--session", "a.jsonl"], "--record-to and --session exclude each"),
+        (["--session", ""], "is not a session file: give a name"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, arguments, says):

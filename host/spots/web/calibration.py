@@ -84,13 +84,15 @@ class PageCalibration(Orders):
     Raises
     ------
     SpotsError
-        If the session file is damaged.
+        If `path` is not the name of a file, or the session file is damaged.
     """
 
     nobody = "there is no board to calibrate: plug one in"
     requests = Start | Answer | Undo | Cancel
 
     def __init__(self, path: Path, state: PageState):
+        if not path.name:
+            raise SpotsError(f"{path} is not a session file: give a name such as calibration.jsonl")
         super().__init__()
         self._first, self._state = path, state
         self._step = 0

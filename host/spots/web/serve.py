@@ -128,11 +128,12 @@ def serve_command(options: argparse.Namespace) -> None:
         orders["strip"] = StripChoice()
     if orders and (options.linkage is not None or any(map(is_recording, ports))):
         named = "record_to", "session", "edit", *(f"edit_{name}" for name in KINDS)
-        option = next(f"--{name.replace('_', '-')}" for name in named if getattr(options, name))
+        given = (name for name in named if getattr(options, name) is not None)
+        option = f"--{next(given).replace('_', '-')}"
         raise SpotsError(
             f"{option} works with one board: do not use it with --linkage or a recording"
         )
-    if options.record_to and options.session:
+    if options.record_to is not None and options.session is not None:
         raise SpotsError("--record-to and --session exclude each other: use only one of them")
     if options.session and ports and offered(ports[0], "calibration_setup"):
         raise SpotsError(
