@@ -10,6 +10,7 @@ import argparse
 import math
 import random
 
+from spots.cli.arguments import number
 from spots.link.contact_finder import ContactFinder
 from spots.link.frames import Touch
 from spots_device.fingers import PROVISIONAL
@@ -23,6 +24,8 @@ _EVERY_S = 0.05  # time between two points of a path
 _APART_MM = 15.0  # smallest distance between the fingers, and length of the slide
 _FORCE_MN = 3000.0
 _SIGMA_MM = 3.0  # the applications use no position with a larger uncertainty
+_SPEED = number("a speed in mm/s", 0.1, 10_000)
+_SHARE = number("a share of the force", 0, 1)
 
 
 def sliding(
@@ -147,12 +150,12 @@ def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "mm_per_s", type=float, nargs="+", help="speed of the second finger in mm/s"
+        "mm_per_s", type=_SPEED, nargs="+", help="speed of the second finger in mm/s"
     )
     parser.add_argument("--seeds", type=int, default=20, help="number of runs at each speed (20)")
     parser.add_argument(
         "--wobble",
-        type=float,
+        type=_SHARE,
         default=0.1,
         help="largest change of the second finger's force, as a share of this force (0.1); the "
         "force of the first finger changes by at most a tenth of this share",

@@ -16,6 +16,7 @@ from spots.calibrate.calibration_file import CalibrationFile, Marks, now
 from spots.calibrate.rezero import rezero
 from spots.calibrate.session import settings
 from spots.calibrate.steps import DARK_S
+from spots.cli.arguments import number
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare, upload
@@ -37,6 +38,7 @@ _READINGS = 6
 _TEST_EVERY = 3  # every third of these angles is tested
 _SETTLE_S = 0.1
 _MARK_SAMPLES = 200
+_MINUTES = number("a number of minutes", 1, 10_000)
 
 
 def typing(sensor: SensorFile, minutes: float, seed: int, rezeroed: bool) -> dict:
@@ -169,7 +171,7 @@ def main() -> None:
     """Parse the command line, and print the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "minutes", type=float, nargs="?", default=20.0, help="simulated minutes (20)"
+        "minutes", type=_MINUTES, nargs="?", default=20.0, help="simulated minutes (20)"
     )
     parser.add_argument("--sensor", default="real", help="sensor file: path or name (real)")
     parser.add_argument("--seed", type=int, default=0, help="random seed (0)")

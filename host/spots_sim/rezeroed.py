@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,7 +58,7 @@ class Hand:
         """Raise SpotsError if `marks` or `error_um` is invalid."""
         if self.marks not in (0, 1, len(MARKS)):
             raise SpotsError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
-        if self.error_um < 0:
+        if not 0 <= self.error_um < math.inf:
             raise SpotsError(f"--mark-error-um must be 0 or more, not {self.error_um:g}")
 
 

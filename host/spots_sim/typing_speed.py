@@ -10,6 +10,7 @@ from statistics import median
 
 import numpy as np
 
+from spots.cli.arguments import number
 from spots.keyboard.layout import load as load_layout
 
 from .demo import open_fast
@@ -20,6 +21,7 @@ from .stage import calibrate
 from .typist import fast_typing
 
 _COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
+_SPEED = number("a speed in words a minute", 1, 1000)
 
 
 def typed(
@@ -105,7 +107,7 @@ def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "words_per_min", type=float, nargs="+", help="speed in words a minute, of five keys each"
+        "words_per_min", type=_SPEED, nargs="+", help="speed in words a minute, of five keys each"
     )
     parser.add_argument(
         "--touches", type=int, default=150, help="number of touches in each run (150)"

@@ -89,7 +89,6 @@ def test_what_no_rate_would_do(capsys):
         ((85, -1, 100), "--resolution-um"),
         ((85, 50, 2000), "--rate-hz"),
         ((85, 50, 0), "--rate-hz"),
-        (("nan", 50, 100), "--length-mm"),
         ((5000, 50, 100), "too dark at 100 Hz with any dye"),
     ],
 )
