@@ -1,6 +1,7 @@
 """Programs that press keys on this computer: no key stays pressed, on every exit path."""
 
 import json
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import numpy as np
@@ -296,6 +297,15 @@ def test_a_dry_run_prints_the_keys(capsys):
     assert len([line for line in lines if line.startswith("down")]) == len(
         [line for line in lines if line.startswith("up")]
     )
+
+
+def test_a_board_that_is_a_keyboard_itself_only_allows_a_dry_run(board, monkeypatch, capsys):
+    push(board, load("digits"))
+    monkeypatch.setattr("spots.keyboard.keyboard.open_named", lambda options: nullcontext(board))
+    assert cli.main(["keyboard", "--seconds", "3"]) == 2
+    assert "keys off" in capsys.readouterr().err
+    assert cli.main(["keyboard", "--dry-run", "--seconds", "3"]) == 0
+    assert "down" in capsys.readouterr().out
 
 
 # Worn strips, on an arm.

@@ -22,7 +22,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
     layout = load(options.layout)
     with released_by_signals(), open_named(options) as board:
         info = board.command("hello")
-        if info["keys"]:
+        if info["keys"] and not options.dry_run:
             raise SpotsError(
                 "the board is a keyboard itself, so each key would be typed twice: run "
                 "'spots command keys off' first"
