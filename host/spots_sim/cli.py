@@ -228,7 +228,8 @@ def _demonstrate(options: argparse.Namespace) -> None:
     if options.page or (plain and browser.opens()):
         from .demo import show_page
 
-        show_page(options.use, options.sensor, options.scenario or "demo", options.seed)
+        scenario = options.scenario or "demo"
+        show_page(options.use, options.sensor, scenario, options.seed, options.layout)
         return
     from .demo import KEYBOARD, demo
 

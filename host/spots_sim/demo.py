@@ -235,7 +235,9 @@ def open_fast(
     return board, digest
 
 
-def show_page(use: str | None, sensor: str, scenario: str, seed: int) -> None:
+def show_page(
+    use: str | None, sensor: str, scenario: str, seed: int, layout: str | None = None
+) -> None:
     """Serve the web UI with a virtual board, and open it with `browser.show`.
 
     Parameters
@@ -248,21 +250,23 @@ def show_page(use: str | None, sensor: str, scenario: str, seed: int) -> None:
         Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
     seed : int
         Random seed of the noise.
+    layout : str, optional
+        Key layout to show: a path, or a name such as ``mini``.
 
     Raises
     ------
     SpotsError
-        If `use` is unknown.
+        If `use` is unknown, or the layout is missing or invalid.
     """
     from spots.web.serve import LOOPBACK, serve
 
     if use is not None:
         _check_use(use)
-    state, layout = PageState(), load_layout(_PAGE_LAYOUT)
+    state, keys = PageState(), load_layout(layout or _PAGE_LAYOUT)
     if use == FIVEBAR:
-        readers = driven_readers(endless(sensor, seed=seed), layout, state)
+        readers = driven_readers(endless(sensor, seed=seed), keys, state)
     else:
-        readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), layout, state)]
+        readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), keys, state)]
         state.put("application", use)
     print(headline(), flush=True)
     serve(state, LOOPBACK, 0, readers, browser.show)

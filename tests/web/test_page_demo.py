@@ -12,6 +12,7 @@ import spots_sim.demo
 from serving import apart
 from spots.cli import main
 from spots.errors import SpotsError
+from spots.keyboard.layout import load
 from spots.web import serve
 from spots_sim import browser
 
@@ -71,6 +72,19 @@ def test_an_unknown_application_has_no_page(monkeypatch, capsys):
     monkeypatch.setattr("spots.web.serve.serve", lambda *_: pytest.fail("served"))
     assert apart(main, ["demo", "--page", "--use", "keybord"]) == 2
     assert "there is no demo of 'keybord'" in capsys.readouterr().err
+    assert apart(main, ["demo", "--page", "--use", "keyboard", "--layout", "nowhere"]) == 2
+    assert "cannot read the layout" in capsys.readouterr().err
+
+
+def test_the_page_of_the_keyboard_shows_the_layout_that_was_named(monkeypatch):
+    layouts = []
+    monkeypatch.setattr("spots.web.serve.serve", lambda *_: None)
+    monkeypatch.setattr(
+        spots_sim.demo, "BoardReader", lambda open_board, layout, state: layouts.append(layout)
+    )
+    for more in ([], ["--layout", "mini"]):
+        assert apart(main, ["demo", "--page", "--use", "keyboard", *more]) == 0
+    assert [layout.name for layout in layouts] == [load("digits").name, load("mini").name]
 
 
 def test_without_a_display_it_is_the_terminal(at_a_screen, shown, monkeypatch):
