@@ -6,7 +6,9 @@ import asyncio
 import itertools
 import math
 import struct
+import sys
 import threading
+from collections import deque
 from pathlib import Path
 
 import pandas as pd
@@ -16,6 +18,7 @@ import spots
 from spots.errors import ClosedError, PortLostError, SpotsError
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
+from spots.link.turn import Turn
 from spots_device.decode import LED_OFF, NOT_CALIBRATED, TOO_DARK, TOUCHING
 from spots_sim.files import ScenarioFile, load
 from spots_sim.lockstep import LockstepLink
@@ -324,6 +327,35 @@ def test_a_closed_board_is_said_to_be_closed(strip):
     ):
         with pytest.raises(SpotsError, match="stand-in is closed: open it again"):
             use()
+
+
+def test_the_end_of_an_iterator_runs_no_python_code(strip):
+    """Python ignores exceptions in callbacks of weak references: Ctrl-C would have no effect."""
+    _, board = strip
+    frames, called = board.frames(), []
+    sys.setprofile(lambda frame, event, what: called.append((event, frame.f_code.co_name)))
+    del frames
+    sys.setprofile(None)
+    assert [name for event, name in called if event == "call"] == []
+
+
+def test_ctrl_c_while_a_thread_waits_for_the_lock_leaves_the_lock_usable():
+    class Interrupted(deque):
+        """The signal arrives during the first call of `append`; its handler runs afterwards."""
+
+        signals = 1
+
+        def append(self, ticket):
+            super().append(ticket)
+            if self.signals:
+                self.signals = 0
+                raise KeyboardInterrupt
+
+    turn = Turn()
+    turn._queue = Interrupted()
+    with pytest.raises(KeyboardInterrupt):
+        turn.take()
+    assert turn.take(0.1)
 
 
 def test_the_repr_has_name_port_state_and_rate(strip):

@@ -7,8 +7,8 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Generic, TypeVar
-from weakref import WeakSet
+from typing import Any, Generic, TypeVar
+from weakref import ref
 
 from spots_device.decode import DROPPED
 
@@ -32,7 +32,9 @@ class FrameLog:
         self._frames: deque[Reading] = deque()
         self._begin = 0  # number of the first stored frame
         self._taken = 0  # number of the first frame that no reader has taken
-        self._readers: WeakSet[FrameIterator[Reading]] = WeakSet()
+        # Not a WeakSet: its callback runs when a reader is dropped. If Ctrl-C raises
+        # KeyboardInterrupt there, Python ignores the exception, and the program continues.
+        self._readers: list[ref[FrameIterator[Any]]] = []
 
     def __len__(self) -> int:
         return self._begin + len(self._frames) - max(self._begin, self._taken)
@@ -55,7 +57,7 @@ class FrameLog:
         """
         with self._lock:
             self._frames.append(frame)
-            least = min([reader.place for reader in self._readers], default=self._taken)
+            least = min([reader.place for reader in self._alive()], default=self._taken)
             while self._frames and (self._begin < least or len(self._frames) > FRAMES_MAX):
                 self._frames.popleft()
                 stats.overrun += self._begin >= self._taken
@@ -64,7 +66,7 @@ class FrameLog:
     def join(self, reader: FrameIterator[_ReadingT]) -> int:
         """Add a reader, and return the number of its first frame, counted since the start."""
         with self._lock:
-            self._readers.add(reader)
+            self._readers = [*map(ref, self._alive()), ref(reader)]
             return self._taken
 
     def unread(self, reader: FrameIterator[_ReadingT]) -> bool:
@@ -83,6 +85,9 @@ class FrameLog:
             return frame
         reader.missed = False
         return frame._replace(flags=frame.flags | DROPPED)
+
+    def _alive(self) -> list[FrameIterator[Any]]:
+        return [reader for one in self._readers if (reader := one()) is not None]
 
     def _find(self, reader: FrameIterator[_ReadingT]) -> tuple[_ReadingT | None, int]:
         end = self._begin + len(self._frames)

@@ -47,15 +47,17 @@ class Turn:
             return True
         ticket = object()
         with self._changed:
-            self._queue.append(ticket)
             try:
+                self._queue.append(ticket)
                 self._changed.wait_for(lambda: self._is_next(ticket) or unless(), timeout_s)
                 if not self._is_next(ticket):
                     return False
                 self._owner, self._depth = me, 1
                 return True
             finally:
-                self._queue.remove(ticket)
+                # Ctrl-C may interrupt any line: a ticket that stays would block the lock for ever.
+                if ticket in self._queue:
+                    self._queue.remove(ticket)
                 self._changed.notify_all()
 
     def give(self) -> None:
