@@ -1,12 +1,14 @@
 """Calibration sessions by hand measure hysteresis, creep and softening, with at most 45 presses."""
 
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from msgspec import structs
 
 from spots.calibrate.bench import Bench, TooDarkError
+from spots.calibrate.hand import _LOADS, _LOADS_FROM, _load
 from spots.calibrate.session import Session
 from spots.calibrate.steps import COUNTS
 from spots_sim.loading import record
@@ -60,6 +62,17 @@ def session(sensor, tmp_path_factory):
         return path, fine(strip(sensor, model), path, Habits())
 
     return session
+
+
+@pytest.mark.parametrize("loads", range(len(_LOADS)))
+def test_the_second_force_of_an_unloading_gives_light(loads):
+    taken = [SimpleNamespace(then_mN=1000.0 * (i < loads)) for i in range(_LOADS_FROM)]
+    session = SimpleNamespace(of=lambda kind: taken)
+    for least_mN in 400.0, 1500.0, 4000.0:
+        surface = SimpleNamespace(least_lit_mN=lambda place_um, least_mN=least_mN: least_mN)
+        force_mN, then_mN, _ = _load(session, surface, 40_000.0)
+        assert min(force_mN, then_mN) >= least_mN or then_mN > force_mN
+        assert then_mN <= 0.6 * force_mN or then_mN > force_mN
 
 
 @pytest.mark.parametrize("model", ["spectrum", "power"])

@@ -192,8 +192,8 @@ def _load(session: Session, surface: Surface, place_um: float) -> tuple | None:
     force_mN, then_mN, hold_s = _LOADS[loads]
     if then_mN < force_mN:
         least_mN = surface.least_lit_mN(place_um)
-        then_mN = min(max(then_mN, least_mN), _UNLOADED * force_mN)
         force_mN = max(force_mN, least_mN / _UNLOADED)
+        then_mN = min(max(then_mN, least_mN), _UNLOADED * force_mN)
     return force_mN, then_mN, hold_s
 
 
