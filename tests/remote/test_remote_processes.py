@@ -7,7 +7,9 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext, suppress
 from itertools import islice
+from types import SimpleNamespace
 
 import pytest
 from bench import remote as bench
@@ -16,6 +18,7 @@ from boards import running
 import spots
 from net import DEADLINE_S, publishing, stand_in, wait_until
 from spots.link import board as board_module
+from spots.remote import publish
 
 
 def spawn(net_file, *arguments):
@@ -41,6 +44,29 @@ def test_a_ledger_that_does_not_add_up_is_no_result():
     counts = {"sent": 10, "received": 8, "lost": 1}
     with pytest.raises(AssertionError, match="not accounted for"):
         bench._summary([counts])
+
+
+def test_ctrl_c_while_the_board_is_announced_ends_cleanly(monkeypatch, capsys):
+    ended = []
+
+    class Announced:
+        def __init__(self, board, session):
+            self.close = lambda: ended.append("publisher")
+
+        @property
+        def board_id(self):
+            raise KeyboardInterrupt
+
+    stats = SimpleNamespace(frames=3, lost=0, bad_crc=0)
+    monkeypatch.setattr(publish, "Publisher", Announced)
+    monkeypatch.setattr(publish, "open_session", nullcontext)
+    monkeypatch.setattr(
+        publish, "open_named", lambda options: nullcontext(SimpleNamespace(stats=stats))
+    )
+    with suppress(KeyboardInterrupt):
+        publish.publish_command(SimpleNamespace(seconds=None))
+    assert ended == ["publisher"]
+    assert "3 frames" in capsys.readouterr().err
 
 
 def test_a_publisher_killed_outright_and_back(net, monkeypatch):

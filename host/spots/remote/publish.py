@@ -137,8 +137,8 @@ def publish_command(options: argparse.Namespace) -> None:
     """Run ``spots publish`` with the options that `cli` parsed."""
     with released_by_signals(), open_session() as session, open_named(options) as board:
         publisher = Publisher(board, session)
-        print(f"published as spots/{publisher.board_id} (Ctrl-C ends it)", flush=True)
         try:
+            print(f"published as spots/{publisher.board_id} (Ctrl-C ends it)", flush=True)
             publisher.run(options.seconds)
         except KeyboardInterrupt:
             pass
