@@ -191,8 +191,9 @@ class Board:
         self.close()
 
     def __repr__(self) -> str:
-        few = dict(enumerate(("no readings yet", "one reading")))
-        rate = few.get(len(self._times_us), f"{self.rate_hz:.1f} Hz")
+        rate = ("no readings yet", "one reading", f"{self.rate_hz:.1f} Hz")[
+            min(len(self._times_us), 2)
+        ]
         name = self.info["board"]
         return f"<{type(self).__name__} {name} on {self.port}: {self.state}, {rate}>"
 
