@@ -48,7 +48,7 @@ class SimulatedClock:
 
 
 class RealClock:
-    """The host's monotonic clock; transfers take real time."""
+    """The host's monotonic clock; the calculated duration of a transfer is ignored."""
 
     def __init__(self):
         self.started_s = time.monotonic()

@@ -171,7 +171,7 @@ class Typist:
         self.seconds = points[-1][0]
 
     def scenario(self) -> ScenarioFile:
-        """Return all fingers as a scenario that ends half a second after the last touch."""
+        """Return all touches as a scenario that ends half a second after the last pause."""
         return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
 
     def _way(self, character: str) -> list[tuple[int, int, str]]:
@@ -280,7 +280,7 @@ def fast_typing(
     Returns
     -------
     ScenarioFile
-        Scenario that ends half a second after the last touch.
+        Scenario that ends half a second after the pause that follows the last touch.
     """
     rng = np.random.default_rng(seed)
     keys = [key for key in next(iter(layout.layers.values())) if key.actions["tap"]]
@@ -337,7 +337,7 @@ def typing(
     Returns
     -------
     ScenarioFile
-        Scenario that ends half a second after the last touch.
+        Scenario that ends half a second after the pause that follows the last touch.
 
     Raises
     ------

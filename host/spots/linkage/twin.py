@@ -45,8 +45,8 @@ def twin_command(options: argparse.Namespace) -> None:
         others = "port", "seconds", "json", "record", "measure", "picture"
         if any(getattr(options, name) for name in others):
             raise SpotsError(
-                "--calibrate reads a file of points and no board: use it only with --linkage, "
-                "--place-sigma-mm and --out"
+                "--calibrate reads a file of points and no board: leave out all options except "
+                "--linkage, --place-sigma-mm and --out"
             )
         out = options.out and Path(options.out)
         sigma_mm = options.place_sigma_mm
