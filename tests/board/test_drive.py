@@ -209,7 +209,7 @@ def test_a_drive_that_goes_away_while_it_is_looked_at(
     ("number", "sentence"),
     [
         (errno.ENOSPC, "is full: remove some of your files"),
-        (errno.EROFS, "hold its button for two seconds"),
+        (errno.EROFS, "hold its BOOT button for two seconds"),
         (errno.EIO, "replug the board"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Removes the firmware, the settings and the calibration from a board."""
+"""Removes the firmware from a board, with its settings, calibration and layout of keys."""
 
 import sys
 
@@ -10,9 +10,10 @@ from .staging import ENTRIES, device_of
 
 
 def erase(board: str, port: str | None = None, yes: bool = False) -> None:
-    """Ask for a confirmation, then remove the firmware and what it has stored from a board.
+    """Ask for a confirmation, then remove the firmware and its stored data from a board.
 
-    This includes settings, calibration and layout. Other files stay.
+    Its data are settings, calibration and layout of keys. Other files stay, and also files of the
+    firmware that were changed after the flash.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
 def _ask(port: str) -> None:
     if not sys.stdin.isatty():
         raise SpotsError("erase asks for a confirmation: add --yes to run it without a terminal")
-    what = f"the firmware, the settings and the calibration from {printable(port)}"
+    what = f"the firmware, its settings, calibration and layout from {printable(port)}"
     print(f"remove {what}? [y/N] ", end="", flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise SpotsError("nothing was removed, because the answer was not 'y' or 'yes'")

@@ -200,7 +200,8 @@ class Known:
 
     A file that the manifest on the board lists belongs to the firmware if its SHA-256 is unchanged.
     Version 0.1.0 wrote no manifest. So an unlisted file belongs to the firmware if `claimed` is
-    true, and this version or version 0.1.0 has a file of that name.
+    true, and this version or version 0.1.0 has a file of that name. A partial copy always
+    belongs to the firmware if the manifest lists the file, or one of these versions has the name.
 
     Parameters
     ----------
@@ -263,7 +264,8 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
     Raises
     ------
     SpotsError
-        If the board has too little room; the board is then unchanged.
+        If the board reports too little free room; the board is then unchanged. Also if a method of
+        `target` raises it; a part of the plan may then be done.
     """
     free = target.facts["free"]
     if free is not None and plan.need > free:

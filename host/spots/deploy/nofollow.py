@@ -215,8 +215,8 @@ class Tree:
             elif error.errno in _READ_ONLY:
                 what = (
                     "is read-only, because the board itself may write to it: reset the board and "
-                    "immediately hold its button for two seconds; when the drive is mounted again, "
-                    "run this command again"
+                    "immediately hold its BOOT button for two seconds; when the drive is mounted "
+                    "again, run this command again"
                 )
             else:
                 what = f"fails ({error.strerror}): replug the board, and run this command again"

@@ -91,8 +91,9 @@ class Prompt:
     Raises
     ------
     SpotsError
-        If mpremote is missing, the port cannot be opened, or no prompt answers. Every method raises
-        it if a program on the board fails, the file system is full, or the board is disconnected.
+        If mpremote is missing, the port cannot be opened, or no prompt answers. All methods except
+        `reset` and `close` raise it, too, if a program on the board fails, the file system is full,
+        or the board is disconnected.
     """
 
     def __init__(self, port: str):
