@@ -314,7 +314,8 @@ def read_arrays(path: str | Path) -> Arrays:
     Raises
     ------
     SpotsError
-        If the file is not a recording or cannot be read, or a later file is missing.
+        If the file is not a recording or cannot be read, or a later file is missing although a file
+        after it exists.
 
     Examples
     --------

@@ -60,7 +60,7 @@ class Recording:
     Raises
     ------
     SpotsError
-        If the file is not a recording, or a later file of the recording is missing.
+        If the file is not a recording, or a later file is missing although a file after it exists.
 
     Examples
     --------

@@ -161,8 +161,8 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
     Raises
     ------
     SpotsError
-        If the file is not a recording or has a later format version, if a later file of the
-        recording is missing, or if `speed` is not more than 0.
+        If the file is not a recording or has a later format version, if a later file is missing
+        although a file after it exists, or if `speed` is not more than 0.
     """
     if not speed > 0:
         raise SpotsError(f"the speed of a recording must be more than 0, not {speed:g}")
