@@ -28,7 +28,7 @@ from .orders import Orders
 from .state import PageState
 
 _DEFAULT = "digits"  # the layout of a board without a stored layout
-_UNKNOWN = "everything on the board's present layout, which this program does not know"
+_UNKNOWN = "keys that are only in the board's present layout (this program does not know it)"
 _TEXT_MAX = 32_768  # characters; the largest layout of a board needs about 20,000
 Text = Annotated[str, msgspec.Meta(max_length=_TEXT_MAX)]
 Base = Annotated[str, msgspec.Meta(max_length=8)]

@@ -24,7 +24,7 @@ class OneStrip:
     Attributes
     ----------
     info : dict
-        The latest reply to ``hello`` for this strip.
+        The latest reply to ``hello`` for this strip; before the first one, that for strip 0.
     calibration : list of str or None
         Lines of the calibration that was uploaded to this strip, if known.
     """
