@@ -45,8 +45,8 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     Raises
     ------
     SpotsError
-        If a finger does not touch or lift within 60 s, or the positions or forces of the touches
-        are too similar. Nothing is then written.
+        If no steady touch or no lift follows within 60 s, the middle is not between the ends, or
+        the positions or forces of the touches are too similar. Nothing is then written.
     """
     there, shown = Path(path).exists(), printable(str(path))
     settings = load(path if there else DEFAULT)

@@ -42,7 +42,8 @@ class OneEuro:
         value : float
             New sample, in the unit of the signal.
         dt_s : float
-            Time since the previous sample, in seconds. If it is 0 or less, the sample is ignored.
+            Time since the previous sample, in seconds. If it is 0 or less, the sample is ignored,
+            except the first one after a reset.
 
         Returns
         -------

@@ -256,7 +256,8 @@ class Twin:
 def _between(angles: deque[Angle], time_s: float) -> Angle | None:
     """Return a joint's angle at `time_s`, interpolated between `angles`.
 
-    None if the angles before and after `time_s` are too far apart in time, see `_is_gap`.
+    None if there is no angle before `time_s`, or if the angles before and after `time_s` are too
+    far apart in time, see `_is_gap`.
     """
     i = len(angles) - 1
     while i and angles[i - 1].time_s >= time_s:

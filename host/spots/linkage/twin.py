@@ -91,7 +91,7 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
     Returns
     -------
     int
-        Number of computed positions.
+        Number of values that the twin computed, including those without a position.
 
     Raises
     ------

@@ -96,7 +96,7 @@ def _as_json(name: str, content: dict) -> str:
 
 
 class _Lines:
-    """Formats the messages of published boards as lines of text; omits readings that come fast."""
+    """Formats the messages of published boards as lines of text; limits the rate of readings."""
 
     def __init__(self):
         self._began_s = time.time()

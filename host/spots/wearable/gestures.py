@@ -56,8 +56,8 @@ class Gesture(NamedTuple):
         values are far from their limits.
     position_um, distance_um : int
         Position where the touch began, and distance from there to the last position, in um;
-        a positive distance is away from the sensor. For a double tap: of the second tap. For two
-        fingers: position of the first finger, and distance that the second finger has moved.
+        a positive distance is away from the sensor. A double tap has the values of its second tap.
+        Two fingers: position of the first finger, and distance that the second finger has moved.
     force_mN : int
         Largest force of the touch, in mN; for two fingers, force of the last reading.
     time_s : float
