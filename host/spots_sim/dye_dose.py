@@ -93,9 +93,10 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
     for name, counts in (("clear", clear), ("dyed", dyed)):
         if counts.min() < 1:
             dark = plan[int(counts.argmin())]
+            less_dye = ", or cast it with a smaller dose" if name == "dyed" else ""
             raise SpotsError(
                 f"channel {dark} is dark through the {name} test piece: push the piece against LED "
-                "and chip, cast both pieces shorter, or cast the dyed one with a smaller dose"
+                f"and chip, or cast both pieces shorter{less_dye}"
             )
     columns = [Optics.names.index(name) for name in plan]
     seen = _even(np.log(dyed / clear))

@@ -88,6 +88,16 @@ def test_pieces_in_the_wrong_order_are_noticed(order, says):
         pieces(load(SensorFile, "default"), order=order)
 
 
+@pytest.mark.parametrize(("dark", "less_dye"), [("clear", False), ("dyed", True)])
+def test_only_a_dark_dyed_piece_asks_for_a_smaller_dose(dark, less_dye):
+    counts = {"clear": [100.0] * 6, "dyed": [50.0] * 6, dark: [0.0] + [50.0] * 5}
+    with pytest.raises(SpotsError, match=f"dark through the {dark} test piece") as error:
+        dye_dose.strength(
+            load(SensorFile, "default"), LENGTH_MM, ("F1",) * 6, counts["clear"], counts["dyed"]
+        )
+    assert ("smaller dose" in str(error.value)) is less_dye
+
+
 def test_a_dose_that_no_tint_gives_is_refused():
     with pytest.raises(SpotsError, match="more pigment"):
         dye_dose.dose(2.0, 0.001, 0.1)
