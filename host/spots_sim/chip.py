@@ -59,7 +59,7 @@ class Quirks:
     ----------
     auto_zero_at_every_start : bool
         Whether the chip performs an auto-zero at every start; if false, only at the first start
-        after power-on.
+        after power-on, and after the register bit PON was 0.
     avalid_clears_on_read : bool
         Whether a read of the register ASTATUS clears the data-ready bit AVALID.
     aint_needs_sp_ien : bool

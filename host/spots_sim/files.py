@@ -388,7 +388,7 @@ class ClockFaults(toml.Strict):
 
 
 class FaultsFile(toml.Strict):
-    """Faults of a scenario, see `faults`. All but `oscillator_ppm` begin after `from_s` seconds."""
+    """Faults of a scenario, see `faults`. All but `oscillator_ppm` begin at `from_s` or later."""
 
     from_s: Time = 0.0
     to_host: SerialFaults = SerialFaults()

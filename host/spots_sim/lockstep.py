@@ -45,7 +45,7 @@ class LockstepLink:
         Faults of bus and board. For damaged or lost bytes, use `faults.FaultyLink`.
     busy_us : float or callable, optional
         Processor time of one loop pass in us, on MicroPython only; 0 by default. The time passes
-        before each read of the sensor's data registers. After a read of its FIFO, this time passes
+        before each read of registers except those of the FIFO. After a read of the FIFO, it passes
         for each sample that was read. With a function ``busy_us(free_bytes) -> float``, the board
         reports its number of free heap bytes at each transfer, which doubles the run time.
     warm : bool, optional

@@ -76,8 +76,8 @@ class Mechanism:
     base_mm : float
         True distance of the base joints in mm.
     zero_rad : tuple of float
-        For each joint, the angle of Eqs. 3 and 4 of the paper at which its calibration has the
-        angle 0, in rad.
+        For each joint, the angle in rad, as defined in Eqs. 3 and 4 of the paper, at which the
+        joint's calibration has the angle 0.
     travel_deg : float
         Largest angle of each joint in degrees; there, its indenter is at the end of its travel.
     """

@@ -21,7 +21,7 @@ def is_cpython(board: str = "virtual") -> bool:
     Parameters
     ----------
     board : str
-        Name of a virtual board.
+        Name of a virtual board. The firmware of a CircuitPython board never runs in CPython.
 
     Raises
     ------

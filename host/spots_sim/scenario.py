@@ -170,7 +170,7 @@ class Held:
         Amplitude of the force's tremor, as a share of the force: 0 for an indenter, above 0 for
         a finger.
     still : bool
-        True if nothing moves during an exposure.
+        True: the light of an exposure is computed one time, for the middle of the exposure.
     unplugged : bool
         True if an LED that is otherwise always on has no power.
     """

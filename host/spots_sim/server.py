@@ -46,7 +46,7 @@ def passes(request: bytes) -> tuple[int, int]:
 
     The simulator adds the processor time of these passes to its clock.
 
-    - Read of the sensor's data registers: 1 before, 0 after.
+    - Read of any registers except those of the FIFO: 1 before, 0 after.
     - Read of the sensor's FIFO: 0 before; after it, one pass for each sample that the read returns.
     - Every other request: 0 and 0. This includes a read of the FIFO's level, because a read of the
       FIFO follows in the same pass.

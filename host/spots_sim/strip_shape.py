@@ -173,7 +173,7 @@ class StripShape:
 
 
 def has_moulds(length_mm: float) -> bool:
-    """Return whether moulds can be made for a strip with a length in mm."""
+    """Return whether moulds can be made for a strip that is `length_mm` long."""
     low, high = LENGTHS_MM
     return low <= length_mm <= high
 
