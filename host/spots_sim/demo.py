@@ -58,7 +58,8 @@ def demo(
     seed : int
         Random seed of the noise.
     seconds : float or None
-        Duration of the run in seconds; None for no limit.
+        Duration of the run in seconds. None for no limit, but with `quiet` the application
+        ``keyboard`` ends with its scenario, and with `fast` ``fivebar`` ends with its path.
     fast : bool
         True for simulated time: as fast as possible, with the same bytes in each run.
     quiet : bool
@@ -200,7 +201,7 @@ def open_fast(
         Faults of the link, the I2C bus and the board.
     rezeroed : bool, optional
         Whether the calibration was corrected with a few presses (re-zero) after the change that
-        the table ``[change]`` of the sensor file describes.
+        the table ``[change]`` of the sensor file describes. Ignored if `lines` is given.
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional
@@ -256,7 +257,8 @@ def show_page(
     Raises
     ------
     SpotsError
-        If `use` is unknown, or the layout is missing or invalid.
+        If `use` is unknown, the layout is missing or invalid, or for ``fivebar`` the sensor file
+        is.
     """
     from spots.web.serve import LOOPBACK, serve
 

@@ -88,7 +88,7 @@ class Design:
 
     @property
     def resolution_um(self) -> float:
-        """Mean resolution along the strip in um, defined as in `measurements.characterize`."""
+        """Mean of the expected resolution in um, over positions from 5 to 95 % of the length."""
         return float(self.sigma_um.mean())
 
     @property
@@ -189,8 +189,8 @@ def _predicted(sensor: SensorFile, exposure_us: int, average: int) -> Design | N
 def _searched(sensor: SensorFile, exposure_us: int) -> tuple[int, int, int] | None:
     """Return the setting that the command ``auto`` would find for a sensor at a fixed exposure.
 
-    The setting is gain code, exposure in us and LED current in mA; None if the light is too weak at
-    every setting.
+    The setting is gain code, exposure in us and LED current in mA; None if the light is too weak or
+    too strong at every setting.
     """
     full = full_scale(*registers(exposure_us))
     search = Search(DEFAULT_GAIN, DEFAULT_LED_MA, exposure_us, LED_MAX_MA)

@@ -53,7 +53,8 @@ def endless(
     Raises
     ------
     SpotsError
-        If a file is missing or invalid, or `linkage` is the file of a real linkage.
+        If a file is missing or invalid, the linkage cannot follow the path, or `linkage` is the
+        file of a real linkage.
     """
     if is_mounted(linkage):
         raise SpotsError(
@@ -145,8 +146,8 @@ def demonstrate(sensor: str, seed: int, seconds: float | None, fast: bool, quiet
     -------
     dict
         Results of the run: in simulated time those of `survey.PathRun.summary`. In real time,
-        ``terminals``: number of estimated positions; ``frames`` and ``lost``: numbers of received
-        and of lost frames, of both boards together.
+        ``terminals``: number of estimates, including those without a position (`Terminal.limit`);
+        ``frames`` and ``lost``: numbers of received and of lost frames, of both boards together.
 
     Raises
     ------
@@ -182,7 +183,8 @@ def compare(options) -> None:
     Raises
     ------
     SpotsError
-        If a file is missing or invalid, or the picture cannot be written.
+        If a file is missing or invalid, the linkage cannot follow the path, or the picture cannot
+        be written.
     """
     picture = options.picture and Path(options.picture)
     names = options.sensor, options.linkage, options.path or PATH

@@ -254,7 +254,8 @@ def follow(
     Raises
     ------
     SpotsError
-        If the linkage cannot follow the path, or the path is too short for two estimates.
+        If the linkage cannot follow the path, the path is too short for two estimates, or the
+        sensor cannot be calibrated.
     """
     begin_s = start_s(sensor)
     motion = guided(path, begin_s)

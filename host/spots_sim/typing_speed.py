@@ -48,7 +48,8 @@ def typed(
         Sensor file: a path, or a name such as ``default``.
     rezeroed : bool, optional
         The sensor file may describe a change of the strip since its calibration (`change`). True
-        if the calibration was corrected after this change with a few presses (re-zero).
+        if the calibration was corrected after this change with a few presses (re-zero). Ignored if
+        `lines` is given.
     warm : bool, optional
         Whether the LED is warm at the start.
     lines : tuple of str, optional

@@ -61,7 +61,7 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
     Raises
     ------
     SpotsError
-        If `rest` is not empty, or a file is missing or invalid.
+        If `rest` is not empty, and in the cases of `open_virtual`.
     """
     _check_rest(rest)
     return open_virtual(sensor, scenario, seed)[0]
@@ -106,8 +106,8 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     options : argparse.Namespace
         Options of the command.
     made_with : Session or CalibrationFile
-        Session of ``spots calibrate``, or calibration for ``spots rezero``. Its settings are sent
-        to the board.
+        Session of ``spots calibrate``, or calibration for ``spots rezero``. If it was made with
+        this virtual board, its settings are sent to the board.
     path : Path
         Calibration file to write.
     guide : Guide
@@ -217,7 +217,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     Raises
     ------
     SpotsError
-        If a file is missing or invalid, or the board does not start.
+        If a file is missing or invalid, `seed` is negative, or the board does not start.
     """
     if seed < 0:
         raise SpotsError(f"the seed must be a whole number of 0 or more, not {seed}")
