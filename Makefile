@@ -22,7 +22,7 @@ help:
 	@echo 'make fuzz      search for bytes that a parser fails on                   ARGS="decoder --seconds 60"'
 	@echo 'make build     write the files of a board to build/BOARD                 BOARD=pico'
 	@echo 'make flash     copy the firmware to a board, and start it                BOARD=pico PORT='
-	@echo 'make erase     remove firmware, settings and calibration from a board    BOARD=pico PORT='
+	@echo 'make erase     remove firmware, settings, calibration and layout         BOARD=pico PORT='
 	@echo 'make doctor    check a board, and print a remedy for each problem        PORT='
 	@echo 'make pictures  draw the pictures and screenshots of the documents again'
 	@echo 'make paper     measure again, and write docs/paper.md, fivebar.md and applications.md'

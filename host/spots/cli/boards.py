@@ -162,7 +162,7 @@ def dark(parser: Parser):
 
 
 def erase(parser: Parser):
-    """Remove the firmware, the settings and the calibration from a board.
+    """Remove the firmware, the settings, the calibration and the layout from a board.
 
     example:
       spots erase pico
