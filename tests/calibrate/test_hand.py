@@ -251,6 +251,11 @@ def test_the_scale_may_show_less_than_a_small_force_that_was_asked_for():
         typed("9g", 85_000, wanted_mN=1000.0)
 
 
+def test_a_force_that_is_impossible_in_both_units_is_answered_with_the_limits():
+    with pytest.raises(SpotsError, match=r"from 10 g \(0\.098 N\) to 2039 g \(20 N\)$"):
+        typed("2500g", 85_000)
+
+
 def test_a_strip_that_no_force_lights_ends_the_session(sensor, tmp_path):
     shown = Guide(Console(file=io.StringIO(), width=200))
     options = argparse.Namespace(plan=PLAN, keep_settings=True)

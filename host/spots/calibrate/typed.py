@@ -57,12 +57,13 @@ def typed(
                 )
         else:
             force_mN = value * FORCES[unit]
-            if not min(_LEAST_MN, _SHARE * wanted_mN) <= force_mN <= _MOST_MN:
+            least_mN = min(_LEAST_MN, _SHARE * wanted_mN)
+            if not least_mN <= force_mN <= _MOST_MN:
                 other = "g" if unit in ("n", "mn") else "N"
-                raise SpotsError(
-                    f"{found[0].strip()} is not a possible force of a press: did you mean "
-                    f"{found[1]} {other}?"
-                )
+                hint = f"did you mean {found[1]} {other}?"
+                if not least_mN <= value * FORCES[other.lower()] <= _MOST_MN:
+                    hint = f"it must be from {grams(least_mN)} to {grams(_MOST_MN)}"
+                raise SpotsError(f"{found[0].strip()} is not a possible force of a press: {hint}")
     return place_um, force_mN
 
 
