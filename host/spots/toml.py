@@ -103,11 +103,12 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
         path = folder / f"{name}.toml"
     try:
         return path, read_text(path)
-    except (OSError, UnicodeDecodeError):
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not UTF-8 text"
         known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
         raise SpotsError(
-            f"cannot read the {what} file {name}: give the path of a file that ends in .toml, or "
-            f"one of these names: {known}"
+            f"cannot read the {what} file {name} ({reason}): give the path of a file that ends in "
+            f".toml, or one of these names: {known}"
         ) from None
 
 

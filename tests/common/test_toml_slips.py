@@ -101,3 +101,10 @@ def test_a_wrong_layout_is_reported_with_the_line_of_its_key(tmp_path):
     path.write_text(LAYER + '["A", { tap = "B", wdith = 2 }]')
     with pytest.raises(SpotsError, match="line 4: unknown key 'wdith' in entry 2 of keys"):
         layout.load(path)
+
+
+def test_a_file_that_is_not_text_is_reported_with_this_reason(tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_bytes(b"name = '\xff'\n")
+    with pytest.raises(SpotsError, match=r"my\.toml \(not UTF-8 text\): give the path"):
+        layout.load(path)
