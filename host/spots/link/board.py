@@ -391,9 +391,10 @@ class Board:
     def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
         """Iterate over the readings of all strips as they arrive.
 
-        Earlier readings that no iterator has read come first. This method starts the stream of
-        readings, which continues until the board is closed. On a board with several strips,
-        `frames.Touch.sensor` is the number of the strip.
+        Earlier readings come first, unless an iterator has read or skipped them; an iterator skips
+        frames of other kinds than its own. This method starts the stream of readings, which
+        continues until the board is closed. On a board with several strips, `frames.Touch.sensor`
+        is the number of the strip.
 
         Parameters
         ----------
@@ -508,8 +509,7 @@ class Board:
     def subscribe(self, callback: Callable[[Any], object], *kinds: Any) -> Subscription[Any]:
         """Call a function with each frame, in a new thread.
 
-        Earlier frames that no iterator has read come first. A board can have any number of
-        subscribers.
+        Earlier frames come first as in `touches`. A board can have any number of subscribers.
 
         Parameters
         ----------

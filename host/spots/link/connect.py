@@ -30,7 +30,7 @@ def open(
         values: ``"virtual"`` starts a simulated board in real time. ``"recording:FILE"`` plays a
         recording. ``"zenoh:ID"`` reads a board that ``spots publish`` publishes on another machine;
         ``"zenoh:"`` reads the only published board. If not given, the only board on USB is opened;
-        to find it, ``hello`` is sent to every USB serial port.
+        to find it, ``hello`` is sent to every USB device with a serial port.
     sensor, scenario : str
         Sensor file (the strip) and scenario file (the presses) of the virtual board: a path, or the
         name of a file in the package.

@@ -57,7 +57,7 @@ def mains_hz(board: Board) -> int:
 def _light(
     board: Board, exposure_us: int, settings: Mapping[str, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Measure the light around the strip; return n times in s and n values: arrays of shape (n,).
+    """Measure the light around the strip; return the times of n samples in s, and their n values.
 
     A value is the sum of the counts of all channels. Time 0 is the first sample. The exposure and
     the `settings` are sent to the board first. If the settings contain ``led_mA`` (0, to switch the

@@ -24,14 +24,15 @@ _ReadingT = TypeVar("_ReadingT", bound=Reading)
 class FrameLog:
     """Stores each frame until all readers (iterators and callbacks) have taken it.
 
-    A new reader begins with the first frame that no reader has taken.
+    A new reader begins with the first frame that no reader has taken or skipped. A reader skips
+    frames of other kinds than its own.
     """
 
     def __init__(self):
         self._lock = threading.Lock()
         self._frames: deque[Reading] = deque()
         self._begin = 0  # number of the first stored frame
-        self._taken = 0  # number of the first frame that no reader has taken
+        self._taken = 0  # number of the first frame that no reader has taken or skipped
         # Not a WeakSet: its callback runs when a reader is dropped. If Ctrl-C raises
         # KeyboardInterrupt there, Python ignores the exception, and the program continues.
         self._readers: list[ref[FrameIterator[Any]]] = []
