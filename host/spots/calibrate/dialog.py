@@ -79,8 +79,9 @@ class Dialog(Protocol):
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
         """Show a reading of the present press.
 
-        `trouble` is the reason why the press is not steady, or None. `steady` is the number of
-        steady readings of this press, divided by the number that a press needs (0 to 1).
+        `trouble` is the reason why the press is not steady, or the request ``release``; None for a
+        steady press. `steady` is the progress of the press, 0 to 1: the number of steady readings
+        or the duration of the hold, as a share of what the press needs.
         """
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:

@@ -98,10 +98,10 @@ class Guide:
         reading : Reading
             The reading.
         trouble : str or None
-            Reason why the press is not steady; None for a steady press.
+            Reason why the press is not steady, or the request ``release``; None for a steady press.
         steady : float
-            Number of steady readings of this press, divided by the number that a press needs (0 to
-            1).
+            Progress of the press, 0 to 1: number of steady readings or duration of the hold, as a
+            share of what the press needs.
         """
         self._bars = bars(self._plan, reading.counts.tolist(), _BAR_COUNTS)
         self._bars.add_row("held", "", Text(bar(steady), style="green"))

@@ -26,7 +26,8 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     Parameters
     ----------
     session : Session
-        Presses of the session. An unfinished series of presses for a joint or a strain is ignored.
+        Presses of the session. A strain with fewer than `PLACES_MIN` presses is ignored, and so is
+        a joint whose presses cannot be fitted.
     say : callable
         ``say(line)`` shows a message: the hysteresis and creep that the board will compensate, or
         why the calibration does not include the joint.

@@ -137,7 +137,7 @@ def rezero(parser: Parser):
     )
     arguments.add_port(parser)
     parser.flag("--quick", "press only the middle mark; this cannot correct a bleached dye")
-    parser.flag("--joint", "as marks, use the lowest, a middle and the highest angle of a joint")
+    parser.flag("--joint", "use the lowest, a middle and the highest angle of a joint as marks")
     parser.option(
         "--presses", "N", "number of presses at each mark", type=arguments.presses, default=1
     )

@@ -251,7 +251,7 @@ def _is_felt(touch: Touch) -> bool:
 
 
 def flag_words(touch: Touch) -> list[str]:
-    """Return the reasons why a reading is untrusted: a word for each flag that is set."""
+    """Return words for the flags that make a reading untrusted, except for `TOO_DARK`."""
     return [word for flag, word in _FLAG_WORDS.items() if touch.flags & flag]
 
 
