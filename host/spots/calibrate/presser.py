@@ -44,7 +44,8 @@ class Presser:
         Parameters
         ----------
         strain_ppm : int
-            Elongation over length at rest, in ppm; 0 to relax the strip.
+            Elongation over length at rest, in ppm; 0 to relax the strip, which a person is not
+            asked to do.
         length_um : float
             Length of the stretched strip in um.
         """

@@ -22,7 +22,7 @@ _NO_ROOM = errno.ENOSPC, errno.EDQUOT
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a command and return its exit code; on a user error, print one line and return 2."""
+    """Run a command and return its exit code; print a SpotsError as one line and return 2."""
     code = 0
     never_fail(sys.stdout)
     try:
