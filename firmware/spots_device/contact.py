@@ -2,10 +2,10 @@
 
 One reading of six channels cannot distinguish two fingers from one finger between them. A sequence
 of readings can, because nearly every finger is alone on the strip for some readings. While there
-may be several fingers, the measured position lies between them and is not reported. State machine
-with the states UP (no finger), DOWN (one finger) and TWO (perhaps several fingers). In a fourth
-state, SPENT, a touch is ignored until it ends. "The position" is the measured one; `detect` is set
-in the layout:
+may be several fingers, the measured position lies between them and is not reported. The tracker is
+a state machine with the states UP (no finger), DOWN (one finger) and TWO (perhaps several fingers).
+In a fourth state, SPENT, a touch is ignored until it ends. In the table, "the position" is the
+measured one; `detect` is set in the layout:
 
 ====  =====  ==================================================================================
 from  to     when
@@ -13,7 +13,7 @@ from  to     when
 UP    DOWN   `detect` consecutive readings agree on a position, or on a steady motion
 UP    TWO    readings disagree for 40 ms: fingers touched together at unknown positions
 DOWN  DOWN   the position is that of the finger, or the finger slides
-DOWN  TWO    otherwise; the first finger then has its position of one reading *earlier*
+DOWN  TWO    otherwise; the first finger gets the position that it had one reading *earlier*
 TWO   DOWN   the position stays where the first finger was: the second finger has left
 TWO   DOWN   the position stays elsewhere, and the first finger has left: it was lifting, or the
              brightness was never that of two fingers, or no second finger could cause this position
@@ -183,7 +183,7 @@ _HALF = const(1 << 20)  # 2
 def elapsed(since, now):
     """Return the ticks from the time `since` to the later time `now`, both in ticks.
 
-    Correct for times less than `TICKS` apart, even if the counter wraps in between.
+    The result is correct if the times are less than `TICKS` apart, even if the counter wraps.
     """
     return (now - since) & (TICKS - 1)
 

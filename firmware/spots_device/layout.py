@@ -129,7 +129,7 @@ class Layout:
                 row = _integers(line, KEY_SIZE)
                 after = keys[-KEY_SIZE + HIGH] if firsts and len(keys) > firsts[-1] else 0
                 if not firsts or not after <= row[LOW] < row[HIGH] <= FULL:
-                    raise LayoutError("'%s': keys must ascend and end at 1000 or before" % line)
+                    raise LayoutError("'%s': after 'layer', keys must ascend up to 1000" % line)
                 keys.extend(row)
             else:
                 raise LayoutError("unknown statement '%s': remove it" % name)

@@ -2,8 +2,9 @@
 
 Another exposure shifts the logarithms of all six counts of a reading by the same value. So
 positions do not change, and the brightness at each force is shifted by this value. A shorter
-exposure gives fewer counts and more relative noise. So the forces at which a touch begins and ends
-are raised until they give as many counts as at the calibration's exposure.
+exposure gives fewer counts and more relative noise. So the force at which a touch begins is raised
+to the first force in the table that gives at least as many counts as before, or to the last one if
+none does. The force at which a touch ends is raised in the same ratio.
 """
 
 from .log2 import log2_q20
