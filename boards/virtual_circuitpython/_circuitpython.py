@@ -48,7 +48,7 @@ def _run(name):
 
 
 def _forget():
-    """Forget the modules of a program and, with the module `board`, which pins are in use."""
+    """Remove the modules of a program; without the module `board`, all its pins are free again."""
     for module in list(sys.modules):
         if module not in _BUILT_IN:
             del sys.modules[module]
