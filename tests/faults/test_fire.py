@@ -165,7 +165,7 @@ FINE = {
         ({"keys": {"usb": {"stuck": 1, "down_at_the_end": 1}}}, "2 keys of the keyboard 'usb'"),
         (
             {"recoveries": {"i2c.sda_low": {"longest_s": 1.0, "longest_at_s": 3.0}}},
-            "after i2c.sda_low at 3 s no reading arrived for 1 s",
+            "readings took 1 s to return after i2c.sda_low, which began at 3 s",
         ),
     ],
 )

@@ -140,7 +140,8 @@ class Recoveries:
     """Measures the time from the end of each fault until readings arrive again.
 
     If a second fault starts before readings arrive, the recovery times of both faults are counted
-    from the moment at which both faults have ended.
+    from the moment at which both faults have ended. Only faults of the kinds `_INTERRUPTS` are
+    measured. A fault of `_FROM_THE_BEGIN` counts as ended at its start.
 
     Parameters
     ----------

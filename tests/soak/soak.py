@@ -350,8 +350,8 @@ def broken_promises(ledger: dict) -> Iterator[str]:
     for kind, took in ledger["recoveries"].items():
         if took["longest_s"] >= _RECOVERED_S:
             yield (
-                f"after {kind} at {took['longest_at_s']:g} s no reading arrived for "
-                f"{took['longest_s']:g} s"
+                f"readings took {took['longest_s']:g} s to return after {kind}, "
+                f"which began at {took['longest_at_s']:g} s"
             )
 
 
