@@ -6,9 +6,9 @@ So code, constants and names are counted with their size in the .mpy files, and 
 counted half. Keyboard and gamepad are not loaded. The substitutes for bus, clock and port are
 included; the memory of MicroPython itself is not.
 
-The measured heap can include garbage. A module without constant objects has a pointer
-to the end of its table of names, of two bytes each. If that table fills whole blocks of 32 bytes,
-the pointer is also the address of the next block, so MicroPython does not free that block.
+The measured heap can include garbage. A module without constant objects has a pointer to the end of
+its table of names (two bytes for each name). If this table fills whole blocks of 32 bytes, the
+pointer is also the address of the next block, so MicroPython does not free that block.
 """
 
 from __future__ import annotations
