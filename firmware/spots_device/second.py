@@ -48,7 +48,7 @@ def _far_um(s):
 
 
 def may_rest(s):
-    """Return whether the first finger may still have its brightness in the present reading.
+    """Return whether the first finger may be as bright in the present reading as before.
 
     `s` is the state of a `contact.ContactTracker`. The result is False if the first finger must
     have become dimmer, even with a second finger at the strip's end.

@@ -225,8 +225,8 @@ class SeveralApp(StripApp):
     def handle(self, line):
         """Execute a command for strip N if `line` ends with ``sensor=N``, else for strip 0.
 
-        All lines of an upload are for the strip of its first line; ``save`` and ``reboot`` are for
-        all strips. The result is that of `command.Commands.handle`.
+        Of an upload, only the first line needs ``sensor=N``; ``save`` and ``reboot`` are for all
+        strips. The result is that of `command.Commands.handle`.
         """
         words = line.split()
         index, name = 0, words[0] if words else ""

@@ -222,7 +222,7 @@ class Strip:
         self._reading[FOLLOWS] = 2
 
     def forget_requests(self):
-        """Cancel the requested dark frame and the requested search of settings."""
+        """Cancel the requested dark frame and the requested search for settings."""
         self._search = self._on_search = self._on_dark = None
         self._choose()
 
