@@ -2,10 +2,10 @@
 
 Hysteresis is a weighted sum of play operators (Prandtl-Ishlinskii). Only its difference from a
 first load (a force that has only grown since the finger touched) is subtracted, because the force
-table was measured with first loads. Creep follows the force with several time constants; a share of
-the creep is subtracted. The play operators restart when the finger lifts or moves to another
-position. Creep restarts only when another position is pressed; after a lift it decays with its time
-constants. All integers fit 31 bits; `take` allocates nothing.
+table was measured with first loads. Creep has three parts, each a low-pass filter of the force; a
+share of each part is subtracted. The play operators restart when the finger lifts or moves to
+another position. Creep restarts only when another position is pressed; after a lift it decays with
+its time constants. All integers fit 31 bits; `take` allocates nothing.
 """
 
 from array import array

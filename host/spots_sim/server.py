@@ -65,9 +65,9 @@ def reported_free_bytes(request: bytes) -> int | None:
 
 
 def busy_us(request: bytes) -> int | None:
-    """Return the processor time in us that a report contains; None for other requests.
+    """Return the processor time in us that a `BUSY` request contains; None for other requests.
 
-    Such a report gets no answer.
+    A `BUSY` request gets no answer.
     """
     return _number(request) if request[0] == protocol.BUSY else None
 

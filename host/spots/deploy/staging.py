@@ -93,7 +93,7 @@ class Device(toml.Strict, kw_only=True):
         led = self.device.get("STRIP_LED", "ldr")
         if led not in LEDS or (led == "gpio" and "STRIP_LED_PIN" not in self.device):
             raise ValueError(
-                f"STRIP_LED must be one of {', '.join(LEDS)}, and gpio needs a STRIP_LED_PIN"
+                f"STRIP_LED must be one of {', '.join(LEDS)}; gpio needs a STRIP_LED_PIN"
             )
 
     @property
