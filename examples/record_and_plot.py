@@ -5,6 +5,8 @@ spots info FILE.spots, spots replay FILE.spots or spots export FILE.spots --to n
 """
 
 import argparse
+import signal
+import threading
 from collections import deque
 
 import spots
@@ -30,6 +32,9 @@ force.set(ylabel="force / N", ylim=(0, 10), xlabel="time / s")
 
 try:
     with spots.open(options.port) as board, board.record(options.file):
+        # matplotlib's callbacks can lose a KeyboardInterrupt, so Ctrl-C only sets an event.
+        stop = threading.Event()
+        signal.signal(signal.SIGINT, lambda *_: stop.set())
         start_s, drawn_s = board.now_s(), 0.0
         recent: deque[tuple[float, float, float]] = deque(maxlen=1000)
         for touch in board.touches():
@@ -44,9 +49,9 @@ try:
                 force_dots.set_data(times_s, forces_N)
                 force.set_xlim(now_s - 10, now_s)
                 plt.pause(0.001)
-            if not plt.fignum_exists(figure.number):
+            if stop.is_set() or not plt.fignum_exists(figure.number):
                 break
 except KeyboardInterrupt:
-    pass  # Ctrl-C ends it; the recording is complete
+    pass  # Ctrl-C before the first reading
 except spots.SpotsError as error:
     parser.error(str(error))

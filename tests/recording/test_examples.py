@@ -38,7 +38,8 @@ def run(opened, monkeypatch):
         assert asked == ["virtual"]
         return found
 
-    return run
+    yield run
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # an example may set its own
 
 
 def test_read_touches_prints_readings(run, capsys):
@@ -117,6 +118,9 @@ def test_ctrl_c_ends_an_example_cleanly(name, tmp_path):
             for _ in range(3):
                 assert process.stdout.readline(), process.stderr.read()
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=30)
+        try:
+            _, errors = process.communicate(timeout=30)
+        finally:
+            process.kill()
     assert "Traceback" not in errors
     assert process.returncode == 0, errors
