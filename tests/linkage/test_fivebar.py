@@ -252,7 +252,7 @@ def test_shapes_broadcast_and_masks_stay():
         (100, math.nan, "far", "positive"),
         ((1, 2, 3), 80, "far", "one bar length or four"),
         ("long", 80, "far", "one bar length or four"),
-        (10, 80, "far", "more than the sum"),
+        (10, 80, "far", "below the sum"),
         (100, 80, "up", "'far' or 'near'"),
     ],
 )
