@@ -217,9 +217,9 @@ class AS7341:
         self._write(_ENABLE, _PON)
 
     def burst_us(self):
-        """Return the fixed time of the last FIFO read in us, or 1 if the FIFO is not used.
+        """Return the fixed part of the last FIFO read's duration in us; 1 if no FIFO is used.
 
-        A FIFO read takes this time, plus a time that is proportional to the number of samples.
+        The rest of the duration is proportional to the number of samples.
         """
         # The level of the FIFO is one byte. Its transfer, from `_asked` to `_known`, takes about as
         # long as the overhead of the next transfer, which reads the samples.
@@ -399,7 +399,7 @@ class AS7341:
         return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
 
     def report(self, reply):
-        """Add the counters of this sensor to a reply to ``get`` (dict); uses no bus transfer."""
+        """Add counters and state of this sensor to a reply to ``get`` (dict); no bus transfer."""
         reply["missed"] = self.pacing.missed
         reply["retries"] = self.retries
         reply["fifo"] = max(self.fifo, 0)

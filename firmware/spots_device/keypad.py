@@ -280,9 +280,9 @@ class Keypad:
         """Return the row (index in `layout.keys`) of the key at the position `x_um` in um, or -1.
 
         `again` is the row of the key that was tapped just before, or -1. Quick second touches are
-        less accurate. So a touch slightly outside the tapped key still counts for this key: at most
-        ``slack_um`` or a sixteenth of the key's width outside, whichever is less. A touch on a
-        neighbouring key does so only if the tapped key has a ``hold`` or ``double`` action.
+        less accurate. So a touch outside the tapped key still counts for the tapped key if it is at
+        most ``slack_um`` or a sixteenth of the key's width outside, whichever is less. If it lies
+        on a neighbouring key, the tapped key must also have a ``hold`` or ``double`` action.
         """
         layout = self._layout
         keys = layout.keys

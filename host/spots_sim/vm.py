@@ -230,8 +230,8 @@ class MicroPythonProcess:
 def _shared_firmware(board: str, strips: int) -> Path | None:
     """Return a folder with a board's firmware as bytecode, which several processes share.
 
-    With this folder, a board starts in half the time, because its modules are neither copied nor
-    compiled. Main files are not compiled. Returns None if `kept_folder` has no place to store it.
+    With this folder, a board starts in half the time, because no module is copied or compiled then.
+    Main files stay source code. Returns None if `kept_folder` has no place to store it.
     """
 
     def make(folder: Path) -> None:

@@ -1,9 +1,9 @@
 """Fits a calibration to presses at known positions and with known forces.
 
 L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper (docs/paper.md), L_i
-is locally linear in the position and in the logarithm of the brightness. Generalised least squares
-with the noise of each channel gives the best linear estimates of these two quantities. In each
-segment of the strip, the estimate of each quantity is a weighted sum of the L_i. The misfit is
+is locally linear in the position and in the logarithm of the coupled light. Generalised least
+squares with the noise of each channel gives the best linear estimates of these two quantities. In
+each segment of the strip, the estimate of each quantity is a weighted sum of the L_i. The misfit is
 one more weighted sum: it shows how far a spectrum is from that of one press. Qn is the number
 format of the board: an integer that is the value times 2**n.
 """
@@ -286,7 +286,7 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     if len(forces) < FORCES_MIN:
         raise SpotsError(
             f"only {len(forces)} forces give light in all channels, but {FORCES_MIN} are needed: "
-            "take more forces, or check the strip, its LED and the gain"
+            "press with more different forces, or check the strip, its LED and the gain"
         )
     if (np.diff(means) <= 0).any():
         raise SpotsError(

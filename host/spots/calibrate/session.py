@@ -283,7 +283,7 @@ class Session:
 
     @property
     def plan_is_open(self) -> bool:
-        """Whether the channels can still change: until now, all presses were made to choose them."""
+        """Whether the channels can still change: all presses until now were made to choose them."""
         return all(p.kind == "choose" for p in self.points)
 
     def check(self, present: Conditions) -> None:
