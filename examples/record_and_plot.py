@@ -34,7 +34,7 @@ try:
     with spots.open(options.port) as board, board.record(options.file):
         # matplotlib's callbacks can lose a KeyboardInterrupt, so Ctrl-C only sets an event.
         stop = threading.Event()
-        signal.signal(signal.SIGINT, lambda *_: stop.set())
+        signal.signal(signal.SIGINT, lambda number, frame: stop.set())
         start_s, drawn_s = board.now_s(), 0.0
         recent: deque[tuple[float, float, float]] = deque(maxlen=1000)
         for touch in board.touches():

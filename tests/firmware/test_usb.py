@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -394,6 +395,14 @@ def test_micropython_counts_what_a_port_took_but_never_sent(serial):
     ours.read()
     framer.text(b"{}")
     assert framer.dropped == 2
+
+
+@pytest.mark.parametrize("taken", [None, 0, OSError()])
+def test_micropython_reports_a_frame_that_the_port_does_not_take(serial, taken):
+    ours, _ = serial
+    ours._out = Mock(side_effect=[taken, 1])  # None: the port would block
+    assert not ours.write(b"x", 1)
+    assert ours.write(b"x", 1)
 
 
 def test_micropython_answers_a_host_that_says_something_at_once(serial):

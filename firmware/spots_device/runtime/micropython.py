@@ -112,7 +112,7 @@ class StdioSerial:
         self._put(buffer)
         if ticks_diff(ticks_us(), began) < _SLOW_US:
             self._pause_us = 0
-            return not self._size
+            return self._sent == size
         self._pause_us = min(max(_PAUSE_TIMES * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
         self._from = time.ticks_add(ticks_us(), self._pause_us)
         return False
@@ -127,9 +127,9 @@ class StdioSerial:
     def _put(self, buffer):
         try:
             # MicroPython returns the size even if it stopped waiting and dropped the bytes.
-            self._size -= self._out(buffer, self._size)
+            self._sent = self._out(buffer, self._size)
         except OSError:
-            pass
+            self._sent = 0
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits.
