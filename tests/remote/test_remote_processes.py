@@ -16,9 +16,11 @@ from bench import remote as bench
 from boards import running
 
 import spots
-from net import DEADLINE_S, publishing, stand_in, wait_until
+from net import DEADLINE_S, publishing, session, stand_in, wait_until
+from spots import Board
 from spots.link import board as board_module
 from spots.remote import publish
+from spots.remote.publish import Publisher
 
 
 def spawn(net_file, *arguments):
@@ -44,6 +46,31 @@ def test_a_ledger_that_does_not_add_up_is_no_result():
     counts = {"sent": 10, "received": 8, "lost": 1}
     with pytest.raises(AssertionError, match="not accounted for"):
         bench._summary([counts])
+
+
+def test_no_ctrl_c_is_lost_in_a_transfer(net, monkeypatch):
+    def interrupt(number, frame):
+        raise KeyboardInterrupt
+
+    swallowed, ended = [], 0
+    monkeypatch.setattr(sys, "unraisablehook", lambda seen: swallowed.append(seen.exc_type))
+    before = signal.signal(signal.SIGALRM, interrupt)
+    with session(net.hub) as own:
+        publisher = Publisher(Board(stand_in()), own)
+        try:
+            for _ in range(100):
+                try:
+                    signal.setitimer(signal.ITIMER_REAL, 0.001)
+                    while not swallowed:
+                        publisher._copy = b"1234\0"
+                        publisher._send()
+                except KeyboardInterrupt:
+                    ended += 1
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.signal(signal.SIGALRM, before)
+            publisher.close()
+    assert (ended, swallowed) == (100, [])
 
 
 def test_ctrl_c_while_the_board_is_announced_ends_cleanly(monkeypatch, capsys):

@@ -90,7 +90,7 @@ class Answers:
                     if error is None:
                         query.reply(place, reply, encoding=zenoh.Encoding.APPLICATION_JSON)
                     else:
-                        query.reply_err(error)
+                        query.reply_err(error.encode())  # bytes: see Publisher._send
                 except zenoh.ZError:
                     pass  # the querier has disconnected, or accepts no such reply
         return error is None

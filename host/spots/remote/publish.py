@@ -115,7 +115,8 @@ class Publisher:
         size = whole(self._copy)
         data, self._copy = self._copy[:size], self._copy[size:]
         if data:
-            run = f"{self._run}.{self._board.stats.restarts}"
+            # Bytes: while zenoh-python converts a str, it swallows the exception of a Ctrl-C.
+            run = f"{self._run}.{self._board.stats.restarts}".encode()
             self._frames.put(data, attachment=run)
 
     def _outlet(self, *name: str | int, encoding) -> zenoh.Publisher:
