@@ -106,9 +106,11 @@ def _build(device: Device, target: Path, strips: int) -> None:
         fresh = temporary / "new"
         fresh.mkdir()
         stage(device.name, fresh, strips)
+        package = fresh / "spots_device"
+        constants.inline(package)
         # CircuitPython does not load the files of MicroPython's mpy-cross.
         if device.runtime == "micropython":
-            _compile(fresh, device)
+            _compile(package, device)
         entries = manifest.entries_of(files_of(fresh))
         (fresh / manifest.MANIFEST).write_bytes(manifest.write(entries))
         old = temporary / "old"
@@ -138,12 +140,10 @@ def files_of(folder: Path) -> dict[str, bytes]:
     }
 
 
-def _compile(folder: Path, device: Device) -> None:
+def _compile(package: Path, device: Device) -> None:
     command = mpy_cross_command()
     if device.march:
         command.append(f"-march={device.march}")
-    package = folder / "spots_device"
-    constants.inline(package)
     names.shorten(package)
     for source in sorted(package.rglob("*.py")):
         # A traceback on the board shows this name of the module. -O3 omits line numbers, which take
