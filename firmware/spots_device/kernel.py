@@ -69,7 +69,7 @@ from .decode import (
     TWO,
     WANTED,
 )
-from .log2 import log2_q20
+from .log2 import GUARD, LIMIT, TABLE, Q
 from .smux import CHANNELS
 
 # Indices of `state` that only this module uses, in addition to those in decode.py. `DRIFT`: drift
@@ -138,11 +138,17 @@ def process(state, tables, counts, flags, head, payload, encoded):
     done = 0
     if flags & READ:
         taken = state[TAKEN]
-        for i in range(CHANNELS):
-            if taken:
+        if taken:
+            for i in range(CHANNELS):
                 state[SUMS + i] += counts[i]
-            else:
-                state[SUMS + i] = counts[i]
+        else:
+            # One line for each channel: a loop takes twice as long, here and in `estimate`.
+            state[SUMS] = counts[0]
+            state[SUMS + 1] = counts[1]
+            state[SUMS + 2] = counts[2]
+            state[SUMS + 3] = counts[3]
+            state[SUMS + 4] = counts[4]
+            state[SUMS + 5] = counts[5]
         state[TAKEN] = taken + 1
         state[PENDING] |= flags & 0xFF
         if state[AGE_US] < state[EVERY_US]:
@@ -239,18 +245,15 @@ def estimate(state, tables, flags):
         Flag bits that apply to the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
     """
     touching = state[FLAGS] & TOUCHING
-    for i in range(CONTRAST, FORCE_MN + 1):
-        state[i] = 0
+    state[CONTRAST] = state[BRIGHTNESS] = state[POSITION_UM] = state[FORCE_MN] = 0
     if not tables[SEGMENTS]:
         flags |= NOT_CALIBRATED
     if flags & LED_OFF:
         # Without light a touch cannot be detected: the state of the touch does not change.
         state[FLAGS] = flags | touching
         return
-    light = 0
-    for i in range(SUMS, SUMS + CHANNELS):
-        light += state[i]
-    state[LIGHT] = light
+    light = state[SUMS] + state[SUMS + 1] + state[SUMS + 2]
+    state[LIGHT] = light + state[SUMS + 3] + state[SUMS + 4] + state[SUMS + 5]
     if not _take_logs(state):
         flags |= TOO_DARK
     elif tables[SEGMENTS]:
@@ -258,13 +261,43 @@ def estimate(state, tables, flags):
     state[FLAGS] = flags
 
 
+def _size_table():
+    # Number of bits of each byte.
+    sizes = bytearray(256)
+    for byte in range(1, 256):
+        sizes[byte] = sizes[byte >> 1] + 1
+    return sizes
+
+
+_SIZES = _size_table()
+del _size_table  # frees memory on a board
+
+
 def _take_logs(state):
-    samples = state[SAMPLES]
-    for i in range(CHANNELS):
-        net = state[SUMS + i] * state[FLOOR_SAMPLES] - samples * state[FLOOR + i]
+    # Computes `log2.log2_q20` without calls: 60 us for each logarithm instead of 75 us on an RP2040
+    # with CircuitPython.
+    for i in range(LOGS, LOGS + CHANNELS):
+        net = state[i + FLOOR - LOGS] * state[SAMPLES]
+        net = state[i + SUMS - LOGS] * state[FLOOR_SAMPLES] - net
         if net <= 0:
             return False
-        state[LOGS + i] = log2_q20(net)
+        if net >= LIMIT:
+            state[i] = 24 << Q
+            continue
+        log = 15 << Q
+        if net < 1 << 16:
+            net <<= 8
+            log = 7 << Q
+            if net < 1 << 16:
+                net <<= 8
+                log = -1 << Q
+        low = _SIZES[net >> 16]
+        net <<= 8 - low  # it has 24 bits now
+        log += low << Q
+        low = TABLE[(net >> 14) - 512]
+        step = TABLE[(net >> 14) - 511] - low
+        low += (net & 16383) * step >> 14
+        state[i] = log + (low + 8 >> GUARD)
     return True
 
 
@@ -374,26 +407,25 @@ def look_up(tables, place, at, state, columns):
         Number of columns.
     """
     size = tables[place]
-    low = _knot_below(tables, place + 1, place + size, at)
+    low = place + 1
+    high = place + size
+    while high - low > 1:  # the binary search of the knot below `at`
+        middle = low + high >> 1
+        if at < tables[middle]:
+            high = middle
+        else:
+            low = middle
     width = tables[low + 1] - tables[low]
     at -= tables[low]
     if at < 0:
         at = 0
     elif at > width:
         at = width
+    half = width >> 1
     for column in range(FOUND, FOUND + columns):
         low += size
-        state[column] = tables[low] + (at * (tables[low + 1] - tables[low]) + (width >> 1)) // width
-
-
-def _knot_below(tables, low, high, at):
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if at < tables[middle]:
-            high = middle
-        else:
-            low = middle
-    return low
+        middle = tables[low]
+        state[column] = middle + (at * (tables[low + 1] - middle) + half) // width
 
 
 def _crc_tables():

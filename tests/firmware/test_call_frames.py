@@ -26,7 +26,7 @@ EACH_SAMPLE = {
     "as7341": "poll _read_fifo",
     "contact": "take",
     "frame": "send _send_body",
-    "kernel": "unpack estimate _take_logs _locate _judge _odd_light _knot_below",
+    "kernel": "unpack estimate _take_logs _locate _judge _odd_light",
     "log2": "log2_q20",
     "pacing": "early found held next",
     "runtime/micropython": "write _has_room _put read",
