@@ -42,7 +42,8 @@ _PERIOD_US = const(1 << 29)
 _HALF_PERIOD_US = const(1 << 28)
 _FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
 _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
-_TOUCH_SIZE = kernel.TOUCH_SIZE + CRC_SIZE  # bytes of a TOUCH frame before its encoding
+_TOUCH_BYTES = kernel.TOUCH_SIZE
+_TOUCH_SIZE = _TOUCH_BYTES + CRC_SIZE  # bytes of a TOUCH frame before its encoding
 _TOUCH_COPY = "%ds" % _TOUCH_SIZE
 _ZERO = b"\0"
 
@@ -50,7 +51,8 @@ _ZERO = b"\0"
 class BusioBus:
     """Reads and writes the sensor's registers over ``busio``.
 
-    Each transfer allocates memory, but only in Adafruit's I2CDevice.
+    Adafruit's driver uses the same bus. So each transfer locks the bus, but without Adafruit's
+    I2CDevice, which takes longer and allocates memory.
 
     Parameters
     ----------
@@ -59,17 +61,27 @@ class BusioBus:
     """
 
     def __init__(self, i2c):
-        self.device = I2CDevice(i2c, ADDRESS, probe=False)
+        self._i2c = i2c
         self._register = bytearray(1)
 
-    def read_into(self, _, register, buffer):
+    def read_into(self, address, register, buffer):
+        i2c = self._i2c
         self._register[0] = register
-        with self.device as device:
-            device.write_then_readinto(self._register, buffer)
+        while not i2c.try_lock():
+            pass
+        try:
+            i2c.writeto_then_readfrom(address, self._register, buffer)
+        finally:
+            i2c.unlock()
 
     def write(self, buffer):
-        with self.device as device:
-            device.write(buffer)
+        i2c = self._i2c
+        while not i2c.try_lock():
+            pass
+        try:
+            i2c.writeto(ADDRESS, buffer)
+        finally:
+            i2c.unlock()
 
 
 class AdafruitSensor(AS7341):
@@ -125,7 +137,7 @@ class AdafruitSensor(AS7341):
             raise SensorError("the I2C bus does not start (%s): check the wiring" % error)
         self._bus = BusioBus(self._i2c)
         if self._driver is not None:
-            self._driver.i2c_device = self._bus.device
+            self._driver.i2c_device = I2CDevice(self._i2c, ADDRESS, probe=False)
 
     def stop(self):
         if self._driver is not None and self._i2c is not None:
@@ -232,7 +244,9 @@ def fast_touch(head, payload, state, encoded):
         state[POSITION_UM],
         state[FORCE_MN],
     )
-    pack_into("<I", payload, kernel.TOUCH_SIZE, crc32(view_of(payload, kernel.TOUCH_SIZE)))
+    view = _views.get(_TOUCH_BYTES)
+    view = view[1] if view and view[0] is payload else view_of(payload, _TOUCH_BYTES)
+    pack_into("<I", payload, _TOUCH_BYTES, crc32(view))
     # COBS of fewer than 255 bytes: a copy of the bytes, shifted by one, in which each zero byte is
     # replaced by the distance to the next zero byte.
     pack_into(_TOUCH_COPY, encoded, 1, payload)
@@ -284,7 +298,8 @@ class CdcSerial:
         size : int
             Bytes of the frame.
         """
-        view = view_of(buffer, size)
+        view = _views.get(size)
+        view = view[1] if view and view[0] is buffer else view_of(buffer, size)
         sent = self._port.write(view)
         return sent == size or (sent > 0 and self._finish(view, sent))
 
@@ -389,7 +404,7 @@ def main():
 
         sensor = _open_sensor
     else:
-        from ..app import BoardApp
+        from .batch_circuitpython import BatchApp as BoardApp
 
         sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)
