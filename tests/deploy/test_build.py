@@ -1,5 +1,6 @@
 """Builds of the firmware for each board: compiled if possible, without files of earlier builds."""
 
+import ast
 import json
 import re
 import subprocess
@@ -44,6 +45,17 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
         assert header.version == 6
         machine_code = device.viper and path in MACHINE_CODE
         assert ARCHITECTURES[header.arch] == (device.march if machine_code else None), path
+
+
+def test_circuitpython_looks_up_no_name_of_a_constant(tmp_path):
+    files = files_of(build("qtpy_rp2040", tmp_path))
+    names = {
+        node.id
+        for node in ast.walk(ast.parse(files["spots_device/kernel.py"]))
+        if isinstance(node, ast.Name)
+    }
+    assert "_take_logs" in names
+    assert not {"LOGS", "POSITION_UM", "SEGMENTS"} & names  # of kernel, decode, calibration
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SAMPLES
 from spots_device.frame import TEXT_MAX
 from spots_device.layout import default_lines
+from spots_device.runtime.batch_circuitpython import BatchApp
 from spots_device.search import Search
 from spots_device.settings import LIMITS, checksum, save_lines
 
@@ -272,3 +273,35 @@ def test_commands_leave_most_of_their_garbage_for_a_later_collection(monkeypatch
     begun = len(collections)
     board.app.use_calibration(LINES)
     assert len(collections) == begun + 1  # parsing produces more garbage than all these commands
+
+
+def test_circuitpython_reads_the_clock_once_for_all_samples_of_a_fifo_read():
+    def run(make):
+        made, _, clock, serial = canned.app(LINES, make=make)
+        for _ in range(200):
+            made.step()
+        sent = []
+        write = serial.write
+        serial.write = lambda buffer, size: sent.append(bytes(buffer[:size])) or write(buffer, size)
+        made.framer._write = serial.write
+        clock.sleep_us(95_000)  # the loop stalls
+        reads = 0
+        ticks_us = clock.ticks_us
+
+        def counted():
+            nonlocal reads
+            reads += 1
+            return ticks_us()
+
+        made._ticks_us = made._sensor._ticks_us = counted
+        passes = 0
+        while not passes or made._sensor.waits:
+            made.step()
+            passes += 1
+        return sent, reads, passes
+
+    frames, reads, passes = run(app.BoardApp)
+    batched = run(BatchApp)
+    assert passes >= 9
+    assert reads == passes + 2
+    assert batched == (frames, 3, 1)

@@ -29,6 +29,7 @@ EACH_SAMPLE = {
     "kernel": "unpack estimate _take_logs _locate _judge _odd_light",
     "log2": "log2_q20",
     "pacing": "early found held next",
+    "runtime/batch_circuitpython": "_pass",
     "runtime/micropython": "write _has_room _put read",
     "strip": "take _take_any _stamp _process _use _finish",
     "uses": "take",
