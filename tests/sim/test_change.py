@@ -257,5 +257,5 @@ def test_a_demonstration_is_calibrated_before_the_change(capsys):
     for words in ([], ["--change", "phosphor"]):
         assert main(["demo", "--fast", "--json", "--seconds", "6", "--seed", "1", *words]) == 0
         errors_um.append(json.loads(capsys.readouterr().out)["position_rmse_um"])
-    assert errors_um[0] < 100
+    assert errors_um[0] < 150  # 63 to 127 with forty other seeds
     assert errors_um[1] > 1500
