@@ -265,9 +265,9 @@ def test_without_a_calibration_nothing_is_claimed():
 def test_touch_has_hysteresis(decoder, calibration):
     begin, end = decoder.calibration.touch_on_mN, decoder.calibration.touch_off_mN
     seen = []
-    shares = list(range(60, 2, -1))  # light as a percentage of that of a firm press
+    shares = list(range(600, 20, -1))  # light in thousandths of that of a firm press
     for share in shares + shares[::-1]:
-        decoder.update([count * share // 100 for count in LIT], 1, NO_DARK, 0)
+        decoder.update([count * share // 1000 for count in LIT], 1, NO_DARK, 0)
         seen.append((decoder.force_mN, bool(decoder.flags & decode.TOUCHING)))
     down, up = seen[: len(shares)], seen[len(shares) :]
     assert any(end <= force < begin and touching for force, touching in down)
