@@ -79,14 +79,14 @@ class AlignedPacing(Pacing):
         self._advance()
         return end
 
-    def next(self):
-        if self._locked:
-            end = self._end
-            self._advance()
-            return end
-        self.due = self._add(self.due, self._chip_us)
-        self._count(self.due, 1)
-        return self.due
+    def skip(self, samples):
+        for _ in range(samples):
+            if self._locked:
+                self._advance()
+            else:
+                self.due = self._add(self.due, self._chip_us)
+                self._count(self.due, 1)
+        return self._chip_us
 
     def _doubt(self, before, after):
         end = Pacing._doubt(self, before, after)

@@ -19,7 +19,7 @@ _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
 _SKIPPED = const(3)  # the mean starts with this FIFO read; the reads before it may be late
-_COUNTED = const(16)  # least number of passes in the mean
+_COUNTED = const(16)  # least number of samples in the mean
 
 
 class Meter:
@@ -30,10 +30,10 @@ class Meter:
     Attributes
     ----------
     busy_us : int
-        Mean duration in us of a loop pass that processes a sample; 0 before the first mean is
-        complete. The part of a FIFO read that does not depend on its number of samples (see
-        `as7341.AS7341.burst_us`) is left out: only a loop slower than the sensor limits the rate,
-        and one FIFO read of such a loop gets many samples.
+        Mean time in us to read and process a sample; 0 before the first mean is complete. Times
+        that do not depend on the number of samples in a FIFO read are left out: the rest of the
+        loop, and the fixed part of the read (see `as7341.AS7341.burst_us`). Only a loop slower than
+        the sensor limits the rate, and one FIFO read of such a loop gets many samples.
     """
 
     def __init__(self):
@@ -43,29 +43,31 @@ class Meter:
     def restart(self):
         """Start a new mean; `busy_us` is the previous mean until the new mean is complete."""
         self._sum_us = 0
-        self._passes = -_SKIPPED
+        self._samples = -_SKIPPED
 
-    def add(self, lasted_us, burst_us):
-        """Add the duration of a loop pass; return True when the mean is complete.
+    def add(self, lasted_us, burst_us, samples):
+        """Add the time of one or more samples; return True when the mean is complete.
 
         Parameters
         ----------
         lasted_us : int
-            Duration of the pass without its sleep, in us.
+            Time to read and process the samples, in us.
         burst_us : int
-            Part of this duration that does not depend on the number of samples read from the FIFO,
-            see `as7341.AS7341.burst_us`; 0 if an earlier pass has read the sample from the chip.
+            Part of this time that does not depend on the number of samples read from the FIFO, see
+            `as7341.AS7341.burst_us`; 0 if the samples were read earlier, and not in this time.
+        samples : int
+            Number of samples.
         """
         if burst_us:
-            if self._passes >= _COUNTED:
-                self.busy_us = self._sum_us // self._passes
+            if self._samples >= _COUNTED:
+                self.busy_us = self._sum_us // self._samples
                 self.restart()
                 return True
-            if self._passes < 0:
-                self._passes += 1
-        if self._passes >= 0:
+            if self._samples < 0:
+                self._samples += 1
+        if self._samples >= 0:
             self._sum_us += lasted_us - burst_us
-            self._passes += 1
+            self._samples += samples
         return False
 
 
@@ -239,10 +241,20 @@ class BoardApp:
                 self._sleep_us(_SLICE_US)
                 return
             self._sleep_us(wait_us)
-        if self._poll():
+        poll = self._poll
+        take = self._take
+        if poll():
             if self.reconnect.fault:
                 self.reconnect.sampled()
-            self._take()
+            take()
+            # The other samples of this FIFO read, at most 19. `poll` does not use the bus for them.
+            # `_take` can restart the sensor, which drops them.
+            sensor = self._sensor
+            while sensor.waits:
+                if self._outputs:
+                    self.uses.pump()
+                poll()
+                take()
 
     def measure(self):
         """Start to measure `Meter.busy_us`; the loop is slightly slower during the measurement."""
@@ -250,28 +262,28 @@ class BoardApp:
         self._pass = self._measured_pass
 
     def _measured_pass(self):
-        clock, sensor = self._clock, self._sensor
-        wait_us = 0 if self.reconnect.lost else sensor.remaining_us()
-        if wait_us > _SLICE_US:
-            return BoardApp._pass(self)  # a pass without a sample is not measured
-        if wait_us > 0:
-            clock.sleep_us(wait_us)
-        began, complete, waits = clock.ticks_us(), sensor.complete, sensor.waits
+        sensor = self._sensor
+        complete = sensor.complete
         BoardApp._pass(self)
-        if self._measured(began, complete, waits):
+        if self._measured(sensor.asked, complete, 0):
             del self._pass
 
     def _measured(self, began, complete, waits):
-        """Add a loop pass to the mean if it gave a sample; return True when the mean is complete.
+        """Add new samples, if there are any, to the mean; return True when the mean is complete.
 
-        The caller stores the arguments before the pass: `began` is the time in ticks, `complete`
-        and `waits` are the sensor's attributes of these names.
+        Parameters
+        ----------
+        began : int
+            Ticks at the beginning of the first poll.
+        complete, waits : int
+            The sensor's attributes of these names before this poll.
         """
         clock, sensor = self._clock, self._sensor
-        if self.reconnect.lost or sensor.complete == complete:
-            return False
         burst_us = 0 if waits else sensor.burst_us()
-        return self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us)
+        if self.reconnect.lost or sensor.complete == complete or burst_us < 0:
+            return False
+        samples = 1 if waits else sensor.fetched()
+        return self.meter.add(clock.ticks_diff(clock.ticks_us(), began), burst_us, samples)
 
     def log(self, level, text):
         """Send the log line `text` to the host; `level` is ``"info"`` or ``"error"``."""

@@ -100,6 +100,7 @@ class AS7341:
         self._bus = bus
         self._clock = clock
         self._ticks_us = clock.ticks_us
+        self._add = clock.ticks_add
         self._pair = bytearray(2)
         self._byte = bytearray(1)
         # STATUS, ASTATUS, six counts; then samples from the FIFO.
@@ -114,7 +115,7 @@ class AS7341:
         self.led = "ldr"  # one of `light.LEDS`
         self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
         self._check = 0
-        self._asked = 0  # ticks at the beginning of the last poll
+        self.asked = 0  # ticks at the beginning of the last poll that used the bus
         self._settled = 0
         self.pacing = Pacing(clock)
         self.counts = array("i", bytes(4 * CHANNELS))
@@ -155,7 +156,7 @@ class AS7341:
         OSError
             If an I2C transfer fails.
         """
-        began = self._clock.ticks_us()
+        began = self._ticks_us()
         self._identify()
         image = smux_map(plan)
         pacing = self.pacing
@@ -186,7 +187,7 @@ class AS7341:
         if self.led != "ldr":
             self._light(False)  # the breakout's own LED, which may have been on
         self.switch_led(True)
-        left_us = _START_US - self._clock.ticks_diff(self._clock.ticks_us(), began)
+        left_us = _START_US - self._clock.ticks_diff(self._ticks_us(), began)
         if left_us > 0:
             self._clock.sleep_us(left_us)
         self._write(_STATUS, _AINT)
@@ -194,9 +195,8 @@ class AS7341:
         self.fifo = _TRIAL
         self.waits = self._known = self._at = 0
         self._odd = 0  # 1 if the FIFO level was not a multiple of 6, `_BROKEN` if a transfer failed
-        now = self._clock.ticks_us()
-        self._settled = self._clock.ticks_add(now, -self.exposure_us)  # the LED is on already
-        self.complete = now
+        self.complete = now = self._ticks_us()
+        self._settled = self._add(now, -self.exposure_us)  # the LED is on already
         pacing.start(now, chip_us)
 
     def drifted(self):
@@ -219,11 +219,12 @@ class AS7341:
     def burst_us(self):
         """Return the fixed part of the last FIFO read's duration in us; 1 if no FIFO is used.
 
-        The rest of the duration is proportional to the number of samples.
+        The rest of the duration is proportional to the number of samples. The result is negative
+        if the FIFO had overflowed, so that no sample was read.
         """
-        # The level of the FIFO is one byte. Its transfer, from `_asked` to `_known`, takes about as
+        # The level of the FIFO is one byte. Its transfer, from `asked` to `_known`, takes about as
         # long as the overhead of the next transfer, which reads the samples.
-        return 2 * self._clock.ticks_diff(self._known, self._asked) + 1 if self.fifo > 0 else 1
+        return 2 * self._clock.ticks_diff(self._known, self.asked) + 1 if self.fifo > 0 else 1
 
     def switch_led(self, on):
         """Switch the LED on or off.
@@ -240,11 +241,11 @@ class AS7341:
             self.gpio(on)
         self.led_on = on
         self.steady = False
-        self._settled = self._clock.ticks_us()
+        self._settled = self._ticks_us()
 
-    def remaining_us(self):
-        """Return the time in us until the next sample is expected; negative if it is overdue."""
-        return self._clock.ticks_diff(self.pacing.due, self._clock.ticks_us())
+    def fetched(self):
+        """Return how many samples of the last FIFO read `poll` has returned; 1 without a FIFO."""
+        return max(1, (self._at - _FIFO_DATA) // _SAMPLE)
 
     def poll(self):
         """Fetch a new sample, if there is one. Allocates nothing.
@@ -270,10 +271,10 @@ class AS7341:
         """
         waits = self.waits
         if waits > 1:
-            self.complete = self.pacing.next()
+            self.complete = self._add(self.complete, self._step_us)
         else:
             if not waits:
-                self._asked = self._ticks_us()
+                self.asked = self._ticks_us()
                 try:
                     if not (self._read_fifo() if self.fifo > 0 else self._read_burst()):
                         return self._wait()
@@ -284,7 +285,9 @@ class AS7341:
                     return False
                 waits = self.waits
             if waits:
-                self.complete = self.pacing.held(self._asked, self._known, waits)
+                self.complete = self.pacing.held(self.asked, self._known, waits)
+                if waits > 2:
+                    self._step_us = self.pacing.skip(waits - 2)
             elif not self._take():
                 return False
         if waits:
@@ -326,8 +329,8 @@ class AS7341:
         odd = 1 if level % _ENTRIES else 0
         if level > _FULL or self._odd + odd > 1:
             self._write(_CONTROL, _FIFO_CLR)
-            self.complete = self._asked = self._ticks_us()
-            self.pacing.overrun(self._asked)
+            self.complete = self.asked = self._ticks_us()
+            self.pacing.overrun(self.asked)
             if self.fifo < 0:
                 self._write(_STATUS, _AINT)  # the sample of this AINT is no longer in the FIFO
                 self.fifo = _TRIAL
@@ -346,8 +349,8 @@ class AS7341:
         return held
 
     def _take(self):
-        complete = self.pacing.found(self._asked, self._ticks_us())
-        self.complete = self._asked if complete is None else complete
+        complete = self.pacing.found(self.asked, self._ticks_us())
+        self.complete = self.asked if complete is None else complete
         self._at = _COUNTS
         return complete is not None
 
@@ -360,15 +363,14 @@ class AS7341:
     def _wait(self):
         if self._is_overdue():
             raise SensorError("the AS7341 stopped sampling; check its supply and wiring")
-        self.pacing.early(self._asked)
+        self.pacing.early(self.asked)
         return False
 
     def _settle(self):
         # Not called after `steady` is True: ticks wrap, so that old ticks compare wrongly.
-        # `began` is the earliest possible start of the sample: the oscillator may be 1/16 slow.
-        longest_us = self.exposure_us + (self.exposure_us >> 4) + self.pacing.slack_us
-        began = self._clock.ticks_add(self.complete, -longest_us)
-        self.steady = self._clock.ticks_diff(began, self._settled) >= 0
+        # The sample began at most `longest_us` before its end: the oscillator may be 1/16 slow.
+        longest_us = (self.exposure_us * 17 >> 4) + self.pacing.slack_us
+        self.steady = self._clock.ticks_diff(self.complete, self._settled) >= longest_us
 
     def check(self):
         """Check that two registers of the chip still contain the written values.
@@ -406,8 +408,8 @@ class AS7341:
         reply["full_scale"] = self.full_scale
 
     def _is_overdue(self):
-        silent_us = self._clock.ticks_diff(self._asked, self.complete)
-        return silent_us > 2 * self.exposure_us + _AUTO_ZERO_US
+        longest_us = 2 * self.exposure_us + _AUTO_ZERO_US
+        return self._clock.ticks_diff(self.asked, self.complete) > longest_us
 
     def _configure(self, atime, astep, gain, led_mA):
         """Write exposure (registers `atime` and `astep`), gain code and LED current to the chip.

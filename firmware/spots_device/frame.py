@@ -172,13 +172,13 @@ class Framer:
         head = self._head
         encoded = self.encoded
         if head[GAP]:
+            head[GAP] = 0
             # A part of the dropped frame may have been sent. Without a delimiter after this part,
             # the present frame would be lost too. Delimiter and frame are sent in one write,
             # because the port would refuse a second write after a slow one.
             encoded = self._delimited
             length += 1
         if self._write(encoded, length):
-            head[GAP] = 0
             return True
         head[GAP] = DROPPED
         self.dropped += 1

@@ -212,27 +212,33 @@ class Pacing:
         self.due = self._add(due, shift_us)
         return self._end if self._locked and self._fitted > _SURE else due
 
-    def next(self):
-        """Record a sample of a FIFO read that is neither its oldest nor its newest; see `held`.
+    def skip(self, samples):
+        """Record the samples of a FIFO read that are neither its oldest nor its newest.
 
-        It takes the chip's period after the sample before it, so this is faster than `held`.
+        Call this after `held` for the oldest sample, and before `held` for the newest one.
+
+        Parameters
+        ----------
+        samples : int
+            Number of these samples.
 
         Returns
         -------
         int
-            Estimated end of the sample in ticks.
+            Time from the end of a sample to the end of the next one, in us.
         """
-        due = self.due
-        self.due = self._add(due, self._chip_us)
+        shift_us = samples * self._chip_us
+        self.due = self._add(self.due, shift_us)
         if not self._locked:
-            self._last = self._add(self._last, self._chip_us)
-            return self._add(due, self.period_us >> 2)
-        part = self._part + self._exact
+            self._last = self._add(self._last, shift_us)
+            return self._chip_us
+        exact = self._exact
+        part = self._part + samples * (exact & 255)
         self._part = part & 255
-        self._end = end = self._add(self._end, part >> 8)
-        self._since += 1
-        self._samples += 1
-        return end if self._fitted > _SURE else due
+        self._end = self._add(self._end, samples * (exact >> 8) + (part >> 8))
+        self._since += samples
+        self._samples += samples
+        return exact + 128 >> 8 if self._fitted > _SURE else self._chip_us
 
     def overrun(self, now):
         """Record that the FIFO was emptied at `now` (ticks), and that its samples are lost."""

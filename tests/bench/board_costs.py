@@ -179,7 +179,6 @@ show(
 )
 show("StdioSerial.read, no byte", mean_us(serial.read))
 show("uses.Uses.pump", mean_us(app.uses.pump))
-show("as7341.AS7341.remaining_us", mean_us(sensor.remaining_us))
 show("time.sleep_us(1)", mean_us(lambda: time.sleep_us(1)))
 reader = app._reader
 

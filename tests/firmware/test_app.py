@@ -12,7 +12,6 @@ from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SAMPLES
 from spots_device.frame import TEXT_MAX
 from spots_device.layout import default_lines
-from spots_device.runtime.batch_circuitpython import BatchApp
 from spots_device.search import Search
 from spots_device.settings import LIMITS, checksum, save_lines
 
@@ -275,33 +274,82 @@ def test_commands_leave_most_of_their_garbage_for_a_later_collection(monkeypatch
     assert len(collections) == begun + 1  # parsing produces more garbage than all these commands
 
 
-def test_circuitpython_reads_the_clock_once_for_all_samples_of_a_fifo_read():
-    def run(make):
-        made, _, clock, serial = canned.app(LINES, make=make)
-        for _ in range(200):
-            made.step()
-        sent = []
-        write = serial.write
-        serial.write = lambda buffer, size: sent.append(bytes(buffer[:size])) or write(buffer, size)
-        made.framer._write = serial.write
-        clock.sleep_us(95_000)  # the loop stalls
-        reads = 0
-        ticks_us = clock.ticks_us
+def stalled(stall_us=95_000):
+    """Return app, bus, clock and port after a stall, in which samples were stored in the FIFO."""
+    app, bus, clock, serial = canned.app(LINES)
+    while not app._sensor.steady or app.strip._rare:
+        app.step()
+    clock.sleep_us(stall_us)
+    return app, bus, clock, serial
 
-        def counted():
-            nonlocal reads
-            reads += 1
-            return ticks_us()
 
-        made._ticks_us = made._sensor._ticks_us = counted
-        passes = 0
-        while not passes or made._sensor.waits:
-            made.step()
-            passes += 1
-        return sent, reads, passes
+def test_the_loop_reads_the_clock_once_for_all_samples_of_a_fifo_read():
+    app, _, clock, serial = stalled()
+    reads = 0
+    ticks_us = clock.ticks_us
 
-    frames, reads, passes = run(app.BoardApp)
-    batched = run(BatchApp)
-    assert passes >= 9
-    assert reads == passes + 2
-    assert batched == (frames, 3, 1)
+    def counted():
+        nonlocal reads
+        reads += 1
+        return ticks_us()
+
+    app._ticks_us = app._sensor._ticks_us = counted
+    frames, complete = serial.frames, app._sensor.complete
+    app.step()
+    samples = (serial.frames - frames) // 2  # each with a TOUCH and a SPECTRUM frame
+    assert samples >= 9
+    assert reads == 3
+    assert not app._sensor.waits
+    assert app._sensor.complete - complete == pytest.approx(10_000 * samples, rel=0.05)
+
+
+def test_the_loop_sends_the_usb_reports_between_the_samples_of_a_fifo_read():
+    app, _, _, serial = stalled()
+    frames = []
+    app._outputs = True
+    app.uses.pump = lambda: frames.append(serial.frames)
+    app.step()
+    assert len(frames) >= 9
+    assert len(set(frames)) == len(frames)
+
+
+def test_the_loop_drops_the_samples_of_a_fifo_read_from_before_a_restart():
+    app, _, clock, _ = stalled()
+    app.step()
+    taken = []
+
+    def take():
+        taken.append(app._sensor.waits)
+        if len(taken) == 3:
+            app.strip.start()
+
+    app._take = take
+    clock.sleep_us(95_000)
+    app.step()
+    assert len(taken) == 3
+    assert taken[-1] > 3
+
+
+@pytest.mark.parametrize("exposure_us", [1_000, 1_500, 10_000])
+def test_the_time_of_a_sample_is_measured_whatever_the_number_in_a_fifo_read(exposure_us):
+    app, _, clock, serial = canned.app(LINES)
+    app.settings.values["exposure_us"] = exposure_us
+    app.restart()
+    app.measure()
+    write = serial.write
+    # TOUCH and SPECTRUM frame of a sample take 1,200 us.
+    serial.write = app.framer._write = lambda *frame: clock.sleep_us(600) or write(*frame)
+    for _ in range(200):
+        app.step()
+    assert app.meter.busy_us == pytest.approx(1_200, abs=1)
+
+
+def test_a_fifo_that_overflows_is_no_measured_sample():
+    app, _, clock, _ = stalled(300_000)
+    app.measure()
+    sensor = app._sensor
+    write = sensor._bus.write
+    sensor._bus.write = lambda buffer: clock.sleep_us(70) or write(buffer)
+    app.step()
+    assert sensor.pacing.missed
+    assert app.meter._samples == -3

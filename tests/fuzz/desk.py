@@ -80,7 +80,7 @@ class _Sensor:
         self._clock = clock
         self.pacing = SimpleNamespace(missed=0, due=0)
         self.counts = array("i", bytes(4 * 6))
-        self.retries = self.complete = self.fifo = self.waits = 0
+        self.retries = self.complete = self.asked = self.fifo = self.waits = 0
         self.led = "ldr"
         self.gpio = lambda on: None
         self.steady, self.saturated = True, False
@@ -97,13 +97,14 @@ class _Sensor:
     def switch_led(self, on):
         self.led_on = on and self.led_mA > 0
 
-    def remaining_us(self):
-        return 0
-
     def burst_us(self):
         return AS7341.burst_us(self)
 
+    def fetched(self):
+        return 1
+
     def poll(self):
+        self.asked = self._clock.ticks_us()
         self._clock.now_us += self.exposure_us
         self.complete = self.pacing.due = self._clock.ticks_us()
         light = (2**self.gain * self.exposure_us * (1 + self.led_mA)) if self.led_on else 0

@@ -404,7 +404,7 @@ def main():
 
         sensor = _open_sensor
     else:
-        from .batch_circuitpython import BatchApp as BoardApp
+        from ..app import BoardApp
 
         sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)

@@ -109,11 +109,11 @@ class StdioSerial:
             return False
         began = ticks_us()
         self._size = size
-        self._put(buffer)
+        sent = self._put(buffer)
         if ticks_diff(ticks_us(), began) < _SLOW_US:
             self._pause_us = 0
-            return self._sent == size
-        self._pause_us = min(max(_PAUSE_TIMES * self._pause_us, _PAUSE_US), _PAUSE_MAX_US)
+            return sent == size
+        self._pause_us = min(_PAUSE_TIMES * self._pause_us or _PAUSE_US, _PAUSE_MAX_US)
         self._from = time.ticks_add(ticks_us(), self._pause_us)
         return False
 
@@ -127,9 +127,9 @@ class StdioSerial:
     def _put(self, buffer):
         try:
             # MicroPython returns the size even if it stopped waiting and dropped the bytes.
-            self._sent = self._out(buffer, self._size)
+            return self._out(buffer, self._size)
         except OSError:
-            self._sent = 0
+            return 0
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits.
