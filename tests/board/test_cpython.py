@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import gc
 import json
+import socket
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -15,9 +17,11 @@ from spots.cli import main
 from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_sim import vm
+from spots_sim.cpython_realtime import SocketPort
 from test_realtime import TAPS
 
 TIMEOUT_S = 120
+PASSES = 5000
 
 
 @pytest.fixture(autouse=True)
@@ -72,6 +76,31 @@ def test_its_port_is_for_one_program_and_can_be_opened_again(port):
         board._link.close()
         with spots.open(board.port) as again:
             assert again.info["id"] == board.info["id"]
+
+
+def test_a_socket_takes_the_next_program_before_it_has_read_the_end_of_the_last_one():
+    def client():
+        return socket.create_connection(("127.0.0.1", int(port.name.rpartition(":")[2])))
+
+    def received(wanted):
+        for _ in range(PASSES):
+            if port.receive() == wanted:
+                return True
+            time.sleep(0.001)
+        return False
+
+    port = SocketPort()
+    with client() as first:
+        first.sendall(b"a")
+        assert received(b"a")
+        with client() as refused:
+            assert received(b"")
+            assert refused.recv(1) == b""
+        first.sendall(b"b")
+    with client() as second:
+        second.sendall(b"c")
+        assert received(b"b")
+        assert received(b"c")
 
 
 def test_a_reboot_keeps_what_was_saved_and_nothing_else(port):
