@@ -19,9 +19,9 @@ from spots_sim.linkage_demo import endless
 # Playwright's default timeout of 5 s is too short for a machine under load.
 expect.set_options(timeout=60_000)
 
-# The browser itself logs these errors while there is no server, or when the server refuses a
-# request; a page cannot prevent this.
-_REFUSED = "net::ERR_CONNECTION_REFUSED", "status of 409"
+# The browser itself logs these errors while there is no server, when the server refuses a request,
+# or when a page closes or reloads during a request; a page cannot prevent this.
+_ACCEPTED = "net::ERR_CONNECTION_REFUSED", "status of 409", "net::ERR_ABORTED"
 
 # Records in `window.drawn` the readings that a page has drawn, with their times, and in
 # `window.underway` the largest number of messages that the page had not acknowledged.
@@ -88,10 +88,9 @@ def open_page(browser):
     The test fails at its end if a page reported an error.
     """
     contexts, errors = [], []
-    accepted = list(_REFUSED)
 
     def note(kind, text):
-        if not any(words in text for words in accepted):
+        if not any(words in text for words in _ACCEPTED):
             errors.append(f"{kind}: {text}")
 
     def open_page(url, **options):
@@ -105,7 +104,6 @@ def open_page(browser):
         return page
 
     yield open_page
-    accepted.append("net::ERR_ABORTED")  # a request that is not complete when its page closes
     for context in contexts:
         context.close()
     assert not errors
