@@ -32,6 +32,11 @@ STAND_INS = Path(__file__).parent / "stand_ins"
 # processor.
 PARALLEL = {"bench", "remote", "web"}
 
+# Folders of tests of the host package. Their virtual boards run the firmware in CPython, which
+# needs a third less processor time than MicroPython. tests/board/test_cpython.py compares the
+# readings of both.
+IN_CPYTHON = {"calibrate", "controller", "linkage", "wearable"}
+
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
@@ -43,7 +48,14 @@ def pytest_xdist_auto_num_workers():
 
 
 def pytest_runtest_setup(item):
-    """Run a test and the processes that it starts on one processor, if this worker has its own."""
+    """Select the runtime of virtual boards, and the processor of a test.
+
+    A test and the processes that it starts use one processor, if this worker has its own.
+    """
+    if item.path.parent.name in IN_CPYTHON:
+        os.environ["SPOTS_VIRTUAL_RUNTIME"] = "cpython"
+    else:
+        os.environ.pop("SPOTS_VIRTUAL_RUNTIME", None)
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw-1")
     everywhere = range(os.cpu_count())
     own = int(worker.removeprefix("gw"))

@@ -155,7 +155,8 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     assert "25.0 mm with" in said
     assert said.count("is removed: its light fits a press at") == 1
     assert said.count("undone: ") == 1
-    assert room.person.presses == 20 + 6
+    unseen = said.count("no press is seen")  # a press that was too weak, by the noise
+    assert room.person.presses == 20 + 6 + unseen
     assert len(Session(path).of("hand")) >= 18
 
 
