@@ -33,7 +33,9 @@ DIODES = tuple(PIXELS_OF)
 GAIN = tuple(64 * g for g in (0.008, 0.016, 0.032, 0.065, 0.125, 0.25, 0.5, 1.0, 2.0, 3.95, 7.75))
 
 _SIX = struct.Struct("<6H")
-_ENTRY = struct.Struct("<H")
+_SEVEN = struct.Struct("<7H")
+
+_EXPOSURE = 0x81, 0xCA, 0xCB  # registers ATIME and ASTEP
 
 # DS000504: consecutive samples outside the thresholds before an interrupt, by the code APERS; FIFO
 # entries before an interrupt, by the code FIFO_TH.
@@ -148,6 +150,7 @@ class AS7341:
         self._smux_done = None
         self._zeroed = False
         self._start = None  # start of the running integration, in us
+        self._end_us = math.inf  # its end; infinite while no integration runs
         self._part_start = 0.0  # time up to which its light is collected, in us
         self._collected: dict[str, float] = {}  # counts at gain 1x, by diode
         self._cycle = 0
@@ -183,7 +186,9 @@ class AS7341:
                 data += counts
                 self._pointer = pointer + len(counts)
             elif self._fifo and pointer == 0xFE and size - len(data) > 1 and not self._main[0xA9]:
-                data += self._fifo.pop(0)  # both bytes of an entry
+                entries = size - len(data) >> 1  # both bytes of each entry
+                data += b"".join(self._fifo[:entries])
+                del self._fifo[:entries]
             else:
                 data.append(self._get(pointer))
                 # A transfer of any length reads the FIFO from its last two registers.
@@ -199,8 +204,8 @@ class AS7341:
         if self._smux_done is not None and now_us >= self._smux_done:
             self._smux_done = None
             self._run_smux()
-        while self._start is not None and now_us >= (end_us := self._end()):
-            self._complete(end_us)
+        while now_us >= self._end_us:
+            self._complete(self._end_us)
 
     def switch_light(self, on: bool) -> None:
         """Switch an LED that is wired to a pin of the board, by calling ``light.switch(on)``."""
@@ -270,6 +275,8 @@ class AS7341:
                 self._main[0xA7] &= ~0x80
         else:
             self._main[register] = value
+            if register in _EXPOSURE and self._start is not None:
+                self._end_us = self._end()
 
     def _set_enable(self, value: int) -> None:
         before = self._main[0x80]
@@ -292,6 +299,7 @@ class AS7341:
             self._collect(self._now)
             self.integrating_us += max(0.0, self._now - self._start)
             self._start = None
+            self._end_us = math.inf
 
     def _run_smux(self) -> None:
         self._main[0x80] &= ~0x10
@@ -323,6 +331,7 @@ class AS7341:
 
     def _begin(self, start_us: float) -> None:
         self._start = self._part_start = start_us
+        self._end_us = self._end()
         self._collected = {}
         self._main[0xA3] &= ~0x40
 
@@ -367,6 +376,7 @@ class AS7341:
         if self._main[0x80] & 0x08:
             pause += (self._main[0x83] + 1) * 2780.0
         self._start = self._part_start = end_us + pause
+        self._end_us = self._end()
         self._collected = {}
 
     def _persists(self, counts: list[int]) -> bool:
@@ -379,11 +389,8 @@ class AS7341:
     def _push(self, counts: list[int]) -> None:
         """Append to the FIFO the values that FIFO_MAP selects from ASTATUS and the six counts."""
         wanted = self._main[0xFC]
-        entries = [
-            _ENTRY.pack(value)
-            for bit, value in enumerate((self._live[0], *counts))
-            if wanted & 1 << bit
-        ]
+        values = _SEVEN.pack(self._live[0], *counts)
+        entries = [values[2 * i : 2 * i + 2] for i in range(7) if wanted & 1 << i]
         for entry in reversed(entries) if self._quirks.fifo_reversed else entries:
             if len(self._fifo) == _FIFO_ENTRIES:
                 self._main[0xA7] |= 0x80

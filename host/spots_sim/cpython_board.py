@@ -239,8 +239,7 @@ class _Requests:
 
     def ask(self, transfer, *arguments):
         """Apply faults; return ``transfer(*arguments)``, or raise PowerLostError if power fails."""
-        off_us = self._faults.step(self.bus) if self._faults else None
-        if off_us is not None:
+        if self._faults and (off_us := self._faults.step(self.bus)) is not None:
             raise PowerLostError(off_us)
         return transfer(*arguments)
 
@@ -316,9 +315,9 @@ class _Serial:
 
     def read(self) -> int:
         byte = next(self._received, -1)
-        if byte < 0:
-            self._received = iter(self._port.receive())
-            byte = next(self._received, -1)
+        if byte < 0 and (data := self._port.receive()):
+            self._received = iter(data)
+            byte = next(self._received)
         return byte
 
 
@@ -368,6 +367,8 @@ class InProcessBoard(CPythonBoard):
 
 
 def _take(buffer: bytearray) -> bytes:
+    if not buffer:  # at most calls
+        return b""
     data = bytes(buffer)
     buffer.clear()
     return data

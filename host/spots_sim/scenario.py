@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass, replace
 
-from msgspec.structs import asdict
+import msgspec
+from msgspec.structs import asdict, replace
 
 from .change import NONE, Change
 from .files import Ambient, Finger, ScenarioFile, Surroundings
@@ -15,8 +15,7 @@ _NEAR_S = 1e-6  # more than the rounding errors of a time
 _TREMOR_HZ = 9.3  # physiological tremor of fingers: 8 to 12 Hz
 
 
-@dataclass(frozen=True)
-class Press:
+class Press(msgspec.Struct, frozen=True):
     """A finger on the strip at one moment.
 
     Attributes
@@ -37,8 +36,7 @@ class Press:
     tilt_percent: float = 0.0
 
 
-@dataclass(frozen=True)
-class Pose:
+class Pose(msgspec.Struct, frozen=True):
     """Strain, bend and leak of the strip at one moment.
 
     Attributes

@@ -79,7 +79,10 @@ class World:
         self._scenario = scenario
         self._rng = rng
         self._optics_at = _optics(sensor)
-        self._optics = self._optics_at(NONE, 0.0)
+        self._state = NONE, 0.0  # change and temperature of the LED that `_optics` is for
+        self._optics = self._optics_at(*self._state)
+        self._seen: tuple = ()  # what `_parts` is for
+        self._parts: list[np.ndarray] = []
         self._led_K = 0.0  # at the time `_led_us`
         self._led_us = 0.0
         self._warm_start = warm
@@ -108,7 +111,9 @@ class World:
         step_us = duration_us / steps
         self._warm(end_us, led_mA)
         change = self._sensor.change + self._scenario.change((start_us + end_us) * 0.5e-6)
-        self._optics = self._optics_at(change, round(self._led_K, _LED_K_DIGITS))
+        state = change, round(self._led_K, _LED_K_DIGITS)
+        if state != self._state:
+            self._state, self._optics = state, self._optics_at(*state)
         rates = np.zeros(len(self._optics.names))
         if led_mA > 0:
             level = self._led_level(start_us, duration_us)
@@ -116,7 +121,8 @@ class World:
             # Most samples of a scenario are without a finger.
             if not (unloaded and self._scenario.is_dark(start_us * 1e-6, end_us * 1e-6)):
                 for i in range(steps):
-                    self._light(rates, (start_us + (i + 0.5) * step_us) * 1e-6)
+                    for part in self._light((start_us + (i + 0.5) * step_us) * 1e-6):
+                        rates += part
                 rates /= steps
                 rates *= self._optics.source_uW_cm2(led_mA) * level
         ambient_uW_cm2 = self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
@@ -158,27 +164,32 @@ class World:
             steady *= flicker(around, start_s, end_s)
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
 
-    def _light(self, rates: np.ndarray, time_s: float) -> None:
-        # Add to `rates` the count rates at one moment.
+    def _light(self, time_s: float) -> list[np.ndarray]:
+        # Return the count rates by each press and by the leak, at one moment.
         pose = self._scenario.pose(time_s)
         presses = self._scenario.presses(time_s)
         forces_mN = [press.force_mN for press in presses]
         if self._memory:
             forces_mN = self._memory.effective_mN(presses, time_s)
+        seen = self._optics, pose, presses, forces_mN
+        if seen == self._seen:  # successive samples of a constant press
+            return self._parts
+        self._seen, self._parts = seen, []
         for press, force_mN in zip(presses, forces_mN):
             share = coupling(self._sensor.contact, force_mN)
             if share > 0:
-                rates += share * self._optics.press(
+                rates = self._optics.press(
                     press.position_mm,
                     press.width_mm,
                     pose.strain,
                     pose.bend_deg,
                     press.tilt_percent,
                 )
+                self._parts.append(share * rates)
         if pose.leak_share > 0:
-            rates += pose.leak_share * self._optics.press(
-                pose.leak_mm, 0.0, pose.strain, pose.bend_deg
-            )
+            rates = self._optics.press(pose.leak_mm, 0.0, pose.strain, pose.bend_deg)
+            self._parts.append(pose.leak_share * rates)
+        return self._parts
 
     def _warm(self, end_us: float, led_mA: float) -> None:
         # The LED approaches its final temperature at the present current, also between two calls.
