@@ -1,5 +1,6 @@
 """`spots rezero`: presses at the marks of a drifted strip correct its calibration."""
 
+import argparse
 import io
 import json
 import os
@@ -12,6 +13,7 @@ from rich.console import Console
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
+from spots.calibrate import steps
 from spots.calibrate.bench import Bench
 from spots.calibrate.drift import described
 from spots.calibrate.guide import Guide
@@ -39,15 +41,21 @@ from spots_sim.stage_presser import StagePresser
 
 PLAN = "F3,F4,F5,F6,F7,F8"
 DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)
+# A third of the samples of 10 ms: each press on a mark is read for 3 s.
+EXPOSURE_US = 30_000
 
 
 @pytest.fixture(scope="module")
-def full(tmp_path_factory):
+def full(sensor, tmp_path_factory):
     """Path of the session file of a complete calibration; the calibration file is beside it."""
     path = tmp_path_factory.mktemp("made") / "strip.jsonl"
-    words = ["--session", str(path), "--plan", PLAN, "--port", "virtual"]
-    for kind in (["position"], ["force"], ["strain", "--strain-percent", "10"]):
-        assert cli.main(["calibrate", *kind, *words]) == 0
+    options = argparse.Namespace(plan=PLAN, keep_settings=False)
+    with Stage(sensor, settings=f"exposure_us={EXPOSURE_US}") as stage:
+        guide = Guide(Console(file=io.StringIO()))
+        out = path.with_suffix(".toml")
+        bench = Bench(stage.reader, StagePresser(stage), guide, stage.length_um, out)
+        for kind in ("position", "force", "strain"):
+            steps.calibrate(bench, Session(path), kind, 0, 10, options)
     return path
 
 
