@@ -131,8 +131,7 @@ def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
         assert sum(firm) < 0.05 * len(firm)
 
 
-@pytest.mark.parametrize("phosphor_nm", [-1.0, 1.0])
-@pytest.mark.parametrize("name", ["weak_dye", "short_30mm"])
+@pytest.mark.parametrize(("name", "phosphor_nm"), [("weak_dye", -1.0), ("short_30mm", 1.0)])
 def test_a_strip_of_little_contrast_types_right_after_a_re_zero(name, phosphor_nm):
     change = {"phosphor_nm": phosphor_nm}
     sensor = load_file(SensorFile, name)

@@ -23,7 +23,7 @@ def test_a_cold_strip_that_was_re_zeroed_once_types_what_was_touched(real):
 
 
 def test_a_joint_is_accurate_to_a_twentieth_of_a_degree_after_one_re_zero(real):
-    *_, before, after = joint(real, 4, 0, 6, warm_min=3)
+    *_, before, after = joint(real, 3, 0, 6, warm_min=2)
     assert (before["rezeroed"], after["rezeroed"]) == (False, True)
     assert before["accuracy_deg"] > 0.5
     assert after["accuracy_deg"] < 0.05

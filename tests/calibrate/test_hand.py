@@ -25,6 +25,8 @@ from spots_sim.stage import Stage
 from spots_sim.stage_presser import StagePresser
 
 PLAN = "F3,F4,F5,F6,F7,F8"
+# A third of the samples of 10 ms, for tests of what a session says.
+LONG = "exposure_us=30000"
 PATIENCE_S = 25.0  # timeout of a press; longer than the delays of the simulated person
 
 
@@ -163,7 +165,7 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
 @pytest.mark.parametrize(("kind", "most"), [("rough", 12), ("fine", 45)])
 def test_repeated_presses_replace_others(sensor, tmp_path, kind, most):
     path = tmp_path / "a.jsonl"
-    with Stage(sensor, seed=3) as stage:
+    with Stage(sensor, seed=3, settings=LONG) as stage:
         room = Room(stage, Habits())
         room.answers = ["", "", "", *["again"] * 3, *[""] * 9, *["again"] * 6]
         calibrate(room, path, kind, steps.COUNTS[kind][0], plan=None)
@@ -173,7 +175,7 @@ def test_repeated_presses_replace_others(sensor, tmp_path, kind, most):
 
 def test_a_press_that_is_lifted_early_is_not_requested_again(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
-    with Stage(sensor, seed=3) as stage:
+    with Stage(sensor, seed=3, settings=LONG) as stage:
         room = Room(stage, Habits(slips=1.0))
         calibrate(room, path, "rough", steps.COUNTS["rough"][0])
     assert not re.search("(press|try) again", room.getvalue())
@@ -184,7 +186,7 @@ def test_a_rough_session_requests_the_press_of_the_exposure_again_if_it_ended(
     sensor, tmp_path, monkeypatch
 ):
     path = tmp_path / "a.jsonl"
-    with Stage(sensor, seed=3) as stage:
+    with Stage(sensor, seed=3, settings=LONG) as stage:
         room, command = Room(stage, Habits(slips=0)), stage.board.command
 
         def lifts(line, **options):

@@ -15,7 +15,7 @@ from spots_sim.loading import record
 from spots_sim.person import Habits
 from spots_sim.silicone import Silicone
 from spots_sim.stage import Stage
-from test_hand import Room, calibrate, errors_um
+from test_hand import LONG, Room, calibrate, errors_um
 
 FINE = COUNTS["fine"][0]
 LOOP = ((0.5, 9000.0, 4.0, 0.0),)
@@ -27,8 +27,8 @@ def strip(sensor, model, preload_mN=10_000.0):
     return structs.replace(sensor, silicone=Silicone(model, **effects, preload_mN=preload_mN))
 
 
-def fine(sensor, path, habits, seed=1, count=FINE):
-    with Stage(sensor, seed=seed) as stage:
+def fine(sensor, path, habits, seed=1, count=FINE, settings=""):
+    with Stage(sensor, seed=seed, settings=settings) as stage:
         room = Room(stage, habits, seed)
         made = calibrate(room, path, "fine", count, plan=None)
         return room, made, np.abs(errors_um(stage, made)).mean()
@@ -93,7 +93,7 @@ def test_a_session_with_a_kitchen_scale_compensates_the_silicone(sensor, session
 
 
 def test_an_ideal_strip_is_not_compensated(sensor, tmp_path):
-    room, made, _ = fine(sensor, tmp_path / "a.jsonl", Habits())
+    room, made, _ = fine(sensor, tmp_path / "a.jsonl", Habits(), settings=LONG)
     assert room.getvalue().count("without lifting, go to about") == 6
     assert silicone_lines(made) == []
     assert "softened" not in room.getvalue()
@@ -101,7 +101,8 @@ def test_an_ideal_strip_is_not_compensated(sensor, tmp_path):
 
 def test_pre_stretching_is_advised_once_where_the_strip_softens(sensor, tmp_path):
     # Errors of the forces from a scale hide the softening in some sessions: in one of six, seed 1.
-    room, _, _ = fine(strip(sensor, "spectrum", 0.0), tmp_path / "a.jsonl", Habits(), seed=2)
+    fresh = strip(sensor, "spectrum", 0.0)
+    room, _, _ = fine(fresh, tmp_path / "a.jsonl", Habits(), seed=2, settings=LONG)
     said = room.getvalue()
     assert said.count("firm presses have softened the strip") == 1
     assert "press it everywhere with 10 N (1 kg) several times" in said
@@ -127,7 +128,7 @@ class Lifting(Room):
 
 def test_a_lift_instead_of_another_force_is_named_and_asked_for_again(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
-    with Stage(sensor, seed=3) as stage:
+    with Stage(sensor, seed=3, settings=LONG) as stage:
         room = Lifting(stage, Habits(slips=0), 3)
         calibrate(room, path, "fine", 22)
     said = room.getvalue()
@@ -155,7 +156,7 @@ def test_a_second_force_that_is_too_weak_is_asked_for_again_with_more(
             raise TooDarkError("too dark")
 
     monkeypatch.setattr(Bench, "change", weakly)
-    with Stage(sensor, seed=3) as stage:
+    with Stage(sensor, seed=3, settings=LONG) as stage:
         room = Room(stage, Habits(slips=0), 3)
         calibrate(room, tmp_path / "a.jsonl", "fine", 20)
     assert "too dark; press again" in room.getvalue()
@@ -179,7 +180,7 @@ def test_an_early_session_without_these_presses_still_gives_a_calibration(
 
 
 def test_a_board_that_cannot_compensate_gets_no_line_and_no_such_presses(sensor, tmp_path):
-    with Stage(strip(sensor, "spectrum"), seed=1) as stage:
+    with Stage(strip(sensor, "spectrum"), seed=1, settings=LONG) as stage:
         room, reader = Room(stage, Habits(slips=0), 1), stage.reader
         reader.info = {k: v for k, v in reader.info.items() if k != "mains_hz"}
         set_up = reader.set_up
