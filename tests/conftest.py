@@ -32,10 +32,10 @@ STAND_INS = Path(__file__).parent / "stand_ins"
 # processor.
 PARALLEL = {"bench", "remote", "web"}
 
-# Folders of tests of the host package. Their virtual boards run the firmware in CPython, which
-# needs a third less processor time than MicroPython. tests/board/test_cpython.py compares the
+# Folders of tests of the host and the simulator. Their virtual boards run the firmware in CPython,
+# which needs a third less processor time than MicroPython. tests/board/test_cpython.py compares the
 # readings of both.
-IN_CPYTHON = {"calibrate", "controller", "linkage", "wearable"}
+IN_CPYTHON = {"calibrate", "controller", "keyboard", "linkage", "sim", "top", "wearable"}
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -59,7 +59,7 @@ def session(sensor, tmp_path_factory):
     @lru_cache
     def session(model):
         path = tmp_path_factory.mktemp(model) / "a.jsonl"
-        return path, fine(strip(sensor, model), path, Habits())
+        return path, fine(strip(sensor, model), path, Habits(), settings=LONG)
 
     return session
 
@@ -175,7 +175,7 @@ def test_an_early_session_without_these_presses_still_gives_a_calibration(
         if p.kind == "hand":
             session.remove(p)
             session.add(structs.replace(p, then_mN=0.0, hold_s=0.0, trace=(), holds=()))
-    _, made, _ = fine(strip(sensor, "spectrum"), path, Habits(), count=20)
+    _, made, _ = fine(strip(sensor, "spectrum"), path, Habits(), count=20, settings=LONG)
     assert silicone_lines(made) == []
 
 
