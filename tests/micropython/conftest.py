@@ -1,9 +1,10 @@
 """Fixtures that run the scripts of this folder in MicroPython.
 
 There are two builds of MicroPython, with words of 64 and of 32 bits, and CPython for comparison.
-Each gets the firmware's package and the same scripts, unchanged, in its own folder. The 64-bit
-build also runs the sample path as machine code. The 32-bit build is WebAssembly, for which
-MicroPython cannot compile machine code.
+Each gets the firmware's package and the same scripts. As on a board, MicroPython gets them as
+bytecode, which mpy-cross compiles one time for all tests. The 64-bit build also runs the sample
+path as machine code. The 32-bit build is WebAssembly, for which MicroPython cannot compile machine
+code.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from bench import canned
 from viper import need_viper
 
 import spots_device
+from spots.deploy.build import mpy_cross_command
 from spots.deploy.constants import inline
 from spots.deploy.names import shorten
 from spots.deploy.staging import use_viper
@@ -36,20 +38,90 @@ HEAP_32_BYTES = 192 * 1024
 HEAP_64_BYTES = 2 * HEAP_32_BYTES
 
 
-class Machine:
-    """An interpreter that runs a script in its own folder."""
+def copy_sources(folder: Path, viper: bool, inlined: bool) -> None:
+    """Copy the scripts and the firmware's package into a folder.
 
-    def __init__(self, folder: Path):
+    Parameters
+    ----------
+    folder : Path
+        The folder, which is made.
+    viper : bool
+        Whether the package contains the sample path as machine code.
+    inlined : bool
+        Whether constants are replaced by their values, and names are shortened, as on a board. Some
+        scripts import these constants.
+    """
+    clean = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(HERE / "scripts", folder, ignore=clean)
+    shutil.copytree(Path(spots_device.__file__).parent, folder / "spots_device", ignore=clean)
+    shutil.copy(canned.__file__, folder)
+    if viper:
+        use_viper(folder / "spots_device")
+    if inlined:
+        inline(folder / "spots_device")
+        shorten(folder / "spots_device")
+
+
+def compile_module(source: Path, target: Path) -> None:
+    """Compile a module with mpy-cross; machine code is that of x86-64."""
+    command = [*mpy_cross_command(), "-march=x64", "-o", str(target), str(source)]
+    subprocess.run(command, check=True)
+
+
+@pytest.fixture(scope="session")
+def compiled(once):
+    """Return a function that returns a folder with sources and bytecode, see `copy_sources`."""
+
+    def make(folder, *form):
+        copy_sources(folder / "source", *form)
+        for source in (folder / "source").rglob("*.py"):
+            target = folder / "code" / source.relative_to(folder / "source").with_suffix(".mpy")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            compile_module(source, target)
+
+    def compiled(viper=False, inlined=False):
+        form = viper, inlined
+        return once(f"micropython-{viper}-{inlined}", lambda folder: make(folder, *form))
+
+    return compiled
+
+
+class Machine:
+    """An interpreter that runs a script in a folder of its own.
+
+    Parameters
+    ----------
+    folder : Path
+        The interpreter's working directory, which is made.
+    compiled : callable
+        The fixture of this name.
+    """
+
+    viper = False
+
+    def __init__(self, folder: Path, compiled):
+        folder.mkdir()
         self.folder = folder
-        clean = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(HERE / "scripts", folder, ignore=clean, dirs_exist_ok=True)
-        shutil.copytree(Path(spots_device.__file__).parent, folder / "spots_device", ignore=clean)
-        shutil.copy(canned.__file__, folder)
+        self._compiled = compiled
+        self._slipped = None
 
     def slip(self, module: str, code: str) -> None:
         """Append code to a module of this interpreter's copy of the firmware, such as a defect."""
-        path = self.folder / "spots_device" / f"{module}.py"
-        path.write_text(path.read_text(encoding="utf-8") + code, encoding="utf-8")
+        kept = self._compiled(self.viper)
+        self._slipped = self.folder.with_name("slipped")
+        shutil.copytree(kept / "code", self._slipped)
+        source = self.folder.with_name(f"{module}.py")
+        original = kept / "source" / "spots_device" / source.name
+        source.write_text(original.read_text(encoding="utf-8") + code, encoding="utf-8")
+        compile_module(source, self._slipped / "spots_device" / f"{module}.mpy")
+
+    def code(self, script: str) -> Path:
+        """Return the folder with the scripts and the firmware, as this interpreter imports them."""
+        return self._slipped or self._compiled(self.viper, self.inlines(script)) / "code"
+
+    def inlines(self, script: str) -> bool:
+        """Return whether `script` runs with the firmware's constants replaced by their values."""
+        return False
 
     def run(self, script: str, given: dict | None = None) -> list[str]:
         """Return the lines that a script prints.
@@ -70,6 +142,7 @@ class Machine:
         process = subprocess.Popen(
             self.command(script),
             cwd=self.folder,
+            env=os.environ | self.environment(script),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -89,13 +162,17 @@ class Machine:
     def command(self, script: str) -> list[str]:
         raise NotImplementedError
 
+    def environment(self, script: str) -> dict[str, str]:
+        return {}
+
 
 class CPython(Machine):
     """CPython, the reference for the other interpreters; caches the output of each run."""
 
     def __init__(self, folder: Path):
-        super().__init__(folder)
+        copy_sources(folder, False, False)
         shutil.copy(HERE / "cpython" / "micropython.py", folder)
+        self.folder = folder
         self._printed: dict[tuple[str, str], list[str]] = {}
 
     def run(self, script: str, given: dict | None = None) -> list[str]:
@@ -105,24 +182,26 @@ class CPython(Machine):
         return self._printed[key]
 
     def command(self, script: str) -> list[str]:
-        return [sys.executable, "-B", f"{script}.py"]
+        return [sys.executable, f"{script}.py"]
 
 
 class Unix64(Machine):
+    def inlines(self, script: str) -> bool:
+        return script == "sample_path"
+
     def command(self, script: str) -> list[str]:
-        # Constants are replaced by their values, as on a board. The other scripts import these
-        # constants, so their modules are not changed.
-        if script == "sample_path":
-            inline(self.folder / "spots_device")
-            shorten(self.folder / "spots_device")
-        return [*micropython_command(), "-X", f"heapsize={HEAP_64_BYTES}", f"{script}.py"]
+        return [*micropython_command(), "-X", f"heapsize={HEAP_64_BYTES}", "-m", script]
+
+    def environment(self, script: str) -> dict[str, str]:
+        return {"MICROPYPATH": f"{self.code(script)}:.frozen"}
 
 
 class Viper64(Unix64):
-    def __init__(self, folder: Path):
+    viper = True
+
+    def __init__(self, folder: Path, compiled):
         need_viper()
-        super().__init__(folder)
-        use_viper(folder / "spots_device")
+        super().__init__(folder, compiled)
 
 
 class Wasm32(Machine):
@@ -131,19 +210,20 @@ class Wasm32(Machine):
         node = shutil.which("node", path=os.pathsep.join(places))
         if node is None or not WASM_PACKAGE.is_dir():
             pytest.fail("node or MicroPython for WebAssembly is missing; 'make test' gets both")
-        return [node, str(WASM / "run.mjs"), str(self.folder), script, str(HEAP_32_BYTES)]
+        folders = str(self.code(script)), str(self.folder)
+        return [node, str(WASM / "run.mjs"), script, str(HEAP_32_BYTES), *folders]
 
 
 @pytest.fixture(params=[Unix64, Wasm32, Viper64], ids=["unix64", "wasm32", "viper64"])
-def machine(request, tmp_path):
+def machine(request, tmp_path, compiled):
     """A `Machine` with MicroPython: each test runs with 64-bit and with 32-bit words."""
-    return request.param(tmp_path / "micropython")
+    return request.param(tmp_path / "micropython", compiled)
 
 
 @pytest.fixture
-def viper64(tmp_path):
+def viper64(tmp_path, compiled):
     """A `Machine` with MicroPython of 64 bits, and the sample path as machine code."""
-    return Viper64(tmp_path / "micropython")
+    return Viper64(tmp_path / "micropython", compiled)
 
 
 @pytest.fixture
@@ -155,4 +235,4 @@ def machine_bits(machine):
 @pytest.fixture(scope="session")
 def cpython(tmp_path_factory):
     """A `Machine` with CPython."""
-    return CPython(tmp_path_factory.mktemp("cpython"))
+    return CPython(tmp_path_factory.mktemp("cpython") / "scripts")

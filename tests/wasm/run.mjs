@@ -1,6 +1,6 @@
-// Imports a module in MicroPython for WebAssembly, from a folder that is copied into its memory.
+// Imports a module in MicroPython for WebAssembly, from folders that are copied into its memory.
 //
-//     node run.mjs FOLDER MODULE HEAP_BYTES
+//     node run.mjs MODULE HEAP_BYTES FOLDER...
 //
 // Prints what the module prints; ends with code 1 and the traceback if it raises.
 
@@ -8,7 +8,7 @@ import fs from "node:fs";
 import path from "node:path";
 import { loadMicroPython } from "@micropython/micropython-webassembly-pyscript/micropython.mjs";
 
-const [folder, module, heapBytes] = process.argv.slice(2);
+const [module, heapBytes, ...folders] = process.argv.slice(2);
 const micropython = await loadMicroPython({
   heapsize: Number(heapBytes),
   stdout: (line) => console.log(line),
@@ -27,7 +27,9 @@ function copy(from, to) {
   }
 }
 
-copy(folder, micropython.FS.cwd());
+for (const folder of folders) {
+  copy(folder, micropython.FS.cwd());
+}
 try {
   micropython.pyimport(module);
 } catch (error) {
