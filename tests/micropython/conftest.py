@@ -123,22 +123,24 @@ class Machine:
         """Return whether `script` runs with the firmware's constants replaced by their values."""
         return False
 
-    def run(self, script: str, given: dict | None = None) -> list[str]:
+    def run(self, script: str, given: dict | list | None = None) -> list[str]:
         """Return the lines that a script prints.
 
         Parameters
         ----------
         script : str
             Module in the folder ``scripts``.
-        given : dict, optional
-            Content of the file given.json, which the script reads.
+        given : dict or list, optional
+            Content of the file given.json, which the script reads: a dict, or one item in each
+            line.
 
         Raises
         ------
         RuntimeError
             If the script ends with an exception; the text contains the traceback.
         """
-        (self.folder / "given.json").write_text(json.dumps(given), encoding="utf-8")
+        lines = map(json.dumps, given if isinstance(given, list) else [given])
+        (self.folder / "given.json").write_text("\n".join(lines), encoding="utf-8")
         process = subprocess.Popen(
             self.command(script),
             cwd=self.folder,
@@ -175,7 +177,7 @@ class CPython(Machine):
         self.folder = folder
         self._printed: dict[tuple[str, str], list[str]] = {}
 
-    def run(self, script: str, given: dict | None = None) -> list[str]:
+    def run(self, script: str, given: dict | list | None = None) -> list[str]:
         key = script, json.dumps(given)
         if key not in self._printed:
             self._printed[key] = super().run(script, given)

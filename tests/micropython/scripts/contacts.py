@@ -1,8 +1,8 @@
 """Processes readings of fingers while the heap is locked; prints two sums after each reading.
 
-Reads from given.json: lines of a layout, length of the strip in um, decay, and five integers for
-each reading: the arguments of `contact.ContactTracker.take`. The sums depend on the state of the
-tracker and on all its events.
+Each line of given.json is a case: lines of a layout, length of the strip in um, decay, and five
+integers for each reading, which are the arguments of `contact.ContactTracker.take`. The sums depend
+on the state of the tracker and on all its events.
 """
 
 import gc
@@ -69,15 +69,16 @@ def track(readings, results):
         results[i + 1] = events.value
 
 
-gc.collect()
 with open("given.json") as file:
-    given = json.load(file)
-events = Sum()
-tracker = ContactTracker(events)
-tracker.set_layout(Layout(given[0]), given[1], given[2])
-readings = array("i", given[3:])
-del given
-results = array("i", readings)
-locked(track, readings, results)
-for i in range(0, len(results), 5):
-    print(results[i], results[i + 1])
+    for line in file:
+        gc.collect()
+        given = json.loads(line)
+        events = Sum()
+        tracker = ContactTracker(events)
+        tracker.set_layout(Layout(given[0]), given[1], given[2])
+        readings = array("i", given[3:])
+        del given
+        results = array("i", readings)
+        locked(track, readings, results)
+        for i in range(0, len(results), 5):
+            print(results[i], results[i + 1])
