@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from spots.deploy.build import build
 from spots_sim.files import SensorFile, load
 from spots_sim.kept_folder import FOLDER
 from spots_sim.stage import calibrate
@@ -101,6 +102,19 @@ def once(shared_folder):
         return path
 
     return once
+
+
+@pytest.fixture(scope="session")
+def built(once):
+    """Return a function that returns the folder with the build of a board.
+
+    All tests share this folder, so they must not change it: a build takes half a second.
+    """
+
+    def built(board, strips=1):
+        return once(f"build-{board}-{strips}", lambda root: build(board, root, strips)) / board
+
+    return built
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from spots.deploy.build import build, files_of
+from spots.deploy.build import files_of
 from spots.deploy.staging import board_names, device_of
 
 # A Pico has about 246 KB of heap.
@@ -20,11 +20,11 @@ def test_every_board_with_mpy_files_is_there(results):
 
 
 @pytest.mark.parametrize("board", BOARDS)
-def test_flash_is_that_of_the_built_modules(results, board, tmp_path):
-    files = files_of(build(board, tmp_path))
-    built = sum(len(data) for path, data in files.items() if path.endswith(".mpy"))
+def test_flash_is_that_of_the_built_modules(results, board, built):
+    files = files_of(built(board))
+    size = sum(len(data) for path, data in files.items() if path.endswith(".mpy"))
     most = XTENSA_MAX_BYTES if device_of(board).march == "xtensawin" else FLASH_MAX_BYTES
-    assert results["boards"][board]["mpy_bytes"] == built <= most
+    assert results["boards"][board]["mpy_bytes"] == size <= most
 
 
 @pytest.mark.parametrize("board", BOARDS)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from spots.deploy import flash
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Key, Spectrum, Touch
@@ -72,6 +73,12 @@ class Rig:
         self.board.close()
         if self._own:
             self._own.cleanup()
+
+
+@pytest.fixture
+def shared_builds(monkeypatch, built):
+    """Let `flash` copy the builds that all tests share; test_upgrade.py flashes fresh ones."""
+    monkeypatch.setattr(flash, "build", lambda board, root, strips: built(board, strips))
 
 
 @pytest.fixture

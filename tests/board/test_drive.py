@@ -11,13 +11,15 @@ from boards import refused
 
 from spots.cli import main
 from spots.deploy import drive, nofollow, place
-from spots.deploy.build import build, files_of
+from spots.deploy.build import files_of
 from spots.deploy.staging import device_of
 from spots.link import serial_link as link
 from spots_sim import virtual
 
 ABOUT = "Adafruit CircuitPython {} on 2026-01-01; Some board\nBoard ID:{}\nUID:0123AB\n"
 RIGHT = "9.2.1", "adafruit_qtpy_rp2040"
+
+pytestmark = pytest.mark.usefixtures("shared_builds")
 
 
 @pytest.fixture
@@ -52,11 +54,11 @@ def mount(tmp_path, monkeypatch):
     return mounted
 
 
-def test_onto_a_blank_board_which_then_says_hello_and_off_it_again(tmp_path, capsys):
+def test_onto_a_blank_board_which_then_says_hello_and_off_it_again(tmp_path, built, capsys):
     folder = tmp_path / "board"
     folder.mkdir()
     (folder / "notes.py").write_text("the user's own")
-    wanted = files_of(build("virtual_circuitpython", tmp_path / "build"))
+    wanted = files_of(built("virtual_circuitpython"))
     with (
         virtual.virtual_board(folder, device_of("virtual_circuitpython")) as there,
         pytest.MonkeyPatch.context() as patch,
@@ -118,14 +120,14 @@ def test_the_libraries_come_first_and_the_entry_last(mount, capsys):
 
 
 def test_a_drive_without_a_console_is_written_and_the_user_told_to_press_reset(
-    mount, capsys, monkeypatch, tmp_path
+    mount, capsys, monkeypatch, built
 ):
     monkeypatch.setattr("spots.deploy.flash._RETURN_S", 0)
     folder = mount(*RIGHT)
     assert "does not answer after the restart" in refused_after_copying(capsys)
     files = files_of(folder)
     assert files.pop("boot_out.txt")
-    assert files == files_of(build("qtpy_rp2040", tmp_path / "build"))
+    assert files == files_of(built("qtpy_rp2040"))
 
 
 def refused_after_copying(capsys):
@@ -188,10 +190,10 @@ def test_what_another_user_has_mounted_is_not_looked_into(mount, capsys, monkeyp
     ],
 )
 def test_a_drive_that_goes_away_while_it_is_looked_at(
-    mount, capsys, monkeypatch, tmp_path, name, command
+    mount, capsys, monkeypatch, built, name, command
 ):
     folder = mount(*RIGHT)
-    entry = files_of(build("qtpy_rp2040", tmp_path / "build"))["code.py"]
+    entry = files_of(built("qtpy_rp2040"))["code.py"]
     (folder / "code.py").write_bytes(entry)
     usual = getattr(os, name)
 

@@ -1,6 +1,7 @@
 """Flashes a virtual board with an empty file system through its serial port."""
 
 import io
+import shutil
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -13,11 +14,13 @@ from mpremote.transport_serial import SerialTransport
 import spots
 from spots.cli import main
 from spots.deploy import flash as flashing
-from spots.deploy.build import build, files_of
+from spots.deploy.build import files_of
 from spots.deploy.doctor import examine_board
 from spots.deploy.prompt import Prompt
 from spots.deploy.staging import device_of
 from spots.link import serial_link as link
+
+pytestmark = pytest.mark.usefixtures("shared_builds")
 
 
 @pytest.fixture
@@ -28,8 +31,8 @@ def empty(tmp_path):
     return folder
 
 
-def test_plain_mpremote_flashes_an_empty_board(empty, tmp_path):
-    source = build("virtual", tmp_path / "build")
+def test_plain_mpremote_flashes_an_empty_board(empty, built):
+    source = built("virtual")
     with virtual_board(empty) as port:
         command = [sys.executable, "-m", "mpremote", "connect", port]
         command += ["cp", "-r", "spots_device", "board_config.py", "spots.sha256", ":"]
@@ -43,7 +46,7 @@ def test_plain_mpremote_flashes_an_empty_board(empty, tmp_path):
     assert files_of(empty) == files_of(source)
 
 
-def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsys):
+def test_twice_and_the_second_time_there_is_nothing_to_do(empty, built, capsys):
     (empty / "settings.txt").write_text("mine\n")
     (empty / "calibration.txt").write_text("mine too\n")
     (empty / "notes.py").write_text("the user's own")
@@ -51,7 +54,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, tmp_path, capsy
     (empty / "spots_device" / "app.py").write_text("an older version")
     (empty / "spots_device" / "log2.mpy.part").write_text("half")
     (empty / "spots_device" / "hers.py").write_text("the user's own")
-    wanted = files_of(build("virtual", tmp_path / "build"))
+    wanted = files_of(built("virtual"))
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
         said = capsys.readouterr().out
@@ -79,8 +82,8 @@ def test_a_board_without_the_library_for_usb_is_told_of_in_a_sentence(empty, cap
         assert command in capsys.readouterr().out
 
 
-def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, tmp_path, capsys):
-    wanted = files_of(build("virtual", tmp_path / "build"))
+def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, built, capsys):
+    wanted = files_of(built("virtual"))
     (empty / "main.py").write_text("print('the one before')")
     write = Prompt.write
     written = []
@@ -173,9 +176,9 @@ def test_a_dry_run_without_hardware(capsys):
         ({"mpy": (6, 10)}, "has architecture xtensawin, but pico has armv6m"),
     ],
 )
-def test_a_board_that_will_not_do(changed, sentence, tmp_path):
+def test_a_board_that_will_not_do(changed, sentence, built):
     facts = {"runtime": "micropython", "version": (1, 23, 0), "mpy": (6, 4)}
-    files = files_of(build("pico", tmp_path))
+    files = files_of(built("pico"))
     flashing.refuse(facts, device_of("pico"), files, "/dev/x")
     with pytest.raises(spots.SpotsError, match=sentence):
         flashing.refuse(facts | changed, device_of("pico"), files, "/dev/x")
@@ -212,8 +215,8 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
     assert 'idVendor}=="2e8a"' in capsys.readouterr().out.splitlines()[-1]
 
 
-def test_erase_takes_what_is_ours_and_asks_first(empty, capsys, monkeypatch):
-    build_into(empty)
+def test_erase_takes_what_is_ours_and_asks_first(empty, built, capsys, monkeypatch):
+    shutil.copytree(built("virtual"), empty, dirs_exist_ok=True)
     for name in ("settings.txt", "calibration.txt.old", "notes.py"):
         (empty / name).write_text("")
     monkeypatch.setattr(sys.stdin, "isatty", lambda: False)
@@ -237,8 +240,8 @@ def test_erase_takes_nothing_from_a_board_that_never_had_our_firmware(empty, cap
 
 
 @pytest.mark.parametrize("typed", ["\n", "n\n", ""])
-def test_erase_takes_all_but_yes_for_no(empty, capsys, monkeypatch, typed):
-    build_into(empty)
+def test_erase_takes_all_but_yes_for_no(empty, built, capsys, monkeypatch, typed):
+    shutil.copytree(built("virtual"), empty, dirs_exist_ok=True)
     before = files_of(empty)
     person = io.StringIO(typed)
     person.isatty = lambda: True
@@ -246,13 +249,6 @@ def test_erase_takes_all_but_yes_for_no(empty, capsys, monkeypatch, typed):
     with virtual_board(empty) as port:
         assert "nothing was removed" in refused(capsys, "erase", "virtual", "--port", port)
     assert files_of(empty) == before
-
-
-def build_into(folder):
-    """Copy the firmware into a folder, the file system of a board."""
-    for path, data in files_of(build("virtual", folder.parent / "build")).items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_bytes(data)
 
 
 def test_a_doctor_for_a_healthy_board(capsys):

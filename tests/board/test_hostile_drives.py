@@ -21,7 +21,7 @@ from spots.cli import main
 from spots.deploy import flash as flashing
 from spots.deploy import nofollow, place, released
 from spots.deploy import staging as stage
-from spots.deploy.build import build, files_of
+from spots.deploy.build import files_of
 from spots.deploy.flash import USER_FILES
 from spots.errors import SpotsError
 from spots.link import serial_link as link
@@ -83,9 +83,9 @@ CALLS = ["open", "stat", "unlink", "replace", "mkdir", "rmdir"]
 
 
 @pytest.fixture(scope="module")
-def built(tmp_path_factory):
-    """The files that `flash` writes, built one time for all tests of this module."""
-    folder = build(BOARD, tmp_path_factory.mktemp("build"))
+def built(built):
+    """The files that `flash` writes; the builds are those that all tests share."""
+    folder = built(BOARD)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flashing, "build", lambda board, root, strips: folder)
         patch.setattr(flashing, "_greet", lambda there: None)

@@ -27,9 +27,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.parametrize("board", board_names())
-def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
+def test_every_board_gets_what_its_runtime_takes(board, built):
     device = device_of(board)
-    files = files_of(build(board, tmp_path))
+    files = files_of(built(board))
     assert "board_config.py" in files
     modules = [path for path in files if path.startswith("spots_device/")]
     if device.runtime != "micropython":
@@ -47,8 +47,8 @@ def test_every_board_gets_what_its_runtime_takes(board, tmp_path):
         assert ARCHITECTURES[header.arch] == (device.march if machine_code else None), path
 
 
-def test_circuitpython_looks_up_no_name_of_a_constant(tmp_path):
-    files = files_of(build("qtpy_rp2040", tmp_path))
+def test_circuitpython_looks_up_no_name_of_a_constant(built):
+    files = files_of(built("qtpy_rp2040"))
     names = {
         node.id
         for node in ast.walk(ast.parse(files["spots_device/kernel.py"]))
@@ -101,9 +101,9 @@ def traceback_on_board(folder, code):
     return re.findall(r'File "(.+)", line \d+, in (\S+)', run.stdout + run.stderr)[-1]
 
 
-def test_a_traceback_names_file_and_function(tmp_path):
+def test_a_traceback_names_file_and_function(built):
     raises = "from spots_device.runtime.common import run; run(None, None, None, None, None)"
-    place = traceback_on_board(build("virtual", tmp_path), raises)
+    place = traceback_on_board(built("virtual"), raises)
     assert place == ("runtime/common", "run")
 
 
@@ -115,8 +115,8 @@ def test_boards_get_machine_code_without_any_correction_of_signs(module):
     assert "^ sign" not in code.replace(*builder._SIGN)
 
 
-def test_the_modules_of_a_pico_stay_small(tmp_path):
-    files = files_of(build("pico", tmp_path))
+def test_the_modules_of_a_pico_stay_small(built):
+    files = files_of(built("pico"))
     assert sum(len(data) for path, data in files.items() if path.endswith(".mpy")) <= 64 * 1024
 
 
