@@ -187,8 +187,10 @@ class TypingScore:
 
     def _stuck(self, to_s: float) -> int:
         file, layout, length_mm, _ = self._parts
-        ends_s = sorted(s.ended_s for s in strokes(file, layout, length_mm, -1.0, to_s + 1e3))
-        begins_s = sorted(s.began_s for s in strokes(file, layout, length_mm, -1.0, to_s + 1e3))
+        # A touch that has begun by `to_s` ends at most one scenario later.
+        touches = strokes(file, layout, length_mm, -1.0, to_s + file.seconds + AFTER_S)
+        ends_s = sorted(touch.ended_s for touch in touches)
+        begins_s = [touch.began_s for touch in touches]
         stuck = 0
         for _, up_s in [*self._spans, *((down_s, to_s) for down_s in self._down.values())]:
             ended = bisect_right(ends_s, up_s)
