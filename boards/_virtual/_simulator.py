@@ -6,6 +6,7 @@ tests can check that the firmware allocates nothing.
 
 import gc
 import os
+from array import array
 
 import utime
 from _protocol import (  # the board's other modules import these names from this module
@@ -32,9 +33,8 @@ from micropython import const
 
 _requests = open("/dev/fd/" + os.getenv("SPOTS_REQUESTS"), "wb")
 _answers = open("/dev/fd/" + os.getenv("SPOTS_ANSWERS"), "rb")
-_header = bytearray(4)
-_long = bytearray(4 + 256)
-_answer = bytearray(5)
+_request = bytearray(4 + 256)
+_answer = array("i", (0, 0))  # errno and clock
 _level = bytearray(1)
 _wires = bytearray(b"\x01\x01\x81\x01")  # SCL and SDA: 1 released, 0 pulled low by the board
 # Wires of the first bus; those of the second bus follow after `WIRES`.
@@ -60,16 +60,12 @@ def call(operation, a, b, c, buffer=None):
         _report_busy()
     if _memory_every == 1 and operation in (READ, WRITE):
         _report_memory()
-    if operation in SENDS:
-        _fill(_long, operation, a, b, c)
-        for i in range(b):
-            _long[4 + i] = buffer[i]
-        _send(_long, 4 + b)
-    else:
-        _fill(_header, operation, a, b, c)
-        _send(_header, 4)
-    _receive(_answer, 5)
-    now_us = _answer[1] | _answer[2] << 8 | _answer[3] << 16 | _answer[4] << 24
+    size = b if operation in SENDS else 0
+    for i in range(size):
+        _request[4 + i] = buffer[i]
+    _send(operation, a, b, c, size)
+    _receive(_answer, 8)
+    now_us = _answer[1]
     if _answer[0]:
         raise OSError(_answer[0])
     if operation in READS:
@@ -109,8 +105,7 @@ def spend_us(us):
 
 def _report_busy():
     global _busy_us
-    _fill(_header, BUSY, _busy_us & 0xFF, _busy_us >> 8 & 0xFF, _busy_us >> 16)
-    _send(_header, 4)
+    _send(BUSY, _busy_us & 0xFF, _busy_us >> 8 & 0xFF, _busy_us >> 16)
     _busy_us = 0
 
 
@@ -121,8 +116,7 @@ def _report_memory():
     _looks += 1
     if _looks % _memory_every == 0:
         free = gc.mem_free()
-        _fill(_header, MEMORY, free & 0xFF, free >> 8 & 0xFF, free >> 16)
-        _send(_header, 4)
+        _send(MEMORY, free & 0xFF, free >> 8 & 0xFF, free >> 16)
 
 
 def _receive(buffer, size):
@@ -130,15 +124,13 @@ def _receive(buffer, size):
         raise SystemExit  # the simulator has ended, so the board ends too
 
 
-def _send(buffer, size):
+def _send(operation, a, b, c, size=0):
+    request = _request
+    request[0] = operation
+    request[1] = a
+    request[2] = b
+    request[3] = c
     try:
-        _requests.write(buffer, size)
+        _requests.write(request, 4 + size)
     except OSError:
         raise SystemExit  # the simulator has ended; this is not a bus fault
-
-
-def _fill(buffer, operation, a, b, c):
-    buffer[0] = operation
-    buffer[1] = a
-    buffer[2] = b
-    buffer[3] = c

@@ -18,7 +18,7 @@ from .usb import UsbHost
 _LEVEL, _FDATA = 0xFD, 0xFE  # registers of the chip's FIFO
 _PERIOD_US = protocol.PERIOD_US
 _SENDS = frozenset(protocol.SENDS)
-_ANSWER = struct.Struct("<BI")  # errno, clock
+_ANSWER = struct.Struct("<iI")  # errno, clock
 _SAMPLE_BYTES = 12
 REPORTS = frozenset((protocol.MEMORY, protocol.BUSY))  # requests without an answer
 _ON_A_BUS = frozenset(

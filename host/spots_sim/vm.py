@@ -16,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 from spots.deploy.build import mpy_cross_command
+from spots.deploy.constants import inline
 from spots.deploy.staging import BOARDS, ENTRIES, device_of, stage
 from spots.errors import SpotsError
 
@@ -231,12 +232,13 @@ def _shared_firmware(board: str, strips: int) -> Path | None:
     """Return a folder with a board's firmware as bytecode, which several processes share.
 
     With this folder, a board starts in half the time, because no module is copied or compiled then.
-    Main files stay source code. Returns None if `kept_folder` has no place to store it.
+    As on a real board, constants are replaced by their values. Main files stay source code. Returns None if `kept_folder` has no place to store it.
     """
 
     def make(folder: Path) -> None:
         (folder / _FILES).mkdir()
         stage(board, folder / _FILES, strips)
+        inline(folder / _FILES / "spots_device")
         sources = shutil.ignore_patterns("__pycache__", "*.toml", "_circuitpython.py", "_slow.py")
         for modules in (_COMMON, BOARDS / board):
             shutil.copytree(modules, folder / _MODULES, ignore=sources, dirs_exist_ok=True)
