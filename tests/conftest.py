@@ -33,10 +33,13 @@ STAND_INS = Path(__file__).parent / "stand_ins"
 # processor.
 PARALLEL = {"bench", "remote", "web"}
 
-# Folders of tests of the host and the simulator. Their virtual boards run the firmware in CPython,
-# which needs a third less processor time than MicroPython. tests/board/test_cpython.py compares the
-# readings of both.
-IN_CPYTHON = {"calibrate", "controller", "keyboard", "linkage", "sim", "top", "wearable"}
+# Folders and modules of tests of the host package, of the simulator, or of figures of merit such as
+# the share of wrong keys. Their virtual boards run the firmware in CPython, which needs a third less
+# processor time than MicroPython. tests/micropython compares all numbers of both, and
+# tests/board/test_cpython.py the readings.
+IN_CPYTHON = {"calibrate", "controller", "keyboard", "linkage", "referee", "sim", "top", "wearable"}
+IN_CPYTHON |= {"test_contacts.py", "test_doctor.py", "test_fast_typing.py"}
+IN_CPYTHON |= {"test_uses_under_fire.py"}
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -53,7 +56,7 @@ def pytest_runtest_setup(item):
 
     A test and the processes that it starts use one processor, if this worker has its own.
     """
-    if item.path.parent.name in IN_CPYTHON:
+    if not IN_CPYTHON.isdisjoint((item.path.parent.name, item.path.name)):
         os.environ["SPOTS_VIRTUAL_RUNTIME"] = "cpython"
     else:
         os.environ.pop("SPOTS_VIRTUAL_RUNTIME", None)

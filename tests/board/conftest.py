@@ -76,6 +76,18 @@ class Rig:
 
 
 @pytest.fixture
+def in_micropython(monkeypatch):
+    """Run the firmware in MicroPython, also in a module of `conftest.IN_CPYTHON`."""
+    monkeypatch.delenv("SPOTS_VIRTUAL_RUNTIME", raising=False)
+
+
+@pytest.fixture
+def in_cpython(monkeypatch):
+    """Run the firmware in CPython, which needs a third less processor time than MicroPython."""
+    monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", "cpython")
+
+
+@pytest.fixture
 def shared_builds(monkeypatch, built):
     """Let `flash` copy the builds that all tests share; test_upgrade.py flashes fresh ones."""
     monkeypatch.setattr(flash, "build", lambda board, root, strips: built(board, strips))

@@ -148,6 +148,7 @@ def test_a_light_too_dim_to_use_is_no_pass_and_names_what_to_do():
 @pytest.mark.parametrize(
     ("exposure_us", "average", "ok"), [(10_000, 1, True), (2_000, 1, False), (2_000, 8, False)]
 )
+@pytest.mark.usefixtures("in_micropython")  # for `busy_us`
 def test_a_board_that_is_asked_for_more_than_it_can_do(rig, exposure_us, average, ok):
     made = rig(busy_us=2_400.0)
     made.press(2.0, 8_000)

@@ -32,6 +32,7 @@ def check(runs, percent, no_finger, late_ms):
     assert all(run["host_agrees"] and not run["keys_down"] for run in runs)
 
 
+@pytest.mark.usefixtures("in_micropython")
 @pytest.mark.parametrize("words_per_min", LIMITS)
 def test_fast_typing_is_understood(words_per_min):
     check(

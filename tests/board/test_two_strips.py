@@ -216,6 +216,7 @@ def true_ends(board, monkeypatch):
     return ends
 
 
+@pytest.mark.usefixtures("in_cpython")
 class TestSlowBoard:
     """Two calibrated strips with a finger on each, on a board as slow as a Pico."""
 

@@ -107,6 +107,7 @@ def tapped(x_mm, start_s, held_s=0.1, rise_s=0.02, force_mN=1500, slip_mm=0.0):
     )
 
 
+@pytest.mark.usefixtures("in_cpython")
 def test_a_thousand_random_taps_on_ten_keys(play):
     """At least 999 taps are right, none is repeated or stuck; a key press needs two samples."""
     somebody = typist(5, pause_s=(0.08, 0.2))
