@@ -7,7 +7,7 @@ import json
 import pytest
 
 import bench
-from bench import firmware, host, linkage
+from bench import firmware, host, linkage, space
 
 # A test needs fewer rounds than a report: numbers of bytes do not depend on the rounds. The arrays
 # have all rounds, because the ratio of their rate to that of JSON is near the test's limit.
@@ -20,14 +20,15 @@ SHORT = {
 }
 
 
-def _run(path):
+def _run(path, built):
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(space, "build", lambda board, root: built(board))
         for (module, name), value in SHORT.items():
             patch.setattr(module, name, value)
         path.write_text(json.dumps(bench.run()))
 
 
 @pytest.fixture(scope="session")
-def results(once):
+def results(once, built):
     """Results of one short run, which all worker processes of a test run share."""
-    return json.loads(once("bench.json", _run).read_text())
+    return json.loads(once("bench.json", lambda path: _run(path, built)).read_text())

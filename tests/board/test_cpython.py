@@ -116,6 +116,7 @@ def test_a_reboot_keeps_what_was_saved_and_nothing_else(port):
         assert board.command("get")["average"] == 3
 
 
+@pytest.mark.parametrize("port", ["socket"], indirect=True)
 def test_the_demo_names_what_runs_the_firmware(port):
     first, *readings = demo("--seconds", "2").splitlines()
     assert first.startswith("runtime: cpython 3.")
@@ -146,6 +147,7 @@ def test_the_keyboard_demo_types_its_text(capsys):
     assert run["host_agrees"]
 
 
+@pytest.mark.parametrize("port", ["socket"], indirect=True)
 def test_the_keyboard_demo_in_real_time(port, capsys):
     run = figures(capsys, "--use", "keyboard", "--seconds", "7")
     # Tests in simulated time check the typed keys, and that host and board agree. In real time, a

@@ -206,9 +206,17 @@ def under(parent, alive):
     return ours - {parent}
 
 
-@pytest.mark.parametrize("copied", ["", "copied"], ids=["", "its pipe inherited by another one"])
-@pytest.mark.parametrize("killed", ["the starter", "the simulator"])
-@pytest.mark.parametrize("state", STATES.values(), ids=STATES)
+KILLED = "the starter", "the simulator"
+COPIED = "", "copied"  # whether another process has inherited the simulator's pipe
+# Each pair of a state, a killed process and a pipe occurs.
+ENDS = [
+    pytest.param(state, KILLED[k], COPIED[(s + k) % 2], id=f"{name}, {KILLED[k]} is killed")
+    for s, (name, state) in enumerate(STATES.items())
+    for k in range(2)
+]
+
+
+@pytest.mark.parametrize(("state", "killed", "copied"), ENDS)
 def test_nothing_of_a_virtual_board_outlives_its_parent(state, killed, copied):
     arguments = [sys.executable, "-c", STARTER, state, copied]
     starter = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)

@@ -55,9 +55,7 @@ def test_a_minute_of_fire_delivers_nothing_wrong_and_loses_only_what_was_touched
     # The least free memory is 80 kB, at a start before the garbage of parsing is collected; later
     # the board has 205 kB. The board reports it at each 256th sleep, which may miss the least.
     assert min(ledger["memory"]["board_free_bytes"]) > 70_000
-    again = run(capsys, "--hours", str(61 / 3600), "--seed", "3", command=soak_main)
-    assert len(ledger["memory"].pop("host")) == len(again["memory"].pop("host")) == 2
-    assert ledger == again
+    assert len(ledger["memory"]["host"]) == 2
 
 
 def test_keys_of_overlapping_touches_are_released_under_fire(capsys):
