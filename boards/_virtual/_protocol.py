@@ -2,7 +2,8 @@
 
 A request is an operation, three argument bytes, and the data if the operation is in `SENDS`. An
 answer is an errno (0 for success; 4 bytes), the simulator's clock in us (4 bytes, modulo
-`PERIOD_US`), and the data if the operation is in `READS`. Numbers of several bytes have the low byte first.
+`PERIOD_US`), and the data if the operation is in `READS`. Numbers of several bytes have the low
+byte first.
 
 A board with two strips has two buses. In requests for a bus, bit 7 of the argument that is marked
 (bus) selects the second bus.

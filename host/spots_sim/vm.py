@@ -77,8 +77,8 @@ class MicroPythonProcess:
     stdin, stdout : int
         File descriptors of the board's end of the serial port that has the prompt.
     folder : Path, optional
-        File system of the board. By default a temporary folder, which `close` removes. In simulated
-        time, the firmware may be in another folder, see `_shared_firmware`.
+        File system of the board. By default a temporary folder, which `close` removes. Unless
+        `blank` is true, the firmware may be in another folder, see `_shared_firmware`.
     board : str
         Name of the virtual board. The modules in ``boards/<board>`` replace built-in modules.
     blank : bool
@@ -118,7 +118,7 @@ class MicroPythonProcess:
         self._own = tempfile.TemporaryDirectory(prefix="spots-") if folder is None else None
         self.folder = Path(self._own.name) if self._own else folder
         path = f":lib:{BOARDS / board}:{_COMMON}:.frozen"
-        if shared := simulated_time and not blank and _shared_firmware(board, strips):
+        if shared := None if blank else _shared_firmware(board, strips):
             for entry in ENTRIES[device_of(board).runtime]:
                 shutil.copy(shared / _FILES / entry, self.folder)
             path = f":{shared / _FILES}:{shared / _FILES / 'lib'}:{shared / _MODULES}{path}"
@@ -232,7 +232,8 @@ def _shared_firmware(board: str, strips: int) -> Path | None:
     """Return a folder with a board's firmware as bytecode, which several processes share.
 
     With this folder, a board starts in half the time, because no module is copied or compiled then.
-    As on a real board, constants are replaced by their values. Main files stay source code. Returns None if `kept_folder` has no place to store it.
+    As on a real board, constants are replaced by their values. Main files stay source code. Returns
+    None if `kept_folder` has no place to store it.
     """
 
     def make(folder: Path) -> None:
