@@ -7,6 +7,7 @@ from spots.keyboard.keys import push
 from spots.keyboard.layout import load
 from spots.link.frames import Key, Touch
 from spots_device.decode import DROPPED
+from spots_device.settings import save_lines
 
 # Middles of the ten zones from the sensor's end, and the HID usages of their keys 1 to 9 and 0.
 ZONES_MM = [85 * (i + 0.5) / 10 for i in range(10)]
@@ -39,10 +40,8 @@ def plugged(rig, calibration, tmp_path, board):
     """Return a function that starts a calibrated `Rig` with stored settings, such as ``keys=1``."""
 
     def make(*settings):
-        first = rig(calibration=calibration, folder=tmp_path, board=board)
-        first.board.command("set " + " ".join(settings))
-        first.board.command("save")
-        first.close()
+        save_lines(str(tmp_path / "calibration.txt"), calibration)
+        save_lines(str(tmp_path / "settings.txt"), settings)
         return rig(folder=tmp_path, board=board)
 
     return make
