@@ -113,7 +113,7 @@ def settled(strip, from_us=SETTLED_US):
     return [error for at, error in strip.errors if at - strip.began >= from_us]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("stall_us", [0, 50_000])
 @pytest.mark.parametrize("oscillators_percent", [(0, 0), (0.3, -1), (5, -5)])
 @pytest.mark.parametrize("exposures_us", [(10_000, 10_000), (5_000, 5_000), (10_000, 5_000)])
@@ -132,7 +132,7 @@ def test_times_are_within_20_us_from_a_second_on(exposures_us, oscillators_perce
         assert strip.early < 0.2 * len(strip.errors)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("exposure_us", [10_000, 5_000])
 def test_a_drift_of_20_ppm_per_second_is_followed(exposure_us, seed):
     loop = two_strips((exposure_us,) * 2, (0.3, -1), seed, drifts=(20, -10))
