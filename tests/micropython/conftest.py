@@ -15,6 +15,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -141,6 +142,10 @@ class Machine:
         """
         lines = map(json.dumps, given if isinstance(given, list) else [given])
         (self.folder / "given.json").write_text("\n".join(lines), encoding="utf-8")
+        return self.execute(script)
+
+    def execute(self, script: str) -> list[str]:
+        """Run a script in a process of its own; result and errors as in `run`."""
         process = subprocess.Popen(
             self.command(script),
             cwd=self.folder,
@@ -207,19 +212,43 @@ class Viper64(Unix64):
 
 
 class Wasm32(Machine):
-    def command(self, script: str) -> list[str]:
-        places = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
-        node = shutil.which("node", path=os.pathsep.join(places))
-        if node is None or not WASM_PACKAGE.is_dir():
-            pytest.fail("node or MicroPython for WebAssembly is missing; 'make test' gets both")
-        folders = str(self.code(script)), str(self.folder)
-        return [node, str(WASM / "run.mjs"), script, str(HEAP_32_BYTES), *folders]
+    """MicroPython for WebAssembly, see `node`."""
+
+    def __init__(self, folder: Path, compiled, node: subprocess.Popen):
+        super().__init__(folder, compiled)
+        self._node = node
+
+    def execute(self, script: str) -> list[str]:
+        request = script, str(self.code(script)), str(self.folder)
+        print(json.dumps(request), file=self._node.stdin, flush=True)
+        timer = threading.Timer(TIMEOUT_S, self._node.kill)
+        timer.start()
+        answer = self._node.stdout.readline()
+        timer.cancel()
+        assert answer, "node has ended, or was killed after a minute"
+        said, complained = json.loads(answer)
+        if complained is not None:
+            raise RuntimeError(complained[-2000:])
+        return said
+
+
+@pytest.fixture(scope="session")
+def node():
+    """A process of node that runs MicroPython for WebAssembly; compiling it takes most time."""
+    places = [str(Path(sys.executable).parent), os.environ.get("PATH", "")]
+    command = shutil.which("node", path=os.pathsep.join(places))
+    if command is None or not WASM_PACKAGE.is_dir():
+        pytest.fail("node or MicroPython for WebAssembly is missing; 'make test' gets both")
+    run = [command, str(WASM / "run.mjs"), str(HEAP_32_BYTES)]
+    with subprocess.Popen(run, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        yield process
 
 
 @pytest.fixture(params=[Unix64, Wasm32, Viper64], ids=["unix64", "wasm32", "viper64"])
 def machine(request, tmp_path, compiled):
     """A `Machine` with MicroPython: each test runs with 64-bit and with 32-bit words."""
-    return request.param(tmp_path / "micropython", compiled)
+    more = [request.getfixturevalue("node")] if request.param is Wasm32 else []
+    return request.param(tmp_path / "micropython", compiled, *more)
 
 
 @pytest.fixture

@@ -1,39 +1,51 @@
-// Imports a module in MicroPython for WebAssembly, from folders that are copied into its memory.
+// Imports modules in MicroPython for WebAssembly, each in an instance of its own.
 //
-//     node run.mjs MODULE HEAP_BYTES FOLDER...
+//     node run.mjs HEAP_BYTES
 //
-// Prints what the module prints; ends with code 1 and the traceback if it raises.
+// Each line of standard input is a request: a JSON list with the module, and with the folders that
+// are copied into the memory of the instance. Each line of standard output is an answer: a JSON list
+// with the lines that the module prints, and with the traceback if it raises, otherwise null.
 
 import fs from "node:fs";
 import path from "node:path";
+import readline from "node:readline";
 import { loadMicroPython } from "@micropython/micropython-webassembly-pyscript/micropython.mjs";
 
-const [module, heapBytes, ...folders] = process.argv.slice(2);
-const micropython = await loadMicroPython({
-  heapsize: Number(heapBytes),
-  stdout: (line) => console.log(line),
-  stderr: (line) => console.error(line),
-});
+const [heapBytes] = process.argv.slice(2);
 
-function copy(from, to) {
+function copy(FS, from, to) {
   for (const entry of fs.readdirSync(from, { withFileTypes: true })) {
     const [source, target] = [path.join(from, entry.name), path.posix.join(to, entry.name)];
     if (entry.isDirectory()) {
-      micropython.FS.mkdir(target);
-      copy(source, target);
+      FS.mkdir(target);
+      copy(FS, source, target);
     } else {
-      micropython.FS.writeFile(target, fs.readFileSync(source));
+      FS.writeFile(target, fs.readFileSync(source));
     }
   }
 }
 
-for (const folder of folders) {
-  copy(folder, micropython.FS.cwd());
+async function run(module, folders) {
+  const [printed, complained] = [[], []];
+  const micropython = await loadMicroPython({
+    heapsize: Number(heapBytes),
+    stdout: (line) => printed.push(line),
+    stderr: (line) => complained.push(line),
+  });
+  for (const folder of folders) {
+    copy(micropython.FS, folder, micropython.FS.cwd());
+  }
+  try {
+    micropython.pyimport(module);
+    return [printed, null];
+  } catch (error) {
+    // The type on its own, for a locked heap leaves the traceback no room for it.
+    complained.push(error.message, error.type ?? error.name);
+    return [printed, complained.join("\n")];
+  }
 }
-try {
-  micropython.pyimport(module);
-} catch (error) {
-  // The type on its own, for a locked heap leaves the traceback no room for it.
-  console.error(`${error.message}\n${error.type ?? error.name}`);
-  process.exitCode = 1;
+
+for await (const line of readline.createInterface({ input: process.stdin })) {
+  const [module, ...folders] = JSON.parse(line);
+  console.log(JSON.stringify(await run(module, folders)));
 }
