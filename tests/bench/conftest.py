@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import pytest
 
@@ -22,7 +23,9 @@ SHORT = {
 
 def _run(path, built):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(space, "build", lambda board, root: built(board))
+        patch.setattr(
+            space, "build", lambda board, root: shutil.copytree(built(board), root / board)
+        )
         for (module, name), value in SHORT.items():
             patch.setattr(module, name, value)
         path.write_text(json.dumps(bench.run()))
