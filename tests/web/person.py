@@ -11,6 +11,7 @@ from spots_sim.scenario import Press
 
 G_PER_N = 101.97  # grams that a scale shows for a force of 1 N
 WIDTH_MM = 4.0
+LOOK_EVERY_S = 0.05
 FIRM_N = 3.0, 8.0  # range of the person's forces if the page names no force
 LOOK = """() => {
   const at = (name) => document.querySelector("#calibration " + name);
@@ -95,7 +96,7 @@ class Person:
             assert self.now_s() < end_s, seen
             act(seen)
             self.looked()
-            self.page.wait_for_timeout(30)
+            time.sleep(LOOK_EVERY_S)
         return seen
 
     def act(self, seen):

@@ -142,12 +142,12 @@ class Bench:
             raise SpotsError("no board found, plug one in")
         link = LockstepLink(self._sensor, self._scenario, second=self._second)
         self.wires = link
-        link = Cable(link, self._speed)
+        link = Cable(link, math.inf)  # without waits until the board is prepared
         board = Board(link)
         if self._calibration:
             for i in board.sensors:
                 prepare(board, strip_lines(self._calibration, i), i)
-        link.pace()
+        link.pace(self._speed)
         self.link, self.board = link, board
         return board
 
@@ -200,17 +200,29 @@ class Serving:
 def until(page, expression, timeout_s=60.0):
     """Wait until a JavaScript expression is true on a page.
 
-    Playwright's `wait_for_function` cannot be used, because the page's security policy forbids it.
+    The page itself evaluates it repeatedly, because each request of Playwright takes milliseconds
+    of processor time. Playwright's `wait_for_function` cannot be used, because the page's security
+    policy forbids it.
     """
-    eventually(page, lambda: page.evaluate(expression), timeout_s)
+    came = page.evaluate(
+        f"""async (end_ms) => {{
+          while (!({expression})) {{
+            if (Date.now() > end_ms) return false;
+            await new Promise((done) => setTimeout(done, 20));
+          }}
+          return true;
+        }}""",
+        1000 * (time.time() + timeout_s),
+    )
+    assert came, "it never came"
 
 
-def eventually(page, condition, timeout_s=60.0, every_ms=20):
-    """Wait until ``condition()`` is true, while the page continues to run."""
+def eventually(condition, timeout_s=60.0, every_s=0.02):
+    """Wait until ``condition()`` is true; pages continue to run, but no event handler is called."""
     end_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < end_s, "it never came"
-        page.wait_for_timeout(every_ms)
+        time.sleep(every_s)
 
 
 def apart(function, *arguments, timeout_s=120.0):

@@ -361,7 +361,7 @@ def test_a_loose_plug_lets_go_and_is_the_same_board_again(bench, serve, open_pag
     held.press = None
     expect(press).to_have_count(0, timeout=LONG_MS)
     lifted_s = one.link.now_s()  # the board reports a lift some readings after the drawn one
-    eventually(page, lambda: one.link.now_s() > lifted_s + LIFT_S)
+    eventually(lambda: one.link.now_s() > lifted_s + LIFT_S)
     held.press = Press(80.0, 3000, 4.0)
     expect(page.locator(".key.lit")).to_have_text(["0"], timeout=LONG_MS)
 
@@ -384,14 +384,14 @@ def test_a_board_that_restarted_is_asked_again_who_it_is(bench, serve, open_page
     monkeypatch.setattr(one.board, "command", lambda line: (asked.append(line), command(line))[1])
     for count in range(1, 4):
         one.board.stats.restarts += 1
-        eventually(page, lambda count=count: begun(asked) >= count)
+        eventually(lambda count=count: begun(asked) >= count)
     assert begun(asked) == 3
     # The board stays open. Otherwise forged restarts, if they are faster than the board opens,
     # would keep it closed for ever.
     assert one.asked_for == [None]
     one.board.stats.restarts += 1
     monkeypatch.setattr(one.board, "command", lambda line: command(line) | {"id": "another"})
-    eventually(page, lambda: len(one.asked_for) > 1)
+    eventually(lambda: len(one.asked_for) > 1)
     assert one.asked_for == [None, one.board.info["id"]]
 
 
@@ -414,7 +414,7 @@ def test_a_recording_is_shown_and_begins_again(serve, open_page, tmp_path):
     try:
         page = open_page(serve(state).url)
         expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
-        eventually(page, lambda: len(opened) > 1)
+        eventually(lambda: len(opened) > 1)
         assert opened[:2] == [None, board.info["id"]]
         expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
     finally:

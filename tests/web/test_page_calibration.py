@@ -315,7 +315,7 @@ def test_a_server_that_ends_stops_the_session(table, open_page):
     person.go_on(lambda seen: seen["asks"])
     table.bench.close()
     assert not table.bench.reader._thread.is_alive()
-    eventually(page, lambda: not table.shown()["running"])
+    eventually(lambda: not table.shown()["running"])
 
 
 @pytest.mark.parametrize(

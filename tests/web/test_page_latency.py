@@ -13,7 +13,7 @@ import time
 import numpy as np
 import pytest
 
-from serving import eventually, until
+from serving import until
 from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
 from spots.web.board_feed import BoardReader
@@ -143,10 +143,9 @@ def test_from_frame_to_pixel(played, serve, open_page, tmp_path, pages, stalled,
     until(opened[0], f"drawn.length > {SETTLED}")
     for page in opened:
         page.evaluate("drawn.length = 0")
-    # The page is asked rarely, and the readings of all pages are fetched after the end of the
-    # measurement: to return its readings takes a page a large part of a second, and takes processor
-    # time from the other pages.
-    eventually(opened[0], lambda: opened[0].evaluate("drawn.length") > MEASURED, every_ms=1000)
+    # The readings of all pages are fetched after the end of the measurement: to return its readings
+    # takes a page a large part of a second, and takes processor time from the other pages.
+    until(opened[0], f"drawn.length > {MEASURED}")
     end_s = time.time()
     found = [[one for one in page.evaluate("drawn") if one["shown_s"] < end_s] for page in opened]
     epoch_s = time.time() - boards[0].now_s()

@@ -104,7 +104,7 @@ def tap(desk, page, share, key, force_mN=3000):
     for press in (Press(85.0 * share, force_mN, 4.0), None):
         until_s = desk.bench.link.now_s() + TAP_S
         desk.held.press = press
-        eventually(page, lambda until_s=until_s: desk.bench.link.now_s() > until_s, every_ms=5)
+        eventually(lambda until_s=until_s: desk.bench.link.now_s() > until_s, every_s=0.005)
     expect(tape.last).to_have_text(key, timeout=LONG_MS)
 
 
@@ -131,7 +131,7 @@ def test_mini_from_nothing_is_typed_on_undone_and_survives_a_reload(desk, open_p
     assert made.lines == MINI.lines
     assert made.content["layer"] == MINI.content["layer"]
     # The board types with the new layout, without a restart.
-    eventually(page, lambda: desk.shown("board")["layout"]["name"] == MINI.name)
+    eventually(lambda: desk.shown("board")["layout"]["name"] == MINI.name)
     until(page, "drawn.length > 5")
     tap(desk, page, 0.5 / 9, "E")
     tap(desk, page, 3.5 / 9, "O")
@@ -318,7 +318,7 @@ def test_a_board_that_is_a_keyboard_itself_lights_its_keys(desk, open_page):
         expect(page.locator(".key")).to_have_count(count, timeout=LONG_MS)
         until(page, "drawn.length > 5")
         until_s = desk.bench.link.now_s() + TAP_S
-        eventually(page, lambda until_s=until_s: desk.bench.link.now_s() > until_s)
+        eventually(lambda until_s=until_s: desk.bench.link.now_s() > until_s)
         desk.held.press = Press(3.0, 3000, 4.0)
         expect(page.locator(".key.lit")).to_contain_text(name[-1], timeout=LONG_MS)
         desk.held.press = None

@@ -75,7 +75,7 @@ def test_a_recording_of_the_page_is_one_like_any_other(recorded, open_page, tmp_
     (path,) = tmp_path.iterdir()
     expect(told).to_contain_text(f"records{path.name}", timeout=LONG_MS)
     begun = path.stat().st_size
-    eventually(page, lambda: path.stat().st_size > begun + 2000)
+    eventually(lambda: path.stat().st_size > begun + 2000)
     button.click()
     expect(button).to_have_text("record", timeout=LONG_MS)
     expect(told).to_contain_text("lost0")

@@ -128,9 +128,9 @@ def test_the_settings_of_a_controller_are_found_by_sliders_only(desk, open_page)
     ]
     assert sum(a != b for a, b in zip(text.splitlines(), before)) == 9
     # The gamepad on the page has the new settings without a restart.
-    eventually(page, lambda: (desk.shown("stick") or {}).get("x", 0) > 0.97)
+    eventually(lambda: (desk.shown("stick") or {}).get("x", 0) > 0.97)
     desk.held.press = Press(0.45 * 85, 2000, 4.0)  # inside the new dead zone
-    eventually(page, lambda: (desk.shown("stick") or {}).get("x") == 0)
+    eventually(lambda: (desk.shown("stick") or {}).get("x") == 0)
     page.reload()
     expect(state(page)).to_have_text("saved in controller.toml", timeout=LONG_MS)
 
@@ -167,7 +167,7 @@ def test_axes_and_buttons_are_added_and_removed_and_undone(desk, open_page):
     assert kinds == [(1, "Pressed"), (3, "Tapped"), (4, "Tapped")]
     text = desk.paths["controller"].read_text(encoding="utf-8")
     assert "# 1-Euro filter; tune" in text
-    eventually(page, lambda: len((desk.shown("stick") or {}).get("buttons", [])) == 4)
+    eventually(lambda: len((desk.shown("stick") or {}).get("buttons", [])) == 4)
 
 
 def test_a_wrong_setting_is_a_sentence_and_cannot_be_saved(desk, open_page):
@@ -225,7 +225,7 @@ def test_gestures_show_their_confidence_and_get_keys(desk, open_page):
     assert desk.paths["gestures"].read_text(encoding="utf-8").startswith("# Keys of the gestures")
     # A finger that touches while the settings change must lift first.
     until_s = desk.bench.link.now_s() + 1.0
-    eventually(page, lambda: desk.bench.link.now_s() > until_s)
+    eventually(lambda: desk.bench.link.now_s() > until_s)
     desk.held.press = Press(40.0, 3000, 4.0)
     expect(said).to_have_text(re.compile(r"^hold, .* presses nothing"), timeout=LONG_MS)
 

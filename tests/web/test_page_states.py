@@ -7,7 +7,7 @@ import re
 import pytest
 from playwright.sync_api import expect
 
-from serving import apart, eventually, until
+from serving import apart, until
 from spots.web.state import PageState
 from spots_sim.demo import show_page
 from spots_sim.files import Finger, ScenarioFile
@@ -109,7 +109,7 @@ def test_the_application_that_was_asked_for_is_in_sight(
     top = "(name) => document.querySelector(name).getBoundingClientRect().top"
     for width, height in SCREENS.values():
         page.set_viewport_size({"width": width, "height": height})
-        eventually(page, lambda: page.evaluate(IN_SIGHT, f"#{panel} h2"))
+        until(page, f"({IN_SIGHT})('#{panel} h2')")
         shown = ("touch", panel, *{"history", "spectrum", "keyboard", "stick"} - {panel})
         tops = [page.evaluate(top, f"#{name}") for name in shown]
         assert tops[0] < tops[1] < min(tops[2:])
@@ -134,4 +134,4 @@ def test_a_linkage_comes_first_and_fills_its_place(linkage_page, screen):
       }
       return Math.max((right - left) / c.width, (bottom - top) / c.height);
     }"""
-    eventually(page, lambda: page.evaluate(share) > 0.6)
+    until(page, f"({share})() > 0.6")

@@ -168,7 +168,7 @@ def test_the_layout_goes_to_the_chosen_strip(two, open_page, tmp_path):
     top = "(name) => document.querySelector(name).getBoundingClientRect().top"
     assert page.evaluate(top, "#beside") < page.evaluate(top, "#touch")  # strip 0 comes first
     page.get_by_role("button", name="strip 0", exact=True).click()
-    eventually(page, lambda: shown(one, "editor")["stored"] == "default")
+    eventually(lambda: shown(one, "editor")["stored"] == "default")
 
 
 def test_only_the_token_chooses_an_existing_strip(two, tmp_path):
@@ -194,7 +194,7 @@ def test_a_session_calibrates_the_chosen_strip(two, open_page, tmp_path, calibra
     before = apart(lambda: one.board.command("get"))
     page = open_page(one.server.url, **DESK)
     page.get_by_role("button", name="strip 1", exact=True).click(timeout=LONG_MS)
-    eventually(page, lambda: shown(one, "calibration")["file"] == "mine-1.toml")
+    eventually(lambda: shown(one, "calibration")["file"] == "mine-1.toml")
     page.locator("#calibrate").click()
     person = Person(page, second, 85.0)
     person.start("rough")
