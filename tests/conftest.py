@@ -52,6 +52,15 @@ def pytest_xdist_auto_num_workers():
     return 3 * os.cpu_count() // 2
 
 
+def pytest_collection_modifyitems(items):
+    """Put the tests of the folders in `PARALLEL` first, because they wait for most of their time.
+
+    The first worker starts with them, while the others compute; at the end, they would leave the
+    processors idle. They also need only one browser, as long as no other worker steals them.
+    """
+    items.sort(key=lambda item: item.path.parent.name not in PARALLEL)
+
+
 def pytest_runtest_setup(item):
     """Select the runtime of virtual boards, and the processor of a test.
 
