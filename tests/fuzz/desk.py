@@ -27,16 +27,23 @@ _LENGTH_UM = 85_000
 _STORE = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 
 
+def _own(name):
+    """Return a separate copy of a module of the firmware, which collects no garbage."""
+    spec = importlib.util.find_spec(f"spots_device.{name}")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.gc = SimpleNamespace(collect=lambda: None)  # real collections take most of the time
+    return module
+
+
 def _own_app():
     """Return a separate copy of the firmware's module `app`.
 
-    It stores files in a folder of its own, and collects no garbage.
+    It stores files in a folder of its own. Neither it nor the modules that it uses collect garbage.
     """
-    spec = importlib.util.find_spec("spots_device.app")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module, command = _own("app"), _own("command")
     module.BoardApp._path = lambda self, name: f"{_STORE.name}/{name}"
-    module.gc = SimpleNamespace(collect=lambda: None)  # real collections take most of the time
+    module.Commands, module.Reconnect = command.Commands, _own("reconnect").Reconnect
     return module
 
 
