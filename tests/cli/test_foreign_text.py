@@ -253,11 +253,9 @@ FILES = [
     ["demo", "--scenario", "{}.toml"],
     ["info", "a", "{}"],  # file names as a shell expands *
     ["export", "a", "--to", "{}"],
-    ["{}"],
-    ["flash", "{}"],
-    ["flash", "pico", "--port", "{}"],
-    ["doctor", "--port", "{}"],
 ]
+# Commands that show the name of a file without reading it.
+UNREAD = [["{}"], ["flash", "{}"], ["flash", "pico", "--port", "{}"], ["doctor", "--port", "{}"]]
 
 
 @pytest.mark.parametrize("arguments", FILES, ids=" ".join)
@@ -268,6 +266,11 @@ def test_names_and_contents_of_files(screen, tmp_path, monkeypatch, arguments, c
         (tmp_path / (NAME + end)).write_bytes(content)
     assert screen.run(*(one.replace("{}", str(tmp_path / NAME)) for one in arguments)) == 2
     assert_shown(screen.text())
+
+
+@pytest.mark.parametrize("arguments", UNREAD, ids=" ".join)
+def test_names_of_files_that_are_not_read(screen, tmp_path, monkeypatch, arguments):
+    test_names_and_contents_of_files(screen, tmp_path, monkeypatch, arguments, b"")
 
 
 def test_a_layout_of_an_odd_name(screen, tmp_path):
