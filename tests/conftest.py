@@ -38,7 +38,7 @@ PARALLEL = {"bench", "remote", "web"}
 # processor time than MicroPython. tests/micropython compares all numbers of both, and
 # tests/board/test_cpython.py the readings.
 IN_CPYTHON = {"calibrate", "controller", "keyboard", "linkage", "referee", "sim", "top", "wearable"}
-IN_CPYTHON |= {"web"}
+IN_CPYTHON |= {"remote", "web"}
 IN_CPYTHON |= {"test_contacts.py", "test_doctor.py", "test_fast_typing.py"}
 IN_CPYTHON |= {"test_uses_under_fire.py"}
 
