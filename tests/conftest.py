@@ -34,11 +34,11 @@ STAND_INS = Path(__file__).parent / "stand_ins"
 PARALLEL = {"bench", "remote", "web"}
 
 # Folders and modules of tests of the host package, of the simulator, or of figures of merit such as
-# the share of wrong keys. Their virtual boards run the firmware in CPython, which needs a third less
-# processor time than MicroPython. tests/micropython compares all numbers of both, and
+# the share of wrong keys. Their virtual boards run the firmware in CPython, which needs a third
+# less processor time than MicroPython. tests/micropython compares all numbers of both, and
 # tests/board/test_cpython.py the readings.
-IN_CPYTHON = {"calibrate", "controller", "keyboard", "linkage", "referee", "sim", "top", "wearable"}
-IN_CPYTHON |= {"remote", "web"}
+IN_CPYTHON = {"calibrate", "controller", "keyboard", "linkage", "referee", "remote", "sim", "top"}
+IN_CPYTHON |= {"wearable", "web"}
 IN_CPYTHON |= {"test_contacts.py", "test_doctor.py", "test_fast_typing.py"}
 IN_CPYTHON |= {"test_uses_under_fire.py"}
 
