@@ -1,14 +1,14 @@
 """Settings of an LED that the sensor does not drive. Imported only if such a setting is used."""
 
-from . import exposure
 from .decode import DARK_SAMPLES
+from .exposure import DEFAULT_LED_MA, GAIN_MAX, MAX_US
 from .smux import CHANNELS
 
 # Values of the setting ``led``. The strip's LED is switched by the sensor's LED driver (ldr), by a
 # pin of the board (gpio), or not at all (always).
 LEDS = ("ldr", "gpio", "always")
 NO_DARK = "this LED is always on, and no dark frame is stored for these settings: run spots dark"
-_DARK_MAX = (exposure.GAIN_MAX, exposure.MAX_US) + CHANNELS * (65_535 * DARK_SAMPLES,)
+_DARK_MAX = (GAIN_MAX, MAX_US) + CHANNELS * (65_535 * DARK_SAMPLES,)
 
 
 def settle(changes, values, board):
@@ -42,7 +42,7 @@ def settle(changes, values, board):
         if is_new or "led_mA" in changes:
             changes["led_mA"] = 0
     elif is_new and "led_mA" not in changes:
-        changes["led_mA"] = exposure.DEFAULT_LED_MA
+        changes["led_mA"] = DEFAULT_LED_MA
     if "dark" in changes:
         changes["dark"] = _dark(changes["dark"])
     elif is_new or changes.get("plan", values["plan"]) != values["plan"]:

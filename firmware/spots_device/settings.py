@@ -8,18 +8,29 @@ last good copy. So at least one valid file exists at every moment of a save. Onl
 import os
 from binascii import crc32
 
-from . import exposure
 from .calibration import STRAIN_MAX_PPM
 from .decode import AVERAGE_MAX
+from .exposure import (
+    DEFAULT_GAIN,
+    DEFAULT_LED_MA,
+    DEFAULT_US,
+    GAIN_MAX,
+    LED_MAX_MA,
+    LED_MIN_MA,
+    MAX_US,
+    MIN_US,
+    actual_mA,
+    choose,
+)
 from .smux import smux_map
 
 DEFAULT_PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
 
 # Name of a setting: minimum, maximum, default.
 LIMITS = {
-    "exposure_us": (exposure.MIN_US, exposure.MAX_US, exposure.DEFAULT_US),
-    "gain": (0, exposure.GAIN_MAX, exposure.DEFAULT_GAIN),
-    "led_mA": (0, exposure.LED_MAX_MA, exposure.DEFAULT_LED_MA),
+    "exposure_us": (MIN_US, MAX_US, DEFAULT_US),
+    "gain": (0, GAIN_MAX, DEFAULT_GAIN),
+    "led_mA": (0, LED_MAX_MA, DEFAULT_LED_MA),
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
     "baseline": (0, 1, 0),
@@ -112,9 +123,9 @@ class BoardSettings:
             raise ValueError("mains_hz must be 50 or 60, or 0 for no lamps")
         if "exposure_us" in checked or "mains_hz" in checked:
             exposure_us = checked.get("exposure_us", self.values["exposure_us"])
-            checked["exposure_us"] = exposure.choose(exposure_us, mains_hz)
+            checked["exposure_us"] = choose(exposure_us, mains_hz)
         if "led_mA" in checked:
-            checked["led_mA"] = exposure.actual_mA(checked["led_mA"])
+            checked["led_mA"] = actual_mA(checked["led_mA"])
         if self.values["led"] != "ldr" or "led" in checked or "dark" in checked:
             from .light import settle  # most strips do not need it
 
@@ -148,8 +159,8 @@ class BoardSettings:
             value = int(text)
         except ValueError:
             value = low - 1
-        if name == "led_mA" and 0 < value < exposure.LED_MIN_MA:
-            low = exposure.LED_MIN_MA
+        if name == "led_mA" and 0 < value < LED_MIN_MA:
+            low = LED_MIN_MA
         if not low <= value <= high:
             raise ValueError("%s must be a whole number from %d to %d" % (name, low, high))
         return value
