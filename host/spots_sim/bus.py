@@ -156,7 +156,7 @@ class I2CBus:
         # The chip is read when its first byte is sent, before the transfer ends.
         self.chip.advance(self.clock.now_us() + self._bits_us(bits + 9 * (2 + len(data))))
         self.chip.write(data)
-        answer = self.chip.read(size)
+        answer = self.chip.read(size, self._bits_us(9))
         self._spend(bits, count)
         return answer
 

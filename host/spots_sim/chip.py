@@ -74,6 +74,9 @@ class Quirks:
         Whether the FIFO gets the values of a sample in reverse order, CH5 before CH0.
     fifo_overwrites : bool
         Whether a full FIFO drops its oldest entry; if false, it drops the new entry.
+    fifo_level_alone : bool
+        Whether a transfer that reads the FIFO's level reads it again and again; if false, the
+        transfer goes on with the data, like a transfer from any other register.
     """
 
     auto_zero_at_every_start: bool = True
@@ -83,6 +86,7 @@ class Quirks:
     clock_error_percent: float = 0.0
     fifo_reversed: bool = False
     fifo_overwrites: bool = False
+    fifo_level_alone: bool = False
 
 
 @dataclass(frozen=True)
@@ -176,23 +180,32 @@ class AS7341:
             self._set(self._pointer, value)
             self._pointer = (self._pointer + 1) & 0xFF
 
-    def read(self, size: int) -> bytes:
-        """Handle a read transfer: return `size` bytes from the register pointer on."""
+    def read(self, size: int, byte_us: float = 0.0) -> bytes:
+        """Handle a read transfer: return `size` bytes from the register pointer on.
+
+        The chip stores a sample that ends during a transfer at once: if a transfer finds the FIFO
+        empty, its last bytes may be of such a sample. `byte_us` is the duration of a byte.
+        """
         data = bytearray()
+        began_us = self._now
         while len(data) < size:
             pointer = self._pointer
             if 0x95 <= pointer <= 0xA0 and not self._bank1_selected():  # counts, read most often
                 counts = self._latched[1][pointer - 0x95 :][: size - len(data)]
                 data += counts
                 self._pointer = pointer + len(counts)
-            elif self._fifo and pointer == 0xFE and size - len(data) > 1 and not self._main[0xA9]:
+                continue
+            if data and pointer == 0xFE and not self._fifo:
+                self.advance(began_us + byte_us * len(data))
+            if self._fifo and pointer == 0xFE and size - len(data) > 1 and not self._main[0xA9]:
                 entries = size - len(data) >> 1  # both bytes of each entry
                 data += b"".join(self._fifo[:entries])
                 del self._fifo[:entries]
             else:
                 data.append(self._get(pointer))
                 # A transfer of any length reads the FIFO from its last two registers.
-                self._pointer = 0xFE if pointer == 0xFF else pointer + 1
+                if pointer != 0xFD or not self._quirks.fifo_level_alone:
+                    self._pointer = 0xFE if pointer == 0xFF else pointer + 1
         return bytes(data)
 
     def advance(self, now_us: float) -> None:

@@ -48,12 +48,12 @@ def passes(request: bytes) -> tuple[int, int]:
 
     - Read of any registers except those of the FIFO: 1 before, 0 after.
     - Read of the sensor's FIFO: 0 before; after it, one pass for each sample that the read returns.
-    - Every other request: 0 and 0. This includes a read of the FIFO's level, because a read of the
-      FIFO follows in the same pass.
+      Of a read that begins with the FIFO's level, this is no sample or one.
+    - Every other request: 0 and 0.
     """
-    if request[0] != protocol.READ or request[2] == _LEVEL:
+    if request[0] != protocol.READ:
         return 0, 0
-    return (0, request[3] // _SAMPLE_BYTES) if request[2] == _FDATA else (1, 0)
+    return (0, request[3] // _SAMPLE_BYTES) if request[2] in (_LEVEL, _FDATA) else (1, 0)
 
 
 def reported_free_bytes(request: bytes) -> int | None:

@@ -226,6 +226,35 @@ def test_the_fifo_holds_what_its_map_names_and_is_read_in_one_transfer():
     assert bench.read(0xFE, 2) == bytes(2)
 
 
+def test_one_transfer_reads_the_level_and_then_the_data():
+    bench = Bench()
+    bench.write(0xFC, 0x06)  # CH0, CH1
+    bench.run(F1_F4)
+    bench.wait(AUTO_ZERO_US + 21_000)
+    level, *data = bench.read(0xFD, 9)
+    assert level == 4
+    assert bytes(data) != bytes(8)
+    assert bench.read(0xFD, 3) == bytes(3)
+
+
+def test_a_sample_that_ends_during_a_transfer_from_an_empty_fifo_is_read_in_part():
+    torn = set()
+    for early_us in range(0, 900, 10):
+        bench = Bench()
+        bench.write(0xFC, 0x7E)
+        bench.run(F1_F4)
+        while bench.read(0xFD) == b"\x00":
+            bench.wait(50)
+        bench.write(0xFA, 0x02)
+        bench.wait(9_300 + early_us)
+        level, *data = bench.read(0xFD, 13)
+        rest = bench.read(0xFD)[0]
+        entries = sum(any(data[i : i + 2]) for i in range(0, 12, 2))
+        assert level or entries + rest in (0, 6)
+        torn.add(entries if not level else 6)
+    assert torn.issuperset({0, 1, 5, 6})
+
+
 def test_a_fifo_that_overflows_says_so_and_can_be_cleared():
     bench = Bench()
     bench.write(0xFC, 0x7E)
