@@ -107,6 +107,9 @@ class BoardApp:
         Number of this sensor on the board, from 0.
     sensors : int
         Count of sensors on the board.
+    ticks_us, sleep_us : callable
+        Functions of the clock with which a pass waits for the next sample. A runtime can replace
+        them.
     """
 
     index = 0
@@ -118,9 +121,9 @@ class BoardApp:
         self._uid = uid
         self._clock = clock
         self._read = serial.read
-        self._ticks_us = clock.ticks_us
+        self.ticks_us = clock.ticks_us
         self._ticks_diff = clock.ticks_diff
-        self._sleep_us = clock.sleep_us
+        self.sleep_us = clock.sleep_us
         self._time = Time32(clock)
         self._reader = LineReader()
         self.reboot = False
@@ -235,12 +238,12 @@ class BoardApp:
             self._time.update()  # must be updated more often than the ticks wrap
             self.reconnect.search()
             return
-        wait_us = self._ticks_diff(self._pacing.due, self._ticks_us())
+        wait_us = self._ticks_diff(self._pacing.due, self.ticks_us())
         if wait_us > 0:
             if wait_us > _SLICE_US:
-                self._sleep_us(_SLICE_US)
+                self.sleep_us(_SLICE_US)
                 return
-            self._sleep_us(wait_us)
+            self.sleep_us(wait_us)
         poll = self._poll
         take = self._take
         if poll():
@@ -264,6 +267,7 @@ class BoardApp:
     def _measured_pass(self):
         sensor = self._sensor
         complete = sensor.complete
+        self._pacing.sure = 0  # for `as7341.AS7341.burst_us`
         BoardApp._pass(self)
         if self._measured(sensor.asked, complete, 0):
             del self._pass

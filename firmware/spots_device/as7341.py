@@ -62,7 +62,9 @@ _ENTRIES = const(6)  # entries of the FIFO for a sample
 _FULL = const(120)
 _SAMPLE = const(12)  # bytes
 _COUNTS = const(2)  # index in the buffer, after STATUS and ASTATUS
-_FIFO_DATA = const(14)  # index in the buffer, after the data registers
+_LEVEL = const(14)  # index in the buffer, after the data registers
+_OLDEST = const(15)  # index in the buffer of a sample that is read together with the level
+_FIFO_DATA = const(27)  # index in the buffer of the samples of a second transfer
 _TRIAL = const(-8)  # at most so many samples after a start may be absent from the FIFO
 _BROKEN = const(2)  # value of `_odd` after a failed transfer from the FIFO
 
@@ -103,12 +105,15 @@ class AS7341:
         self._add = clock.ticks_add
         self._pair = bytearray(2)
         self._byte = bytearray(1)
-        # STATUS, ASTATUS, six counts; then samples from the FIFO.
+        # STATUS, ASTATUS, six counts; the FIFO's level; samples from the FIFO.
         self._burst = bytearray(_FIFO_DATA + 2 * _FULL)
         view = memoryview(self._burst)
-        self._views = [view[:_FIFO_DATA]]
-        for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
-            self._views.append(view[_FIFO_DATA:end])
+        self._status = view[:_LEVEL]
+        self._level = view[_LEVEL:_OLDEST]
+        self._levelled = view[_LEVEL:_FIFO_DATA]
+        self._views = [
+            view[_FIFO_DATA : _FIFO_DATA + size] for size in range(0, 2 * _FULL + 1, _SAMPLE)
+        ]
         self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the test after a start
         self.waits = 0  # samples in the buffer that `poll` has not returned yet
         self._led_code = 0
@@ -302,51 +307,68 @@ class AS7341:
 
     def _read_burst(self):
         burst = self._burst
-        self._bus.read_into(ADDRESS, _STATUS, self._views[0])
+        self._bus.read_into(ADDRESS, _STATUS, self._status)
         if not burst[0] & _AINT:
             return False
         self._write(_STATUS, _AINT)
         if self.fifo < 0:
             self.fifo += 1
-            held = self._read_fifo()
+            self._bus.read_into(ADDRESS, _FIFO_LVL, self._level)
+            held = 0
+            if burst[_LEVEL] >= _ENTRIES:
+                self.pacing.sure = 1
+                held = self._read_fifo()
+                self.pacing.sure = 0
             if held:
                 self.fifo = 0
-                for at in range(_FIFO_DATA, _FIFO_DATA + _SAMPLE * held, _SAMPLE):
+                for at in range(_OLDEST, _OLDEST + _SAMPLE * held, _SAMPLE):
                     i = 2
-                    while i < _FIFO_DATA and burst[i] == burst[at - 2 + i]:
+                    while i < _LEVEL and burst[i] == burst[at - 2 + i]:
                         i += 1
-                    if i == _FIFO_DATA:
+                    if i == _LEVEL:
                         self.fifo = 1
                 if not self.fifo:
                     self.waits = 0
         return True
 
     def _read_fifo(self):
-        self._bus.read_into(ADDRESS, _FIFO_LVL, self._byte)
-        self._known = self._ticks_us()
-        level = self._byte[0]
+        """Read all samples of the FIFO; return their number.
+
+        If the FIFO certainly contains a sample, one transfer reads the level and the oldest sample:
+        the chip's register pointer goes on from the level to the data. If the FIFO is empty then, a
+        sample that the chip stores during the transfer may be read in part. So the FIFO is cleared,
+        and the sample counts as missed.
+        """
+        sure = self.pacing.sure > 0
+        self._bus.read_into(ADDRESS, _FIFO_LVL, self._levelled if sure else self._level)
+        level = self._burst[_LEVEL]
+        # The clock is read only where its time is needed: on CircuitPython this allocates.
+        self._known = self.asked if level < _ENTRIES << sure else self._ticks_us()
         # While the chip stores a sample, the level may for a moment not be a multiple of 6.
         odd = 1 if level % _ENTRIES else 0
-        if level > _FULL or self._odd + odd > 1:
-            self._write(_CONTROL, _FIFO_CLR)
-            self.complete = self.asked = self._ticks_us()
-            self.pacing.overrun(self.asked)
-            if self.fifo < 0:
-                self._write(_STATUS, _AINT)  # the sample of this AINT is no longer in the FIFO
-                self.fifo = _TRIAL
+        if level > _FULL or self._odd + odd > 1 or (sure and level < _ENTRIES):
+            self._clear()
             level = odd = 0
-        held = level // _ENTRIES
-        if held:
-            self._odd = _BROKEN  # unless the transfer succeeds
-            self._bus.read_into(ADDRESS, _FDATA, self._views[held])
-            self._at = _FIFO_DATA
-        else:
+        level //= _ENTRIES
+        if not level:
             # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
             self._bus.read_into(ADDRESS, _ASTATUS, self._byte)
             self._burst[1] = self._byte[0]
-        self.waits = held
+        elif level > sure:
+            self._odd = _BROKEN  # unless the transfer succeeds
+            self._bus.read_into(ADDRESS, _FDATA, self._views[level - sure])
+        self._at = _OLDEST if sure else _FIFO_DATA
+        self.waits = level
         self._odd = odd
-        return held
+        return level
+
+    def _clear(self):
+        self._write(_CONTROL, _FIFO_CLR)
+        self.complete = self.asked = self._ticks_us()
+        self.pacing.overrun(self.asked)
+        if self.fifo < 0:
+            self._write(_STATUS, _AINT)  # the sample of this AINT is no longer in the FIFO
+            self.fifo = _TRIAL
 
     def _take(self):
         complete = self.pacing.found(self.asked, self._ticks_us())
@@ -355,6 +377,8 @@ class AS7341:
         return complete is not None
 
     def _fail(self):
+        if self.pacing.sure:
+            self._odd = _BROKEN  # the transfer may have read a part of a sample
         self.recover()
         if not self._is_overdue():
             self.retries += 1

@@ -34,15 +34,19 @@ _FRESH = const(64)  # samples after which a bound may replace a higher one
 # A measurement of the period is valid if its error is below 1/2048. It restarts after `LONG_US`,
 # to follow temperature.
 _SHARE = const(11)
-LONG_US = const(60_000_000)
+LONG_US = 60_000_000
 # Samples after which the bound gets a new reference, to follow temperature. With samples of 1 s,
 # the time since the reference must also be below 2**28 us, because older ticks compare wrongly.
 _RENEW = const(224)
 # Time from the beginning of a poll until the chip latches the data that the poll reads: START and
 # 3 bytes at 400 kHz.
-LATCH_US = const(75)
-BRIEF_US = const(1_000)  # in a longer poll, the loop has stalled before the chip was read
+LATCH_US = 75
+BRIEF_US = 1_000  # in a longer poll, the loop has stalled before the chip was read
 _SURE = const(16)  # samples after which the fit is more accurate than the times of the polls
+# With this many samples in the fit, a poll is `sure` if it is later than the estimated end by at
+# least this margin and a step.
+_CERTAIN = const(63)
+_MARGIN_US = const(30)
 _FIT = const(300)  # largest weight of the fit, in samples, so that it follows temperature
 
 
@@ -60,6 +64,9 @@ class Pacing:
         Time of the next poll in ticks.
     exposure_us, period_us : int
         Nominal sample period (the exposure), and lower bound of the measured period, in us.
+    sure : int
+        How many polls, from the one at `due` on, certainly find a sample, unless the chip's
+        oscillator jumps; 0 or less for none.
     missed : int
         Number of samples that were not read, or whose time is unknown.
     slack_us : int
@@ -94,6 +101,7 @@ class Pacing:
         self.sampled = self.lasted_us = self.longest_us = 0
         self._was_early = False
         self._locked = False
+        self.sure = 0
         self._doubted = False  # whether `_doubt` got a sample since the last narrow bracket
         self._counted = False  # whether `_last`, the end of the last counted sample, is valid
         self._samples = -1  # samples since the reference; -1 without a reference
@@ -131,6 +139,7 @@ class Pacing:
         """Record that the poll at `now` found no sample; schedule the next poll soon."""
         self._early = now
         self._was_early = True
+        self.sure = 0
         self.due = self._add(now, _RETRY_US)
 
     def found(self, before, after):
@@ -171,37 +180,48 @@ class Pacing:
         int
             Estimated end of the sample in ticks, at most `slack_us` too late.
         """
-        due = self.due
         if self._locked:
-            self._part += self._exact
-            self._end = self._add(self._end, self._part >> 8)
-            self._part &= 255
+            shift_us = self._part + self._exact
+            self._part = shift_us & 255
+            self._end = ticks = self._add(self._end, shift_us >> 8)
             self._since += 1
-            shift_us = self._diff(before, self._end) + LATCH_US
+            shift_us = self._diff(before, ticks) + LATCH_US
+            if self.sure > 0 and samples == 1 and shift_us <= self.period_us:
+                self._samples += 1
+                self.sure -= 1
+                if not self.sure and shift_us < self._high_us:
+                    self._high_us = shift_us
+                self.due = self._add(self.due, self._step_us)
+                return ticks
             if shift_us < self._high_us and samples == 1 and self._diff(after, before) < BRIEF_US:
                 self._high_us = shift_us
             if self._was_early:
                 self._follow()
+        ticks = self.due
         if self._was_early and samples == 1 and self._diff(after, self._early) <= _WIDE_US:
             self._bracket(before)
-            due = before
+            ticks = before
         elif self._locked and samples == 1:
             # A poll is never before `due`. The next sample ends after `before`.
             if shift_us > self.period_us:
-                shift_us = self._diff(before, due) - self.period_us
+                shift_us = self._diff(before, ticks) - self.period_us
                 if shift_us > 0:
-                    due = self._add(due, shift_us)
+                    ticks = self._add(ticks, shift_us)
+            if self._fitted > _CERTAIN:
+                shift_us = self._diff(ticks, self._end) + LATCH_US - _MARGIN_US - self._creep
+                self.sure = shift_us // self._drop_us
         else:
+            self.sure = 0
             # The newest sample ended before `after`, and the next one ends after `before`.
-            shift_us = self._diff(after, due) - (samples - 1) * self._chip_us
+            shift_us = self._diff(after, ticks) - (samples - 1) * self._chip_us
             if self._locked and shift_us > 0:
-                shift_us = self._diff(before, due) - samples * self._chip_us
+                shift_us = self._diff(before, ticks) - samples * self._chip_us
                 if shift_us < 0:
                     shift_us = 0
-            due = self._add(due, shift_us)
+            ticks = self._add(ticks, shift_us)
             if not self._locked:
                 self.slack_us = self.period_us
-                self._count(due, 1)
+                self._count(ticks, 1)
         self._was_early = False
         if self._samples >= 0:
             self._samples += 1
@@ -209,8 +229,8 @@ class Pacing:
         if not self._locked:
             # `after` is late: without this shift, no poll would be early, and no bracket found.
             shift_us -= self.period_us >> 2
-        self.due = self._add(due, shift_us)
-        return self._end if self._locked and self._fitted > _SURE else due
+        self.due = self._add(ticks, shift_us)
+        return self._end if self._locked and self._fitted > _SURE else ticks
 
     def skip(self, samples):
         """Record the samples of a FIFO read that are neither its oldest nor its newest.
@@ -244,6 +264,7 @@ class Pacing:
         """Record that the FIFO was emptied at `now` (ticks), and that its samples are lost."""
         self._count(now, 0)
         self._locked = False
+        self.sure = 0
         self._samples = -1
 
     def _bracket(self, now):
@@ -262,12 +283,14 @@ class Pacing:
             self._reference = now
             self._samples = 0
         self._locked = True
+        # Each poll is earlier, relative to its sample, than the one before.
+        self._drop_us = max(1, (self._exact >> 8) + 1 - self._step_us)
 
     def _lock(self, now):
         # The sample ended between the last early poll and the poll at `now`.
         self._end = self._add(now, LATCH_US - (self.slack_us >> 1))
         self._high_us = self.period_us
-        self._fitted = self._since = 0
+        self._fitted = self._since = self.sure = 0
 
     def _follow(self):
         # Correct the estimates of phase and period with the limits of the end of this sample.

@@ -255,16 +255,16 @@ class SeveralApp(StripApp):
 
     def serve(self, longest_us):
         """Wait for the next sample of any strip, and process it; sleep for `longest_us` at most."""
-        pacing = self._next(self._ticks_us())
+        pacing = self._next(self.ticks_us())
         if pacing is not None:
-            left_us = self._ticks_diff(pacing.due, self._ticks_us())
+            left_us = self._ticks_diff(pacing.due, self.ticks_us())
             if left_us <= longest_us:
                 if left_us > 0:
-                    self._sleep_us(left_us)
+                    self.sleep_us(left_us)
                 self.current = pacing.app
                 self.current.poll()
                 return
-        self._sleep_us(longest_us)
+        self.sleep_us(longest_us)
 
     def _next(self, now):
         chosen = None
@@ -300,7 +300,7 @@ class SeveralApp(StripApp):
         self.uses.pump()  # the outputs of all strips
         if self._lost:
             self._lost = False
-            now = self._ticks_us()
+            now = self.ticks_us()
             for part in self.parts:
                 if part.reconnect.lost:
                     self._lost = True

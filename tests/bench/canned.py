@@ -59,14 +59,15 @@ class Bus:
     def read_into(self, _, register, buffer):
         if self._period_us:
             self._sample()
-        if register == 0xFE:
-            self._level -= len(buffer) // 2
-            for i in range(len(buffer)):
-                buffer[i] = self.registers[0x95 + i % 12]
-            return
         self.registers[0xFD] = self._level
+        first = 0xFE - register  # index of the FIFO's data, if the transfer reads them
         for i in range(len(buffer)):
-            buffer[i] = self.registers[register + i]
+            if 0 <= first <= i:
+                buffer[i] = self.registers[0x95 + (i - first) % 12]
+            else:
+                buffer[i] = self.registers[register + i]
+        if 0 <= first < len(buffer):
+            self._level -= (len(buffer) - first) // 2
 
     def write(self, buffer):
         registers = self.registers

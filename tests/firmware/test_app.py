@@ -293,7 +293,7 @@ def test_the_loop_reads_the_clock_once_for_all_samples_of_a_fifo_read():
         reads += 1
         return ticks_us()
 
-    app._ticks_us = app._sensor._ticks_us = counted
+    app.ticks_us = app._sensor._ticks_us = counted
     frames, complete = serial.frames, app._sensor.complete
     app.step()
     samples = (serial.frames - frames) // 2  # each with a TOUCH and a SPECTRUM frame

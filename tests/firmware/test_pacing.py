@@ -83,6 +83,48 @@ def test_one_burst_finds_one_sample_once_locked(error_percent):
     assert (run.polls - before) / (len(run.samples) - samples) < 1.15
 
 
+class FifoRun(Run):
+    """A `Run` of a sensor with a FIFO, so that late polls lose nothing."""
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.sure = self.wrong = 0
+
+    def poll(self, late_us=0):
+        pacing = self.pacing
+        self.now += max(0, int(SmallClock.ticks_diff(pacing.due, self.now % WRAP))) + late_us
+        asked = SmallInt(self.now % WRAP)
+        done = max(0, int((self.now + LATCH_US - self.origin) // self.true_us))
+        waits = done - self.taken
+        self.now += BURST_US
+        self.polls += 1
+        self.sure += pacing.sure > 0
+        if not waits:
+            self.wrong += pacing.sure > 0
+            pacing.early(asked)
+            return
+        self.taken = done
+        pacing.held(asked, SmallInt(self.now % WRAP), SmallInt(waits))
+        if waits > 2:
+            pacing.skip(SmallInt(waits - 2))
+        if waits > 1:
+            pacing.held(asked, SmallInt(self.now % WRAP), SmallInt(1))
+
+
+@pytest.mark.parametrize("error_percent", [-5, 0, 5])
+@pytest.mark.parametrize(("nominal_us", "share"), [(1_000, 0.3), (2_780, 0.7), (10_000, 0.5)])
+def test_most_polls_are_sure_to_find_a_sample_and_do(error_percent, nominal_us, share):
+    rng = random.Random(3)
+    run = FifoRun(nominal_us, nominal_us * (1 + error_percent / 100))
+    while run.polls < 20_000:
+        late = rng.choice([0] * 97 + [0.05, 0.5, 4.5])  # share of the period
+        run.poll(late_us=round(late * nominal_us))
+        if run.polls == 1000:
+            run.sure = 0
+    assert not run.wrong
+    assert run.sure / 19_000 > share
+
+
 @pytest.mark.parametrize("error_percent", [-5, 0, 5])
 @pytest.mark.parametrize("nominal_us", [2_780, 5_000, 10_000])
 def test_times_are_exact_after_a_second(error_percent, nominal_us):
