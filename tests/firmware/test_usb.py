@@ -685,7 +685,7 @@ class Wire:
 
 @pytest.mark.parametrize("level", [0, 1])
 def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
-    modules = ("adafruit_as7341", "busio", "microcontroller", "storage", "usb_cdc")
+    modules = ("adafruit_as7341", "busio", "microcontroller", "storage", "supervisor", "usb_cdc")
     module = fresh(
         monkeypatch,
         "circuitpython",

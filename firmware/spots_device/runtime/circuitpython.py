@@ -13,6 +13,7 @@ import digitalio
 import microcontroller
 import micropython
 import storage
+import supervisor
 import usb_cdc
 from adafruit_bus_device.i2c_device import I2CDevice
 from micropython import const
@@ -40,12 +41,18 @@ from .stay import must_stay
 # and would allocate.
 _PERIOD_US = const(1 << 29)
 _HALF_PERIOD_US = const(1 << 28)
+_MAX_TICKS = const((1 << 29) - 1)  # both of this clock, in us, and of `supervisor.ticks_ms`
+_MAX_NS = const((1 << 30) - 1)  # the lowest 30 bits of a time, which wrap after 1.07 s
+_LONG_MS = const(1_000)
 _FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
+_MAX_31_BITS = 0x7FFFFFFF
 _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
 _TOUCH_BYTES = kernel.TOUCH_SIZE
 _TOUCH_SIZE = _TOUCH_BYTES + CRC_SIZE  # bytes of a TOUCH frame before its encoding
 _TOUCH_COPY = "%ds" % _TOUCH_SIZE
 _ZERO = b"\0"
+_EARLY_US = const(2_000)  # more than the error of a time that is computed from milliseconds
+_MARGIN_MS = const(4)  # more than this error, that of `sleep`, and `_EARLY_US` together
 
 
 class BusioBus:
@@ -170,14 +177,57 @@ def _put(wire, level):
 
 
 class MonotonicClock:
-    """Clock with the functions of MicroPython's ``time``.
+    """Clock with the functions of MicroPython's ``time``, and two for a loop without garbage.
 
-    CircuitPython's only clock with microseconds returns a long integer, so each call allocates.
+    CircuitPython's only clock with microseconds returns a long integer, so each read of the clock
+    allocates 32 bytes. A loop that waits for a time needs one read if it computes the duration with
+    `ticks_early_us`, and sleeps with `sleep_early_us`.
     """
 
-    @staticmethod
-    def ticks_us():
-        return time.monotonic_ns() // 1000 % _PERIOD_US
+    def __init__(self):
+        self._early = self._read = self._ns = 0
+        self._end = None  # of a sleep that has just ended
+        self._read_ms = supervisor.ticks_ms() - _LONG_MS
+        self.ticks_us()
+
+    def ticks_us(self):
+        """Return the time; the first call after `sleep_early_us` returns the end of this sleep."""
+        end = self._end
+        if end is not None:
+            self._end = None
+            return end
+        now_ms = supervisor.ticks_ms()
+        now = time.monotonic_ns()
+        # `hash` as in `_high_half`. A division of the long integer would allocate 32 bytes more.
+        ns = hash(now) & _MAX_NS
+        if now_ms - self._read_ms & _MAX_TICKS < _LONG_MS:
+            passed_ns = ns - self._ns & _MAX_NS
+            self._read = self._read + passed_ns // 1000 & _MAX_TICKS
+            ns -= passed_ns % 1000
+        else:
+            self._read = hash(now // 1000) & _MAX_TICKS
+        self._ns = ns
+        self._read_ms = now_ms
+        return self._read
+
+    def ticks_early_us(self):
+        """Return the time of `ticks_us`, but 1 to 3 ms too early; allocates nothing."""
+        self._end = None
+        passed_ms = supervisor.ticks_ms() - self._read_ms & _MAX_TICKS
+        self._early = (self._read + 1000 * passed_ms - _EARLY_US) % _PERIOD_US
+        return self._early
+
+    def sleep_early_us(self, us):
+        """Sleep until `us` microseconds after the time that `ticks_early_us` has just returned."""
+        ms = us // 1000 - _MARGIN_MS
+        if ms > 0:
+            time.sleep(ms / 1000)
+        now = self.ticks_us()
+        end = (self._early + us) % _PERIOD_US
+        left_us = self.ticks_diff(end, now)
+        if left_us > 0:
+            microcontroller.delay_us(left_us)
+            self._end = end
 
     @staticmethod
     def ticks_add(ticks, delta):
@@ -214,19 +264,24 @@ def view_of(data, size):
 def fast_crc32(data, size, crc):
     """Update a CRC-32 like `kernel.crc32`, but faster.
 
-    For a frame it takes 0.1 ms instead of 0.5 ms, and allocates up to 100 bytes for long integers.
+    For a frame it takes 0.1 ms instead of 0.5 ms, and allocates up to 32 bytes for a long integer.
 
     The arguments are those of `kernel.crc32`, but the register `crc` must have its initial value.
     """
-    pack_into("<I", crc, 0, crc32(view_of(data, size)))
-    crc[0] ^= 0xFFFF
-    crc[1] ^= 0xFFFF
+    value = crc32(view_of(data, size))
+    crc[0] = ~hash(value) & 0xFFFF
+    crc[1] = ~_high_half(value) & 0xFFFF
+
+
+def _high_half(value):
+    # `hash` returns the lowest 31 bits of an integer and, unlike `&` and `>>`, allocates nothing.
+    return hash(value) >> 16 & 0x7FFF | (0x8000 if value > _MAX_31_BITS else 0)
 
 
 def fast_touch(head, payload, state, encoded):
     """Encode a reading as a TOUCH frame like `kernel.touch`, but faster.
 
-    It takes 0.5 ms, and allocates 70 bytes for long integers.
+    It takes 0.5 ms, and allocates up to 32 bytes for a long integer.
     """
     sequence = head[SEQUENCE]
     head[SEQUENCE] = (sequence + 1) & 0xFFFF
@@ -246,7 +301,8 @@ def fast_touch(head, payload, state, encoded):
     )
     view = _views.get(_TOUCH_BYTES)
     view = view[1] if view and view[0] is payload else view_of(payload, _TOUCH_BYTES)
-    pack_into("<I", payload, _TOUCH_BYTES, crc32(view))
+    crc = crc32(view)
+    pack_into("<HH", payload, _TOUCH_BYTES, hash(crc) & 0xFFFF, _high_half(crc))
     # COBS of fewer than 255 bytes: a copy of the bytes, shifted by one, in which each zero byte is
     # replaced by the distance to the next zero byte.
     pack_into(_TOUCH_COPY, encoded, 1, payload)
@@ -395,7 +451,7 @@ def main():
         return
 
     speed_up()
-    clock = MonotonicClock
+    clock = MonotonicClock()
     runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
     usb = CircuitUsb(board_config) if board_config.USB_HID else None
@@ -409,6 +465,8 @@ def main():
         sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)
     app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
+    if app.sensors == 1:
+        app.ticks_us, app.sleep_us = clock.ticks_early_us, clock.sleep_early_us
     # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt `app._leave`, which
     # is then repeated.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
