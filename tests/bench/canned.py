@@ -59,15 +59,21 @@ class Bus:
     def read_into(self, _, register, buffer):
         if self._period_us:
             self._sample()
-        self.registers[0xFD] = self._level
-        first = 0xFE - register  # index of the FIFO's data, if the transfer reads them
-        for i in range(len(buffer)):
-            if 0 <= first <= i:
-                buffer[i] = self.registers[0x95 + (i - first) % 12]
-            else:
+        if register < 0xFD:
+            for i in range(len(buffer)):
                 buffer[i] = self.registers[register + i]
-        if 0 <= first < len(buffer):
-            self._level -= (len(buffer) - first) // 2
+            return
+        at = 0
+        if register == 0xFD:
+            buffer[0] = self._level
+            at = 1
+        self._level -= (len(buffer) - at) // 2
+        self._fill(buffer, at)
+
+    def _fill(self, buffer, at):
+        # A function of its own, so that its call frame needs no heap.
+        for i in range(at, len(buffer)):
+            buffer[i] = self.registers[0x95 + (i - at) % 12]
 
     def write(self, buffer):
         registers = self.registers
