@@ -181,10 +181,22 @@ class AS7341:
             self._pointer = (self._pointer + 1) & 0xFF
 
     def read(self, size: int, byte_us: float = 0.0) -> bytes:
-        """Handle a read transfer: return `size` bytes from the register pointer on.
+        """Handle a read transfer: return the bytes from the register pointer on.
 
         The chip stores a sample that ends during a transfer at once: if a transfer finds the FIFO
-        empty, its last bytes may be of such a sample. `byte_us` is the duration of a byte.
+        empty, its last bytes may be of such a sample.
+
+        Parameters
+        ----------
+        size : int
+            Number of bytes.
+        byte_us : float
+            Duration of a byte in us.
+
+        Returns
+        -------
+        bytes
+            The bytes that were read.
         """
         data = bytearray()
         began_us = self._now
