@@ -13,7 +13,9 @@ from .settings import BoardSettings, checksum, load_lines, save_lines
 from .strip import Strip
 from .uses import Uses, check_layout
 
-_SLICE_US = const(10_000)  # longest sleep without reading commands
+# Longest sleep without reading commands: an exposure of 10 ms, and the error of a clock that is up
+# to 3 ms early.
+_SLICE_US = const(13_000)
 _LAST_US = const(100_000)  # on exit: longest wait until the host has read the key releases
 _NO_CHARACTER = const(-1)
 _CTRL_C = const(3)
@@ -212,7 +214,7 @@ class BoardApp:
     def step(self, once=True):
         """Run one pass of the loop, or with `once` false all passes until ``reboot`` or an error.
 
-        A pass allocates nothing while sampling. It sleeps 10 ms at most, so that commands are read
+        A pass allocates nothing while sampling. It sleeps 13 ms at most, so that commands are read
         often. On a board with one strip, a pass takes 0.1 s or more while the sensor does not
         answer.
         """
