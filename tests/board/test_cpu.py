@@ -17,28 +17,28 @@ from spots_sim.scenario import Held, Scenario
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {
     "pico": [
-        (10_000, 100.0, 0.13),
-        (2_780, 359.7, 0.450),
-        (1_500, 666.1, None),
-        (1_000, 1000.1, None),
+        (10_000, 100.0, 0.126),
+        (2_780, 359.7, 0.430),
+        (1_500, 666.1, 0.792),
+        (1_000, 999.2, 1.0),
     ],
     "pico-xip50": [
-        (2_780, 359.6, 0.601),
-        (1_500, 666.1, None),
-        (1_000, 999.2, 1.0),
+        (2_780, 359.7, 0.579),
+        (1_500, 666.1, 1.0),
+        (1_000, 962.0, 1.0),
     ],
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
 SECONDS = 1.0
 ONE, TWO = [(20.0, 3000)], [(20.0, 3000), (62.0, 3000)]
 # Busy time of a sample in us at 5 ms: by commands and fingers (position in mm, force in mN). Only
-# the first two cases were measured with this firmware. In all others a frame took 65 us more, and
+# the first three cases were measured with this firmware. In all others a frame took 65 us more, and
 # in cases marked "earlier" a sample took another 390 us more (250 with an average): this is
 # subtracted.
 BUSY = [
-    (["stream off"], ONE, 1030),
-    (["stream touch"], ONE, 1245),
-    (["stream touch spectrum"], ONE, 1778),
+    (["stream off"], ONE, 990),
+    (["stream touch"], ONE, 1216),
+    (["stream touch spectrum"], ONE, 1949),
     (["stream touch contact"], [], 1876),  # earlier
     (["stream touch contact"], ONE, 2282),  # earlier
     (["stream touch contact"], TWO, 2839),  # earlier; less 1060 us as with keys
