@@ -377,7 +377,7 @@ class AS7341:
         return complete is not None
 
     def _fail(self):
-        if self.pacing.sure:
+        if self.pacing.sure > 0:
             self._odd = _BROKEN  # the transfer may have read a part of a sample
         self.recover()
         if not self._is_overdue():

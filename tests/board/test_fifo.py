@@ -1,6 +1,7 @@
 """The chip's FIFO: a stall of the loop loses no sample, and its counts equal the polled counts."""
 
 import contextlib
+import errno
 import itertools
 
 import numpy as np
@@ -285,3 +286,34 @@ def test_an_oscillator_that_jumps_costs_counted_samples_and_tears_none(stalled, 
     assert all(0 < (b - a) % AROUND < 4 for a, b in itertools.pairwise(found))
     assert lost <= made.get()["missed"] - before <= lost + retreats
     assert made.get()["fifo"]
+
+
+class DeafBus:
+    """An I2C bus on which some reads of the FIFO's level fail: those of `size` bytes."""
+
+    def __init__(self, link, size, fails):
+        self._bus = link.bus
+        self._size, self.fails = size, fails
+
+    def __getattr__(self, name):
+        return getattr(self._bus, name)
+
+    def write_read(self, address, data, size):
+        if data == b"\xfd" and size == self._size and self.fails:
+            self.fails -= 1
+            raise OSError(errno.ENODEV, "no acknowledgement")
+        return self._bus.write_read(address, data, size)
+
+
+@pytest.mark.parametrize(("size", "lost"), [(1, 0), (13, 5)])
+def test_a_failed_transfer_costs_at_most_the_sample_that_it_read(stalled, size, lost):
+    made = stalled()
+    made.run(1.0)
+    made.link.bus = bus = DeafBus(made.link, size, 5)
+    frames = made.run(1.0)
+    reply = made.get()
+    assert not bus.fails
+    assert reply["retries"] == 5
+    missing = sum((b - a) % AROUND - 1 for a, b in itertools.pairwise(numbers(frames)))
+    assert missing == reply["missed"] <= lost
+    assert reply["fifo"]
