@@ -111,9 +111,9 @@ class AS7341:
         self._status = view[:_LEVEL]
         self._level = view[_LEVEL:_OLDEST]
         self._levelled = view[_LEVEL:_FIFO_DATA]
-        self._views = [
-            view[_FIFO_DATA : _FIFO_DATA + size] for size in range(0, 2 * _FULL + 1, _SAMPLE)
-        ]
+        self._views = [None]  # by the number of samples
+        for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
+            self._views.append(view[_FIFO_DATA:end])
         self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the test after a start
         self.waits = 0  # samples in the buffer that `poll` has not returned yet
         self._led_code = 0

@@ -32,15 +32,8 @@ interpolate linearly between two strains. Segments are in the order of ascending
 from array import array
 from collections import namedtuple
 
+from .decode import BOUNDS, FORCES, SEGMENTS, WEIGHTS, columns_of
 from .smux import CHANNELS, PIXELS
-
-# Indices of the array `tables` of a calibration. At `SEGMENTS`: the number of segments. At
-# `FORCES`: the index of the table of forces. From `WEIGHTS` on: six weights for the coarse
-# contrast, which selects a segment, and six for the misfit. From `BOUNDS` on, two elements for each
-# segment: the coarse contrast at which the segment begins, and the index of its twelve weights;
-# the segment's table is stored after these weights. A table is the number of its knots, then the
-# knots, then its other columns.
-SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
 
 ONE_Q13 = 1 << 13
 # Limit of the sum of absolute weights, so that each weighted sum of `kernel.estimate` fits 31 bits.
@@ -92,9 +85,9 @@ class Calibration:
     compensation : silicone.Compensation or None
         Corrects the force for hysteresis and creep; None if these were not calibrated.
     tables : array of int
-        All weights and tables, see `SEGMENTS`. The attributes `brightnesses`, `forces_mN` and
-        `tolerances`, the columns of the force table, are views of this array; on the host, views.py
-        adds views of the other parts.
+        All weights and tables, see `decode.SEGMENTS`. The attributes `brightnesses`, `forces_mN`
+        and `tolerances`, the columns of the force table, are views of this array; on the host,
+        views.py adds views of the other parts.
     drift_max : int
         Keys work until the misfit has shifted by this much since the calibration. The misfit shows
         how far a spectrum is from that of a single press, in log2 units, Q12. A drift of the LED
@@ -133,7 +126,10 @@ class Calibration:
         if "silicone" in seen:
             from .silicone import Compensation  # not every strip needs it
 
-            self.compensation = Compensation(seen["silicone"])
+            try:
+                self.compensation = Compensation(seen["silicone"])
+            except ValueError as error:
+                raise CalibrationError(error)
         _check_strains(strains, seen["segment"])
         bounds, knots = _between(strains, strain_ppm)
         for table in knots:
@@ -199,7 +195,7 @@ def _room(lines):
 
 
 def pack(weights, bounds, segments, tables, forces, room=()):
-    """Return weights and tables of a calibration as one array, see `SEGMENTS`.
+    """Return weights and tables of a calibration as one array, see `decode.SEGMENTS`.
 
     Parameters
     ----------
@@ -244,16 +240,6 @@ def _put(packed, place, knots):
             packed[place] = knot[column]
             place += 1
     return place
-
-
-def columns_of(tables, place, count):
-    """Return memory views of `count` columns of the table at the index `place` of `tables`.
-
-    Column 0 contains the knots' arguments, for example contrasts; the others contain their values.
-    """
-    size = tables[place]
-    ends = range(place + 1 + size, place + 2 + count * size, size)
-    return [tables[end - size : end] for end in ends]
 
 
 class CalibrationSlot:

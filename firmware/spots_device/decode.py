@@ -27,6 +27,14 @@ DROPPED = 1 << 5
 NOT_CALIBRATED = 1 << 6
 LED_OFF = 1 << 7
 
+# Indices of the array `tables` of a calibration. At `SEGMENTS`: the number of segments. At
+# `FORCES`: the index of the table of forces. From `WEIGHTS` on: six weights for the coarse
+# contrast, which selects a segment, and six for the misfit. From `BOUNDS` on, two elements for each
+# segment: the coarse contrast at which the segment begins, and the index of its twelve weights;
+# the segment's table is stored after these weights. A table is the number of its knots, then the
+# knots, then its other columns.
+SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
+
 # Indices of the array `state` of a strip. First the fields of a TOUCH frame: contrast and
 # brightness are in Q20 of log2; unknown values are 0.
 FLAGS, CONTRAST, BRIGHTNESS, POSITION_UM, FORCE_MN = range(5)
@@ -120,3 +128,15 @@ class Decode:
         state[SAMPLES] = samples
         state[FLOOR_SAMPLES] = dark_samples
         state[LOG_SAMPLES] = log2_q20(samples * dark_samples)
+
+
+def columns_of(tables, place, count):
+    """Return memory views of `count` columns of the table at the index `place` of `tables`.
+
+    Column 0 contains the knots' arguments, for example contrasts; the others contain their values.
+    """
+    size = tables[place]
+    columns = []
+    for first in range(place + 1, place + 1 + count * size, size):
+        columns.append(tables[first : first + size])
+    return columns

@@ -12,11 +12,11 @@ On a board, the arguments of these three functions that are sequences of integer
 from array import array
 from struct import pack_into
 
-from .calibration import BOUNDS, FORCES, SEGMENTS, WEIGHTS
 from .decode import (
     AGE_STEP_US,
     AGE_US,
     AVERAGE,
+    BOUNDS,
     BRIGHTNESS,
     CHECK,
     COMPLETE,
@@ -34,6 +34,7 @@ from .decode import (
     FOLLOWED,
     FOLLOWS,
     FORCE_MN,
+    FORCES,
     GAP,
     HEADER_SIZE,
     IDLE_MIN_US,
@@ -54,6 +55,7 @@ from .decode import (
     READ,
     REST,
     SAMPLES,
+    SEGMENTS,
     SEND,
     SEQUENCE,
     SHIFT,
@@ -68,6 +70,7 @@ from .decode import (
     TOUCHING,
     TWO,
     WANTED,
+    WEIGHTS,
 )
 from .log2 import GUARD, LIMIT, TABLE, Q
 from .smux import CHANNELS
@@ -239,7 +242,7 @@ def estimate(state, tables, flags):
         ``sums * state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24, the
         limit of `log2.log2_q20`.
     tables : sequence of int
-        Tables of the calibration, see `calibration.SEGMENTS`; 0 segments mean that there is no
+        Tables of the calibration, see `decode.SEGMENTS`; 0 segments mean that there is no
         calibration.
     flags : int
         Flag bits that apply to the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.

@@ -3,9 +3,7 @@
 Only boards with ``MUX_CHANNEL`` in their configuration get this module.
 """
 
-from micropython import const
-
-MULTIPLEXER = const(0x70)  # I2C address; bit n of the chip's only register switches channel n on
+from .runtime.common import MULTIPLEXER
 
 
 def connect(sensor, channel):

@@ -97,11 +97,10 @@ class Pacing:
         self._narrow_us = 2 * self._creep + 50
         self._set_period(period_us - period_us // _TRUST)
         self.due = self._add(now, self.period_us)
-        self.missed = self.slack_us = 0
+        self.missed = self.slack_us = self.sure = 0
         self.sampled = self.lasted_us = self.longest_us = 0
         self._was_early = False
         self._locked = False
-        self.sure = 0
         self._doubted = False  # whether `_doubt` got a sample since the last narrow bracket
         self._counted = False  # whether `_last`, the end of the last counted sample, is valid
         self._samples = -1  # samples since the reference; -1 without a reference
@@ -284,7 +283,7 @@ class Pacing:
             self._samples = 0
         self._locked = True
         # Each poll is earlier, relative to its sample, than the one before.
-        self._drop_us = max(1, (self._exact >> 8) + 1 - self._step_us)
+        self._drop_us = (self._exact >> 8) + 1 - self._step_us or 1
 
     def _lock(self, now):
         # The sample ended between the last early poll and the poll at `now`.

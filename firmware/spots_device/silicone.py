@@ -10,7 +10,6 @@ its time constants. All integers fit 31 bits; `take` allocates nothing.
 
 from array import array
 
-from .calibration import CalibrationError
 from .decode import FLAGS, FORCE_MN, LED_OFF, POSITION_UM
 
 try:
@@ -44,7 +43,7 @@ class Compensation:
 
     Raises
     ------
-    calibration.CalibrationError
+    ValueError
         If a value is out of range.
     """
 
@@ -57,7 +56,7 @@ class Compensation:
                 total = -1
                 break
         if not 0 < total <= _WEIGHTS_MAX:
-            raise CalibrationError("the line 'silicone' is out of range: calibrate again")
+            raise ValueError("the line 'silicone' is out of range: calibrate again")
         self._state = array("i", bytes(8 * _PARTS))  # play operators in mN, creep in mN Q6
         self._t = self._x_um = self._force = 0
 

@@ -2,8 +2,18 @@
 
 from array import array
 
-from .calibration import BOUNDS, SEGMENTS, WEIGHTS, columns_of
-from .decode import FLOOR, FLOOR_SAMPLES, KIND, SAMPLES, SUMS, Decode
+from .decode import (
+    BOUNDS,
+    FLOOR,
+    FLOOR_SAMPLES,
+    KIND,
+    SAMPLES,
+    SEGMENTS,
+    SUMS,
+    WEIGHTS,
+    Decode,
+    columns_of,
+)
 from .frame import TOUCH, Framer
 from .kernel import estimate, touch
 from .smux import CHANNELS

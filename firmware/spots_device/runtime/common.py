@@ -3,6 +3,7 @@
 from .stay import stay_after_reset
 
 ADDRESS = 0x39  # I2C address of the AS7341, 7 bits
+MULTIPLEXER = 0x70  # I2C address of a TCA9548A; bit n of its only register switches channel n on
 CAPS_LOCK = 2  # bit of caps lock in a keyboard's output report; HID usage tables, LED page
 HALF_CLOCK_US = 5  # half a period of the clock that frees the bus
 WATCHDOG_MS = 8_000  # close to the maximum of the RP2040

@@ -2,7 +2,7 @@
 
 import busio
 
-from ..multiplexer import MULTIPLEXER
+from .common import MULTIPLEXER
 
 _buses = []  # a `_Bus` for each pair of pins
 
