@@ -4,7 +4,7 @@ BOARD ?= pico
 PORT ?=
 ARGS ?=
 BIN := .venv/bin
-# Tests often wait, so there are two processes for each processor, see tests/conftest.py.
+# Some tests wait, so there are three processes for every two processors, see tests/conftest.py.
 PARALLEL := --numprocesses auto --maxprocesses 4 --dist worksteal
 FAST := tests/test_*.py tests/firmware tests/sim tests/referee
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet

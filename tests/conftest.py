@@ -45,11 +45,11 @@ IN_CPYTHON |= {"test_uses_under_fire.py"}
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
-    """Return how many processes ``--numprocesses auto`` starts: 4 for 2 processors.
+    """Return how many processes ``--numprocesses auto`` starts: 3 for 2 processors.
 
     There are more processes than processors because tests often wait.
     """
-    return 2 * os.cpu_count()
+    return 3 * os.cpu_count() // 2
 
 
 def pytest_collection_modifyitems(items):
