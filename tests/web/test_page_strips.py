@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import re
+import threading
 import time
 
 import pytest
 from playwright.sync_api import expect
 
 from person import Person
-from serving import apart, eventually
+from serving import Bench, apart, eventually
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
+from spots.link.timeouts import CONNECTED
 from spots.web.one_strip import OneStrip
+from spots.web.state import PageState
 from spots_device.settings import checksum
 from spots_sim.files import Finger, ScenarioFile
 from spots_sim.lockstep import LockstepLink
@@ -185,6 +188,25 @@ def test_only_the_token_chooses_an_existing_strip(two, tmp_path):
     assert shown(one, "board")["strip"] == 0
     assert post(one.server, "1", path="strip", token=token)[0] == 204
     ready(one, 1)
+
+
+def test_a_request_is_handled_as_soon_as_the_board_is_shown(two, tmp_path, monkeypatch):
+    put, answers = PageState.put, []
+
+    def put_and_ask(state, part, value):
+        put(state, part, value)
+        if part == "board" and value["state"] == CONNECTED and not answers:
+            answers.append(one.orders["strip"].submit(1))
+
+    # The reader's thread starts inside of `two`, before `one` exists.
+    begin = threading.Event()
+    open_ = Bench._open
+    monkeypatch.setattr(Bench, "_open", lambda *args: begin.wait(60) and open_(*args))
+    monkeypatch.setattr(PageState, "put", put_and_ask)
+    one = two(edit=tmp_path / "mine.toml")
+    begin.set()
+    ready(one, 1)
+    assert answers[0].result(60) is None
 
 
 def test_a_session_calibrates_the_chosen_strip(two, open_page, tmp_path, calibration):

@@ -158,6 +158,8 @@ class BoardReader:
             "expected": expected_shown(strip, info, settings["dark"]),
             "layout": layout_shown(self._settings["layout"]) if info.get("length_um") else None,
         }
+        for one in self._orders:
+            one.enter()  # first: a browser may send a request as soon as it sees the board
         self._say(CONNECTED, "")
         layout, beside = self._settings["layout"], {}
         self._state.put("beside", beside.copy())

@@ -108,7 +108,6 @@ class PageCalibration(Orders):
 
     def attend(self, board: Board | OneStrip) -> bool:
         """Run a session to its end if a browser has requested one; return whether a session ran."""
-        self._attended = True
         path = self._first
         if isinstance(board, OneStrip) and board.sensor:
             path = path.with_stem(f"{path.stem}-{board.sensor}")

@@ -59,13 +59,16 @@ class Orders:
         bool
             Whether the board's settings, `sensor` or `playing` may have changed.
         """
-        self._attended, changed = True, False
-        before = self.sensor, self.playing
+        changed, before = False, (self.sensor, self.playing)
         while asked := self._next():
             request, answer = asked
             self._answer(answer, self._handle, board, request)
             changed = self._changes_board
         return changed or (self.sensor, self.playing) != before
+
+    def enter(self) -> None:
+        """Queue requests from now on: a thread reads a board, and will call `attend`."""
+        self._attended = True
 
     def leave(self) -> None:
         """Handle the loss of the board: refuse all waiting requests."""
