@@ -350,7 +350,7 @@ def guard(data: bytes) -> None:
         return web.Response(text="in")
 
     async def ask():
-        response = await chosen.middleware()(request, handler)
+        response = await chosen.check(request, handler)
         await _add_headers(request, response)
         return response
 

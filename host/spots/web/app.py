@@ -83,8 +83,7 @@ class PageApp:
         self._wake = Guarded(self._wake_all, "waking the browsers", self._not_woken)
         self._sending = Guarded(self._send_news, "sending to a browser")
         state.on_change = Guarded(self._changed, "waking the web server")
-        largest = max((one.request_max for one in orders.values()), default=1)
-        self.web = web.Application(middlewares=[guard.middleware()], client_max_size=largest)
+        self.web = web.Application(middlewares=[guard.check])
         self.web.router.add_get("/", self._static)
         self.web.router.add_get("/live", self._live)
         for path, receiver in orders.items():
@@ -125,7 +124,10 @@ class PageApp:
 
     async def _order(self, receiver: Orders, request: web.Request) -> web.Response:
         try:
-            wanted = receiver.decode(await _body(request, receiver.request_max))
+            body = await request.clone(client_max_size=receiver.request_max).read()
+            wanted = receiver.decode(body)
+        except _DAMAGED:
+            raise web.HTTPBadRequest(text="the body of the request is damaged") from None
         except ValueError as error:
             raise web.HTTPBadRequest(text=str(error)) from None
         try:
@@ -201,16 +203,6 @@ class PageApp:
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server ends")
-
-
-async def _body(request: web.Request, most: int) -> bytes:
-    try:
-        body = await request.read()
-    except _DAMAGED:
-        raise web.HTTPBadRequest(text="the body of the request is damaged") from None
-    if len(body) > most:
-        raise web.HTTPRequestEntityTooLarge(most, len(body))
-    return body
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:

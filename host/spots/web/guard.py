@@ -38,27 +38,46 @@ class Guard:
         name = socket.gethostname().lower()
         self._names = {"localhost"} if self._loopback else {"localhost", name, name + ".local"}
 
-    def middleware(self):
-        """Return a middleware for aiohttp that checks each request."""
+    @web.middleware
+    async def check(self, request: web.Request, handler):
+        """Pass a request to its handler, or refuse the request; a middleware for aiohttp.
 
-        @web.middleware
-        async def check(request: web.Request, handler):
-            if not self._knows(request):
-                raise web.HTTPForbidden(
-                    text="unknown host name: open the address that the server printed"
-                )
-            origins = request.headers.getall("Origin", [])
-            if origins not in ([], [f"http://{request.headers['Host']}"]):
-                raise web.HTTPForbidden(text="requests from other websites are refused")
-            if self._is_token(request.query.get("token", "")):
-                raise self._let_in(request)
-            if not self._loopback and not self.may_command(request):
-                raise web.HTTPUnauthorized(text=_ASK)
-            if request.method not in _LOOKING and not self.may_command(request):
-                raise web.HTTPForbidden(text=_ASK)
-            return await handler(request)
+        Parameters
+        ----------
+        request : aiohttp.web.Request
+            The request.
+        handler : callable
+            ``handler(request)`` answers an allowed request.
 
-        return check
+        Returns
+        -------
+        aiohttp.web.StreamResponse
+
+        Raises
+        ------
+        web.HTTPForbidden
+            If the request comes from another website, names an unknown host, or is a command
+            without the token.
+        web.HTTPUnauthorized
+            If the request needs the token and does not have it.
+        """
+        if not self._knows(request):
+            raise web.HTTPForbidden(
+                text="unknown host name: open the address that the server printed"
+            )
+        origins = request.headers.getall("Origin", [])
+        if origins not in ([], [f"http://{request.headers['Host']}"]):
+            raise web.HTTPForbidden(text="requests from other websites are refused")
+        if self._is_token(request.query.get("token", "")):
+            # The token moves from the visible address into a cookie.
+            answer = web.HTTPSeeOther("/")
+            answer.set_cookie(_cookie(request), self._token, httponly=True, samesite="Lax")
+            raise answer
+        if not self._loopback and not self.may_command(request):
+            raise web.HTTPUnauthorized(text=_ASK)
+        if request.method not in _LOOKING and not self.may_command(request):
+            raise web.HTTPForbidden(text=_ASK)
+        return await handler(request)
 
     def may_command(self, request: web.Request) -> bool:
         """Return whether a request may send commands: its cookie contains the access token."""
@@ -81,12 +100,6 @@ class Guard:
         if self._token is None:
             return False
         return hmac.compare_digest(given.encode(errors="surrogateescape"), self._token.encode())
-
-    def _let_in(self, request: web.Request) -> web.HTTPSeeOther:
-        # The token moves from the visible address into a cookie.
-        answer = web.HTTPSeeOther("/")
-        answer.set_cookie(_cookie(request), self._token, httponly=True, samesite="Lax")
-        return answer
 
 
 def host_of(request: web.Request) -> tuple[str, int] | None:
