@@ -3,10 +3,10 @@
 import math
 import threading
 from collections import deque
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 
-from ..calibrate.calibration_file import CalibrationFile
 from ..keyboard.layout import KeyLayout
 from ..link.board import Board
 from ..link.frames import Touch
@@ -141,54 +141,32 @@ def linkage_readers(
         If a file is invalid, or there are more than two ports.
     """
     twin, strips = loaded(linkage, ports)
-    ids = {board_of(strip) for strip in strips}
-    if len(ports) == 1 or (not ports and len(ids) == 1):
-        return [_reader_of_both(twin, strips, (ports or [None])[0], ids.pop(), layout, state)]
+    feed = TwinFeed(twin, state)
     # One search at a time: a search cannot open a board that the other search has opened.
     searching = threading.Lock()
-    searches = [finder(port) for port in (ports or (None, None))]
 
-    def open_board(joint: int, board_id: str | None) -> Board:
-        strip = strips[joint]
-        with searching, ExitStack() as stack:
-            board = stack.enter_context(searches[joint](board_id if ports else strip.board))
-            give(board, strip, joint + 1)
-            stack.pop_all()
-            return board
+    def reader(port: str | None, joints: Sequence[int], of_board: PageState) -> BoardReader:
+        search, found_by = finder(port), board_of(strips[joints[0]])
+        joint_of: dict[int, int] = {}  # by number of the joint's strip on the board
 
-    return _readers(twin, open_board, layout, state)
+        def open_board(board_id: str | None) -> Board:
+            with searching, ExitStack() as stack:
+                board = stack.enter_context(search(board_id if port else found_by))
+                for joint in joints:
+                    joint_of[give(board, strips[joint], joint + 1)] = joint
+                stack.pop_all()
+                return board
 
+        def take(touch: Touch) -> None:
+            if touch.sensor in joint_of:
+                feed.take(joint_of[touch.sensor], touch)
 
-def _reader_of_both(
-    twin: Twin,
-    strips: list[CalibrationFile],
-    port: str | None,
-    found_by: str,
-    layout: KeyLayout,
-    state: PageState,
-) -> BoardReader:
-    """Return the reader of a board that has the strips of both joints.
+        return BoardReader(open_board, layout, of_board, on_touch=take)
 
-    The board is found at `port`, or by its id `found_by` on USB. `strips` are the calibrations of
-    both joints; the other arguments are those of `linkage_readers` and `TwinFeed`.
-    """
-    feed, search = TwinFeed(twin, state), finder(port)
-    joint_of: dict[int, int] = {}
-
-    def open_board(board_id: str | None) -> Board:
-        with ExitStack() as stack:
-            board = stack.enter_context(search(board_id if port else found_by))
-            for joint, strip in enumerate(strips):
-                joint_of[give(board, strip, joint + 1)] = joint
-            board.stream("touch")
-            stack.pop_all()
-            return board
-
-    def take(touch: Touch) -> None:
-        if touch.sensor in joint_of:
-            feed.take(joint_of[touch.sensor], touch)
-
-    return BoardReader(open_board, layout, state, on_touch=take)
+    if len(ports) == 1 or (not ports and board_of(strips[0]) == board_of(strips[1])):
+        return [reader((ports or [None])[0], (0, 1), state)]
+    port1, port2 = ports or (None, None)
+    return [reader(port1, (0,), state), reader(port2, (1,), _Aside(feed, 1))]
 
 
 def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -> list[BoardReader]:
@@ -207,13 +185,13 @@ def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -
     -------
     list of BoardReader
     """
-    twin = Twin(driven.linkage, driven.encoders())
-    return _readers(twin, lambda joint, board_id: driven.open(joint), layout, state)
-
-
-def _readers(twin: Twin, open_board, layout: KeyLayout, state: PageState) -> list[BoardReader]:
-    feed = TwinFeed(twin, state)
+    feed = TwinFeed(Twin(driven.linkage, driven.encoders()), state)
     return [
-        BoardReader(partial(open_board, i), layout, of_board, on_touch=partial(feed.take, i))
+        BoardReader(
+            lambda board_id, joint=i: driven.open(joint),
+            layout,
+            of_board,
+            on_touch=partial(feed.take, i),
+        )
         for i, of_board in enumerate((state, _Aside(feed, 1)))
     ]
