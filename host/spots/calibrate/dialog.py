@@ -13,6 +13,8 @@ import numpy as np
 from .session import Wanted
 from .spectra import Reading
 
+PRESS, RELEASE = "press", "release"  # what a session requests, see `Dialog.request`
+
 
 class UndoError(Exception):
     """Raised by methods of `Dialog` if the person wants to drop the last press and repeat it."""
@@ -89,6 +91,17 @@ class Dialog(Protocol):
 
     def fitted(self, progress: Progress) -> None:
         """Show the progress of a session by hand after a press."""
+
+    def request(self, phase: str, text: str) -> None:
+        """Show a request to press or to release the strip.
+
+        Parameters
+        ----------
+        phase : str
+            `PRESS` or `RELEASE`.
+        text : str
+            The request.
+        """
 
     def say(self, text: str) -> None:
         """Show a message to the person."""

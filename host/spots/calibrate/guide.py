@@ -130,6 +130,10 @@ class Guide:
         force = f", force {progress.sigma_share:.1%}" if progress.force_mN.any() else ""
         self.say(f"expected error: position {progress.sigma_um / 1000:.2f} mm{force}{thin}")
 
+    def request(self, phase: str, text: str) -> None:
+        """Show a request to press or to release the strip."""
+        self.say(text)
+
     def say(self, text: str) -> None:
         """Show a message to the person."""
         text = printable(text)

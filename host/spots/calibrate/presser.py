@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from ..errors import SpotsError
 from ..link.board import Board
 from .dark import take_dark
-from .dialog import Dialog
+from .dialog import PRESS, RELEASE, Dialog
 from .presses import FIRM_MN
 from .session import Wanted
 from .spectra import SpectrumReader
@@ -56,22 +56,25 @@ class Presser:
     def press(self, wanted: Wanted) -> None:
         """Begin a press at the position and with the force of `wanted`."""
         if wanted.kind == "mark" and wanted.angle_deg is not None:
-            self._guide.say(f"turn the joint upwards to {wanted.angle_deg:g} degrees and hold")
+            text = f"turn the joint upwards to {wanted.angle_deg:g} degrees and hold"
+            self._guide.request(PRESS, text)
         elif wanted.kind in ("hand", "choose"):
             firm = "a firm finger" if wanted.kind == "hand" else "your hardest press"
             force = f"about {grams(wanted.force_mN)}" if wanted.force_mN else firm
             hold = f" for {wanted.hold_s:.0f} s: keep the force" if wanted.hold_s else ""
-            self._guide.say(f"press at {wanted.place_um / 1000:.1f} mm with {force} and hold{hold}")
+            place = f"{wanted.place_um / 1000:.1f} mm"
+            self._guide.request(PRESS, f"press at {place} with {force} and hold{hold}")
         elif wanted.kind != "joint":
-            self._guide.say(f"press at {wanted} and hold")
+            self._guide.request(PRESS, f"press at {wanted} and hold")
 
     def change(self, wanted: Wanted) -> None:
         """Change the force of a press to the second force of `wanted`, without a release."""
-        self._guide.say(f"without lifting, go to about {grams(wanted.then_mN)} and hold")
+        text = f"without lifting, go to about {grams(wanted.then_mN)} and hold"
+        self._guide.request(PRESS, text)
 
     def release(self) -> None:
         """End the press that `press` began."""
-        self._guide.say("release")
+        self._guide.request(RELEASE, "release")
 
     def read_off(self, wanted: Wanted, length_um: float) -> Wanted | None:
         """Ask for the true place and force of a press by hand, as ruler and scale showed them.

@@ -29,8 +29,7 @@ _PASSING = "touch nothing"  # end of a message that is shown only during its ste
 _PLACES_MIN = 3  # positions needed to know how the colour changes along the strip
 _ALONG = "hand", "position", "force", "mark"  # kinds of presses that show this change
 _MORE = 6  # presses to add if a finished session is continued
-# Phases of a session, for the web UI.
-PRESS, RELEASE, ASK, WORK, END = "press", "release", "ask", "work", "end"
+ASK, WORK, END = "ask", "work", "end"  # further phases of a session, for the web UI
 REZERO = "rezero"  # kind of a session that corrects the drift of a calibration
 _STOPPED = "stopped: the presses are stored, and the same session can be continued"
 _UNCHANGED = "stopped: nothing was saved"  # for a re-zero
@@ -156,7 +155,7 @@ class PageCalibration(Orders):
         made = calibration_file.load(self._out)
         reader = SpectrumReader(self._board)
         try:
-            bench = Bench(reader, _Person(self), self, made.length_um, self._out)
+            bench = Bench(reader, Presser(self), self, made.length_um, self._out)
             new = rezero(bench, made)
             reader.restore()
             use(bench, made, new)
@@ -171,7 +170,7 @@ class PageCalibration(Orders):
             board.command("set " + settings(made))
         reader = SpectrumReader(board)
         try:
-            bench = Bench(reader, _Person(self), self, 1000 * start.length_mm, self._out)
+            bench = Bench(reader, Presser(self), self, 1000 * start.length_mm, self._out)
             options = Namespace(plan=None, keep_settings=False)
             taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
             count = usual if taken < usual else taken + _MORE
@@ -194,14 +193,14 @@ class PageCalibration(Orders):
         """Show where to press next."""
         self._show(at={"place_um": wanted.place_um, "force_mN": wanted.force_mN})
 
-    def request(self, phase: str) -> None:
-        """Show that the session waits for a press (`phase` is `PRESS`) or a release (`RELEASE`)."""
+    def request(self, phase: str, text: str) -> None:
+        """Show a request to press or to release the strip, see `Dialog.request`."""
         self._step += 1
         self._state.put("hold", None)
         note = self._shown["note"]
         if note and note.endswith(_PASSING):
             note = None
-        self._show(phase=phase, step=self._step, todo=None, note=note)
+        self._show(phase=phase, step=self._step, todo=printable(text), note=note)
 
     def watch(self, reading: Reading, trouble: str | None, steady: float) -> None:
         """Show a reading of a press, see `Dialog.watch`; handle the requests of browsers."""
@@ -227,13 +226,10 @@ class PageCalibration(Orders):
         self._show(fitted=fitted, done=progress.done, total=progress.total)
 
     def say(self, text: str) -> None:
-        """Show a message: a request to the person, or a report."""
+        """Show a message to the person."""
         text = printable(text)
-        if self._shown["phase"] in (PRESS, RELEASE) and self._shown["todo"] is None:
-            self._show(todo=text)
-        else:
-            kept = [] if text.endswith(_PASSING) else [text]
-            self._show(note=text, said=[*self._shown["said"], *kept][-_SAID:])
+        kept = [] if text.endswith(_PASSING) else [text]
+        self._show(note=text, said=[*self._shown["said"], *kept][-_SAID:])
 
     def ask(self, question: str) -> str:
         """Show a question, and wait for the answer of a browser."""
@@ -293,26 +289,3 @@ class PageCalibration(Orders):
     def _show(self, **parts) -> None:
         self._shown = {**self._shown, **parts}
         self._state.put("calibration", self._shown)
-
-
-class _Person(Presser):
-    """A person who presses the strip; the web UI asks for each press."""
-
-    def __init__(self, page: PageCalibration):
-        super().__init__(page)
-        self._page = page
-
-    def press(self, wanted: Wanted) -> None:
-        """Ask the person for a press."""
-        self._page.request(PRESS)
-        super().press(wanted)
-
-    def change(self, wanted: Wanted) -> None:
-        """Ask the person to change the force of the press to the second force of `wanted`."""
-        self._page.request(PRESS)
-        super().change(wanted)
-
-    def release(self) -> None:
-        """Ask the person to release the strip."""
-        self._page.request(RELEASE)
-        super().release()
