@@ -10,12 +10,11 @@ from ..errors import SpotsError
 from ..plugins import entry_points
 from . import applications, boards, look, recordings, remote
 from .glyphs import never_fail
-from .parser import CommandList, Parser
+from .parser import Parser, add_commands
 
 # In the order in which `spots --help` lists their commands.
 _GROUPS = boards, look, applications, recordings, remote
-# Group of the entry points by which other packages add modules with commands, see
-# `CommandList.add`.
+# Group of the entry points by which other packages add modules with commands, see `add_commands`.
 _MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT
@@ -69,7 +68,6 @@ def _parser() -> Parser:
         description="Commands for SPOTS, an optical strip that senses touch.",
     )
     parser.add_argument("--version", action="version", version=__version__)
-    commands = CommandList(parser)
-    for group in (*_GROUPS, *(entry.load() for entry in entry_points(group=_MORE))):
-        commands.add(group)
+    more = (entry.load() for entry in entry_points(group=_MORE))
+    add_commands(parser, (*_GROUPS, *more))
     return parser

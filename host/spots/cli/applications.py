@@ -29,12 +29,7 @@ def keyboard(parser: Parser):
       spots keyboard
       spots keyboard --layout mini --dry-run
     """
-    parser.option(
-        "--layout",
-        "LAYOUT",
-        "key layout: a .toml file, or a name such as mini; digits if not given",
-        default="digits",
-    )
+    arguments.add_layout(parser)
     _add_output(parser, "print the keys instead of pressing them")
     return calls("spots.keyboard.keyboard:keyboard_command")
 

@@ -34,6 +34,12 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--zenoh-config", metavar="FILE", help=text)
 
 
+def add_layout(parser: argparse.ArgumentParser) -> None:
+    """Add the option for the key layout."""
+    text = "key layout: a .toml file, or a name such as mini; digits if not given"
+    parser.add_argument("--layout", metavar="LAYOUT", help=text, default="digits")
+
+
 def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
     """Add the options of a simulated board or linkage; other packages may define these options.
 

@@ -35,12 +35,7 @@ def serve(parser: Parser):
     arguments.add_ports(parser)
     parser.option("--linkage", "FILE.toml", "show the five-bar linkage of this file")
     arguments.add_simulation(parser)
-    parser.option(
-        "--layout",
-        "LAYOUT",
-        "key layout: a .toml file, or a name such as mini; digits if not given",
-        default="digits",
-    )
+    arguments.add_layout(parser)
     parser.add_argument(
         "--address",
         default="127.0.0.1",
@@ -82,9 +77,7 @@ def command(parser: Parser):
     _, *texts = (inspect.getdoc(Commands) or "").split("\n\n")
     parser.description += "\n\n".join(["", *texts[:1]])
     arguments.add_port(parser)
-    parser.add_argument(
-        "line", nargs="+", metavar="LINE", help="a command of the board, see the list above"
-    )
+    parser.option("line", "LINE", "a command of the board, see the list above", nargs="+")
     return _command
 
 

@@ -4,7 +4,7 @@ import argparse
 import inspect
 import shutil
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pkgutil import resolve_name
 from types import ModuleType
 from typing import NoReturn
@@ -42,7 +42,7 @@ class Parser(argparse.ArgumentParser):
     Attributes
     ----------
     command : callable or None
-        Function that adds the options when they are first needed, see `CommandList.add`.
+        Function that adds the options when they are first needed, see `add_commands`.
     """
 
     command: Callable[["Parser"], Callable] | None = None
@@ -117,44 +117,34 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"there is no '{value}': {hint}")
 
 
-class CommandList:
-    """The commands of a parser, which the parser's help lists by purpose.
+def add_commands(parser: Parser, groups: Iterable[ModuleType]) -> None:
+    """Add commands to the main parser, whose help lists them by purpose.
 
     Parameters
     ----------
     parser : Parser
         The main parser.
+    groups : iterable of module
+        Modules with ``PURPOSE`` (title of its commands in the help) and ``COMMANDS`` (tuple of
+        functions). Each function has the name of a command, and the command's help as docstring.
+        The function takes the command's parser, adds the options, and returns another function,
+        which takes the parsed options and runs the command.
     """
-
-    def __init__(self, parser: Parser):
-        self._parser = parser
-        self._subparsers = parser.add_subparsers(
-            metavar="COMMAND", required=True, prog=parser.prog, help="see below"
-        )
-        self._columns = shutil.get_terminal_size().columns - 2
-        parser.epilog = f"'{parser.prog} COMMAND --help' shows examples and options."
-
-    def add(self, group: ModuleType) -> None:
-        """Add the commands of a module.
-
-        Parameters
-        ----------
-        group : module
-            Module with ``PURPOSE`` (title of its commands in the help) and ``COMMANDS`` (tuple of
-            functions). Each function has the name of a command, and the command's help as
-            docstring. The function takes the command's parser, adds the options, and returns
-            another function, which takes the parsed options and runs the command.
-        """
-        self._parser.epilog += f"\n\n{group.PURPOSE}:"
+    subparsers = parser.add_subparsers(
+        metavar="COMMAND", required=True, prog=parser.prog, help="see below"
+    )
+    columns = shutil.get_terminal_size().columns - 2
+    parser.epilog = f"'{parser.prog} COMMAND --help' shows examples and options."
+    for group in groups:
+        parser.epilog += f"\n\n{group.PURPOSE}:"
         for command in group.COMMANDS:
             summary, _, more = (inspect.getdoc(command) or "").partition("\n")
-            self._parser.epilog += "\n" + textwrap.fill(
+            parser.epilog += "\n" + textwrap.fill(
                 summary.rstrip("."),
-                self._columns,
+                columns,
                 initial_indent=f"    {command.__name__:<14}",
                 subsequent_indent=" " * 18,
             )
-            parser = self._subparsers.add_parser(
-                command.__name__, description=textwrap.fill(summary, self._columns) + "\n" + more
-            )
-            parser.command = command
+            description = textwrap.fill(summary, columns) + "\n" + more
+            added = subparsers.add_parser(command.__name__, description=description)
+            added.command = command
