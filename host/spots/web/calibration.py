@@ -1,7 +1,7 @@
 """Calibration sessions in the web UI: a person presses the strip, and answers in a browser."""
 
-import sys
 from argparse import Namespace
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,7 +18,6 @@ from ..calibrate.session import Session, Wanted, settings
 from ..calibrate.spectra import Reading, SpectrumReader
 from ..calibrate.steps import COUNTS, LENGTH_UM, calibrate
 from ..errors import SpotsError, printable
-from ..guarded import sentence_of
 from ..link.board import Board
 from .one_strip import OneStrip
 from .orders import Orders
@@ -86,6 +85,7 @@ class PageCalibration(Orders):
         If `path` is not the name of a file, or the session file is damaged.
     """
 
+    what = "a session"
     nobody = "there is no board to calibrate: plug one in"
     requests = Start | Answer | Undo | Cancel
 
@@ -128,24 +128,18 @@ class PageCalibration(Orders):
             running=True, kind=start.kind, length_um=1000 * start.length_mm, phase=WORK, title="",
             done=0, total=0, at=None, todo=None, note=None, said=[], fitted=None, end=None,
         )  # fmt: skip
-        end, why = "failed", None
-        try:
-            if start.kind == REZERO:
-                self._rezero()
-            else:
-                self._session = Session(self._path)
-                self._calibrate(start)
-            end = "done"
-        except SpotsError as error:
-            end, why = "stopped" if str(error) == self._stopped else end, str(error)
-        except Exception as error:
-            why = sentence_of("a session", error)
-            print(f"spots: {why}", file=sys.stderr, flush=True)
-        finally:
-            self._live.close()
-            self._state.put("hold", None)
-            end_of = {"phase": END, "end": end, "note": why, "rezero": self._out.exists()}
-            self._show(running=False, at=None, todo=None, **end_of)
+        ended: Future = Future()
+        if start.kind == REZERO:
+            self._answer(ended, self._rezero)
+        else:
+            self._answer(ended, self._calibrate, start)
+        error = ended.exception()
+        why = error and str(error)
+        end = "done" if error is None else "stopped" if why == self._stopped else "failed"
+        self._live.close()
+        self._state.put("hold", None)
+        end_of = {"phase": END, "end": end, "note": why, "rezero": self._out.exists()}
+        self._show(running=False, at=None, todo=None, **end_of)
 
     @property
     def _stopped(self) -> str:
@@ -164,6 +158,7 @@ class PageCalibration(Orders):
             reader.restore()
 
     def _calibrate(self, start: Start) -> None:
+        self._session = Session(self._path)
         board, made = self._board, self._session.conditions
         # A board that was unplugged has lost settings that were not saved.
         if made is not None and made.board == board.info["id"]:
