@@ -17,6 +17,8 @@ from keyword import kwlist
 from pathlib import Path
 from string import ascii_letters
 
+from .source import Source
+
 _PRIVATE = re.compile(r"_[A-Za-z]\w*")
 _START = 3  # least length of a private function's name
 
@@ -56,69 +58,50 @@ def shorten(package: Path) -> None:
                 private[name] = start
                 break
     for module in modules:
-        module.write(private, keywords)
+        module.rename(private, keywords)
 
 
-def _is_const(node: ast.expr) -> bool:
-    return isinstance(node, ast.Call) and ast.unparse(node.func) == "const"
-
-
-class _Module:
+class _Module(Source):
     def __init__(self, path: Path):
-        self._path = path
-        self._text = path.read_bytes()
-        self._tree = ast.parse(self._text)
-        self._changes: list[tuple[int, int, str]] = []
-        self._starts = [0]
-        for line in self._text.splitlines(keepends=True):
-            self._starts.append(self._starts[-1] + len(line))
-        self.private: set[str] = set()
+        super().__init__(path)
         self.attributes: set[str] = set()
         self.functions: set[str] = set()  # and classes
         self.bound: set[str] = set()  # by an import or an exception
         self.texts: set[str] = set()
         self.keywords: set[str] = set()  # of calls
         self.names: set[str] = set()  # of variables and arguments
-        for node in ast.walk(self._tree):
-            if isinstance(node, ast.Name):
-                self.names.add(node.id)
-                self._see(node.id)
-            elif isinstance(node, ast.arg):
-                self.names.add(node.arg)
-            elif isinstance(node, ast.Attribute):
-                self.attributes.add(node.attr)
-                self._see(node.attr)
-            elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-                self.functions.add(node.name)
-            elif isinstance(node, ast.alias):
-                self.bound.add(node.asname or node.name)
-            elif isinstance(node, ast.ExceptHandler) and node.name:
-                self.bound.add(node.name)
-            elif isinstance(node, (ast.Global, ast.Nonlocal)):
-                self.bound.update(node.names)
-            elif isinstance(node, ast.keyword) and node.arg:
-                self.keywords.add(node.arg)
-            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                self.texts.add(node.value)
-            elif isinstance(node, ast.Assign) and _is_const(node.value):
-                # The compiler removes it.
-                self.bound.update(one.id for one in node.targets if isinstance(one, ast.Name))
+        for node in ast.walk(self.tree):
+            match node:
+                case ast.Name(id=name) | ast.arg(arg=name):
+                    self.names.add(name)
+                case ast.Attribute(attr=name):
+                    self.attributes.add(name)
+                case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                    self.functions.add(name)
+                case ast.alias(asname=str(name)) | ast.alias(name=name):
+                    self.bound.add(name)
+                case ast.ExceptHandler(name=str(name)):
+                    self.bound.add(name)
+                case ast.Global(names=names) | ast.Nonlocal(names=names):
+                    self.bound.update(names)
+                case ast.keyword(arg=str(name)):
+                    self.keywords.add(name)
+                case ast.Constant(value=str(text)):
+                    self.texts.add(text)
+                case ast.Assign(targets=targets, value=ast.Call(func=ast.Name(id="const"))):
+                    # The compiler removes it.
+                    self.bound.update(one.id for one in targets if isinstance(one, ast.Name))
+        self.private = set(filter(_PRIVATE.fullmatch, self.names | self.attributes))
 
-    def _see(self, name: str) -> None:
-        if _PRIVATE.fullmatch(name):
-            self.private.add(name)
-
-    def write(self, private: dict[str, str], keywords: set[str]) -> None:
+    def rename(self, private: dict[str, str], keywords: set[str]) -> None:
+        """Write the module's file again with the names in `private`; keep those in `keywords`."""
         self._kept = keywords | self.bound | self.functions
         # The file stores the names of its attributes anyway.
         stored = sorted(private.get(name, name) for name in self.attributes)
         taken = self._kept.union(self.names, map(private.get, self.names), dir(builtins))
         self._free = [name for name in (*stored, *ascii_letters) if name not in taken]
-        self._visit(self._tree, private, 0)
-        text = self._text
-        for first, end, new in sorted(self._changes, reverse=True):
-            text = text[:first] + new.encode() + text[end:]
-        self._path.write_bytes(text)
+        self._visit(self.tree, private, 0)
+        self.write()
 
     def _visit(self, node: ast.AST, names: dict[str, str], depth: int) -> None:
         """Record the changes in a node; outer functions have `depth` arguments."""
@@ -145,5 +128,4 @@ class _Module:
             self._visit(one, names, depth)
 
     def _replace(self, line: int, column: int, name: str, names: dict[str, str]) -> None:
-        at = self._starts[line - 1] + column
-        self._changes.append((at, at + len(name), names[name]))
+        self.replace((line, column), (line, column + len(name)), names[name])

@@ -1,0 +1,50 @@
+"""The source text of a module, in which a build replaces parts."""
+
+from __future__ import annotations
+
+import ast
+from itertools import accumulate
+from pathlib import Path
+
+
+class Source:
+    """A module of which parts can be replaced, without a change of the rest of its text.
+
+    Parameters
+    ----------
+    path : Path
+        File of the module.
+
+    Attributes
+    ----------
+    tree : ast.Module
+        Syntax tree of the module; parts are replaced by their positions in this tree.
+    """
+
+    def __init__(self, path: Path):
+        self._path = path
+        self._text = path.read_bytes()
+        self.tree = ast.parse(self._text)
+        # Number of bytes before each line. The columns of a syntax tree also count bytes.
+        self._before = [0, *accumulate(map(len, self._text.splitlines(keepends=True)))]
+        self._changes: list[tuple[int, int, bytes]] = []
+
+    def replace(self, first: tuple[int, int], end: tuple[int, int], text: str) -> None:
+        """Replace a part of the module when the file is written.
+
+        Parameters
+        ----------
+        first, end : (int, int)
+            Line number and column of the first character, and of the character after the last.
+        text : str
+            Replacement.
+        """
+        start, stop = (self._before[line - 1] + column for line, column in (first, end))
+        self._changes.append((start, stop, text.encode()))
+
+    def write(self) -> None:
+        """Write the module's file again, with all replacements."""
+        text = self._text
+        for first, end, new in sorted(self._changes, reverse=True):
+            text = text[:first] + new + text[end:]
+        self._path.write_bytes(text)
