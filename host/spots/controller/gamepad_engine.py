@@ -67,17 +67,11 @@ class Controller:
         axes = {"x": settings.x, "y": settings.y, "z": settings.z}
         self._axes = {name: _Axis(one, length_um) for name, one in axes.items() if one is not None}
         self._buttons = [_BUTTONS[type(one)](one, length_um / 100) for one in settings.button]
-        self._anchors = [one for one in self._buttons if isinstance(one, _AnchoredButton)]
-        self._finder = ContactFinder(round(length_um), decay) if self._anchors else None
-        self._anchored = False  # whether the touch began in the zone of an `Anchored` button
-        self._anchor_id: int | None = None
-        self._located_us = 0
-        self.state = REST
-        self.held = False
-        self._touched = False
-        self._lifted = False  # whether a reading without a touch followed the last valid touch
-        self._began_us = self._last_us = 0
+        anchored = any(isinstance(one, Anchored) for one in settings.button)
+        self._finder = ContactFinder(round(length_um), decay) if anchored else None
+        self._began_us = self._last_us = self._located_us = 0
         self._until_s = -math.inf
+        self._reset()
 
     def take(self, touch: Touch, now_s: float) -> State | None:
         """Update the state with a reading.
@@ -133,10 +127,15 @@ class Controller:
         A finger that is still on the strip moves the axes, but presses no button until it is
         lifted.
         """
-        self._touched = self._lifted = self._anchored = self.held = False
-        self._anchor_id = None
         if self._finder:
             self._finder.release()
+        self._reset()
+
+    def _reset(self) -> None:
+        self._touched = self.held = False
+        self._lifted = False  # whether a reading without a touch followed the last valid touch
+        self._anchored = False  # whether the touch began in the zone of an `Anchored` button
+        self._anchor_id: int | None = None
         for axis in self._axes.values():
             axis.end()
         for button in self._buttons:
@@ -163,12 +162,11 @@ class Controller:
             self._touched = True
             self._began_us = self._last_us = self._located_us = touch.t_us
             # Only a touch that follows a reading without a touch can press a button.
-            hits = [self._lifted and one.has(touch.position_um) for one in self._buttons]
-            self._anchored = any(
-                hit for hit, one in zip(hits, self._buttons) if one in self._anchors
-            )
-            for button, hit in zip(self._buttons, hits):
-                button.begin(hit and (not self._anchored or button in self._anchors))
+            hit = [one for one in self._buttons if self._lifted and one.has(touch.position_um)]
+            anchors = [one for one in hit if isinstance(one, _AnchoredButton)]
+            self._anchored = bool(anchors)
+            for button in self._buttons:
+                button.mine = button in (anchors or hit)
         dt_s = (touch.t_us - self._last_us) % _TURN_US * 1e-6
         self._last_us = touch.t_us
         self._until_s = now_s + self._hold_s
@@ -186,7 +184,8 @@ class Controller:
         if second and not second.ended and second.sigma_um <= _SIGMA_UM:
             self._located_us = touch.t_us
             for axis in self._axes.values():
-                axis.take_position(second.position_um, dt_s)
+                if axis.field == "position_um":  # the force of one of two fingers is unknown
+                    axis.take(second, dt_s)
             return
         lost_s = (touch.t_us - self._located_us) % _TURN_US * 1e-6
         if second is None or second.ended or lost_s > self._hold_s:
@@ -208,26 +207,16 @@ class Controller:
 class _Axis:
     def __init__(self, settings: PositionAxis | ForceAxis, length_um: float):
         self._settings = settings
-        self._field, *self._range = span(settings, length_um)
+        self.field, *self._range = span(settings, length_um)
         smooth = settings.smooth
         self._filter = OneEuro(smooth.min_cutoff_hz, smooth.beta, smooth.derivative_cutoff_hz)
         self.value = 0
 
-    def take(self, touch: Touch, dt_s: float) -> None:
-        self._move(getattr(touch, self._field), dt_s)
-
-    def take_position(self, position_um: float, dt_s: float) -> None:
-        """Move the axis to `position_um`; `dt_s` is the time since the previous usable reading.
-
-        Do nothing if the axis follows the force.
-        """
-        if self._field == "position_um":
-            self._move(position_um, dt_s)
-
-    def _move(self, value: float, dt_s: float) -> None:
+    def take(self, finger: Touch | Contact, dt_s: float) -> None:
+        """Move the axis to a finger; `dt_s` is the time since the previous usable reading."""
         if dt_s > _FORGET_S:
             self._filter.reset()
-        u = deflection(value, *self._range)
+        u = deflection(getattr(finger, self.field), *self._range)
         self.value = axis_value(self._filter.take(u, dt_s), self._settings)
 
     def end(self) -> None:
@@ -290,20 +279,15 @@ class _Button:
     def __init__(self, settings: Pressed | Tapped, percent_um: float):
         self._settings = settings
         self.bit = 1 << settings.number - 1
-        self.down = self._mine = False
+        # Whether the touch may press this button: it began in the button's zone, after a reading
+        # without a touch, and not in the zone of an `Anchored` button of another kind.
+        self.mine = False
+        self.down = False
         self._zone_um = settings.from_percent * percent_um, settings.to_percent * percent_um
 
     def has(self, position_um: float) -> bool:
         """Return whether a position in um is in the button's zone of the strip."""
         return self._zone_um[0] <= position_um <= self._zone_um[1]
-
-    def begin(self, mine: bool) -> None:
-        """Handle the start of a touch; `mine` is true if the touch may press this button.
-
-        A touch may press a button if it begins in the button's zone, after a reading without a
-        touch. If it begins in the zone of an `Anchored` button, it presses no other kind of button.
-        """
-        self._mine = mine
 
     def take(self, force_mN: float) -> None:
         pass
@@ -318,14 +302,14 @@ class _Button:
 class _PressedButton(_Button):
     def take(self, force_mN: float) -> None:
         least_mN = self._settings.release_mN if self.down else self._settings.press_mN
-        self.down = self._mine and force_mN >= least_mN
+        self.down = self.mine and force_mN >= least_mN
 
 
 class _TappedButton(_Button):
     _up_s = math.inf
 
     def end(self, lasted_ms: float, now_s: float) -> None:
-        if self._mine and lasted_ms <= self._settings.longest_ms:
+        if self.mine and lasted_ms <= self._settings.longest_ms:
             self.down, self._up_s = True, now_s + self._settings.pulse_ms / 1000
 
     def tick(self, now_s: float) -> None:
@@ -335,7 +319,7 @@ class _TappedButton(_Button):
 
 class _AnchoredButton(_Button):
     def take(self, force_mN: float) -> None:
-        self.down = self._mine
+        self.down = self.mine
 
 
 _BUTTONS = {Pressed: _PressedButton, Tapped: _TappedButton, Anchored: _AnchoredButton}
