@@ -313,7 +313,7 @@ def readings(
     boards: list[Board],
     seconds: float | None = None,
     restarted: Callable[[Board], None] = lambda board: None,
-    sensors: Sequence[int] | None = None,
+    sensors: Sequence[int] = (0, 0),
 ) -> Iterator[tuple[int, Touch]]:
     """Start the streams of both joints' boards, and yield the readings.
 
@@ -328,9 +328,8 @@ def readings(
         Called with a board that has restarted and streams again. Such a board has lost all settings
         and calibrations that were not saved. If the function raises SpotsError, the call is
         repeated for up to 10 s.
-    sensors : sequence of int, optional
-        Number of each joint's strip on its board. If not given: 0 and 1 if both joints have
-        the same board, else 0 for each.
+    sensors : sequence of int
+        Number of each joint's strip on its board.
 
     Yields
     ------
@@ -339,8 +338,6 @@ def readings(
     touch : Touch
         The reading.
     """
-    if sensors is None:
-        sensors = [boards[:joint].count(board) for joint, board in enumerate(boards)]
     joints = list(zip(boards, sensors))
     for board, sensor in joints:
         board.command(of_sensor("stream touch", sensor))

@@ -34,15 +34,14 @@ class Source(NamedTuple):
         Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
     restarted : callable
         Called with a board after it restarted, to upload its calibrations again.
-    sensors : tuple of int or None
-        Number of each joint's strip on its board. If None: 0 and 1 if both joints have the same
-        board, else 0 for each.
+    sensors : tuple of int
+        Number of each joint's strip on its board.
     """
 
     twin: Twin
     boards: list[Board]
     restarted: Callable[[Board], object] = lambda board: None
-    sensors: tuple[int, ...] | None = None
+    sensors: tuple[int, ...] = (0, 0)
 
     def readings(self, seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
         """Yield pairs of joint index (0 or 1) and reading; end after `seconds` if given."""
