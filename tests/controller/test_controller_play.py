@@ -554,6 +554,7 @@ def test_a_second_finger_moves_the_axis_while_a_thumb_rests(rig):
     states = anchored_states(rig, *file.touch)
     pressed = [(time_s, state) for time_s, state in states if state.buttons]
     assert {state.buttons for _, state in pressed} == {1 << 4}
+    assert {state.z for _, state in pressed} == {0}  # the force of a second finger is unknown
     alone = [s for t, s in pressed if t < second[0][0] or t > second[-1][0] + 0.15]
     assert alone
     assert {(state.x, state.z) for state in alone} == {(0, 0)}
