@@ -109,13 +109,7 @@ class Prompt:
         SerialLink(port).close()  # its error explains why a port cannot be opened
         self._transport = None
         try:
-            self._transport = SerialTransport(port)
-            self.facts = self._enter()
-        except (*self._failures, *_GARBLED):
-            self.close()
-            raise SpotsError(
-                f"no MicroPython prompt on {port}: install MicroPython on the board, or replug it"
-            ) from None
+            self.facts = self._enter(SerialTransport)
         except BaseException:
             self.close()
             raise
@@ -239,19 +233,20 @@ class Prompt:
                 what = "was disconnected: replug the board, and run this command again"
             raise SpotsError(f"the board on {self.port} {what}") from None
 
-    def _enter(self) -> dict:
-        """Enter MicroPython's raw REPL, run `_FACTS` there, and return the dict that it prints."""
-        serial_port = self._transport.serial
-        serial_port.write_timeout = _TIMEOUT_S
+    def _enter(self, transport_type: type) -> dict:
+        """Open MicroPython's raw REPL, run `_FACTS` there, and return the dict that it prints."""
         with contextlib.redirect_stdout(io.StringIO()):  # mpremote prints its errors
             for within_s in _ENTER_S:
-                try:
+                with contextlib.suppress(*self._failures, *_GARBLED):
+                    self._transport = self._transport or transport_type(self.port)
+                    serial_port = self._transport.serial
+                    serial_port.write_timeout = _TIMEOUT_S
                     serial_port.timeout = 1.0
                     self._transport.enter_raw_repl(soft_reset=False, timeout_overall=within_s)
                     serial_port.timeout = _TIMEOUT_S
                     # A reply may belong to an earlier attempt: only the facts prove that the prompt
                     # is ready.
                     return {**ast.literal_eval(self._transport.exec(_FACTS).decode())}
-                except (*self._failures, *_GARBLED):
-                    if within_s == _ENTER_S[-1]:
-                        raise
+        raise SpotsError(
+            f"no MicroPython prompt on {self.port}: install MicroPython on the board, or replug it"
+        )
