@@ -98,30 +98,19 @@ class _Stream(TypedDict):
     stream: list[str]
 
 
-_SETTINGS: dict[str, object] = {
-    "plan": [],
-    "exposure_us": 1,
-    "average": 1,
-    **dict.fromkeys(("gain", "led_mA", "strain_ppm", "keys", "gamepad"), 0),
-}
-_HELLO: dict[str, object] = {
-    **dict.fromkeys(("board", "runtime", "firmware"), "?"),
-    **dict.fromkeys(("id", "length_um", "decay", "relative_force")),
-    **dict.fromkeys(("calibration", "layout")),
-}
+# Defaults of missing keys.
+_SETTINGS: dict[str, object] = dict.fromkeys(Settings.__annotations__, 0)
+_SETTINGS.update(plan=[], exposure_us=1, average=1)
+_HELLO: dict[str, object] = {**dict.fromkeys(Hello.__annotations__), **_SETTINGS}
+_HELLO.update(board="?", runtime="?", firmware="?")
 # A full scale of 0 is unknown: the sensor has not answered yet.
-_GET: dict[str, object] = {
-    "led": "ldr",
-    "full_scale": 0,
-    "dark": [0] * CHANNELS,
-    "missed": 0,
-    "fault": None,
-}
+_GET: dict[str, object] = dict.fromkeys(Get.__annotations__, 0)
+_GET.update(_SETTINGS, led="ldr", dark=[0] * CHANNELS, fault=None)
 # By command: the type of its reply, and the defaults of missing keys. Replies to other commands are
 # not validated, because no program depends on them.
 _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
-    "hello": (Hello, _SETTINGS | _HELLO),
-    "get": (Get, _SETTINGS | _GET),
+    "hello": (Hello, _HELLO),
+    "get": (Get, _GET),
     "set": (Changed, _SETTINGS),
     "auto": (Changed, _SETTINGS),
     "dark": (DarkFrame, {}),
