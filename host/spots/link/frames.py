@@ -19,13 +19,13 @@ from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 from spots_device import decode, fingers, frame
 from spots_device.kernel import CRC_SIZE, TOUCH_BODY
 
-_SPECTRUM_BODY = "<BB6H"  # flags, gain, counts
 _HEADER = struct.Struct("<BHHH")  # kind and sensor, sequence, time low, time high
 _TOUCH = struct.Struct(TOUCH_BODY)
-_SPECTRUM = struct.Struct(_SPECTRUM_BODY)
+_SPECTRUM = struct.Struct("<BB6H")  # flags, gain, counts
 _KEY = struct.Struct(frame.KEY_BODY)
 _CONTACT = struct.Struct(frame.CONTACT_BODY)
 _CRC = struct.Struct("<I")
+_object = msgspec.json.Decoder(dict[str, Any]).decode
 # Bytes of the longest frame, without its delimiter. COBS adds one byte, and another for every 254
 # bytes.
 ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
@@ -361,11 +361,8 @@ class Decoder:
 
     def feed(self, data: bytes) -> list[Frame]:
         """Add bytes, in any amount, and return the frames that are now complete."""
-        frames: list[Frame] = []
-        for piece in self._completed(data).split(b"\0"):
-            if piece:
-                self._take(piece, frames)
-        return frames
+        frames = [self._take(piece) for piece in self._completed(data).split(b"\0") if piece]
+        return [found for found in frames if found is not None]
 
     def restarted(self, restarts: int) -> None:
         """Set the number of restarts of the board.
@@ -393,28 +390,28 @@ class Decoder:
             self._overlong, self._rest = True, b""
         return data[begin:end]
 
-    def _take(self, piece: bytes, frames: list[Frame]) -> None:
+    def _take(self, piece: bytes) -> Frame | None:
         # A piece that is longer than any frame is invalid.
         payload = checked(piece) if len(piece) <= ENCODED_MAX else None
         if payload is None:
             self.stats.bad_crc += 1
-            return
+            return None
         kind, sequence, low, high = _HEADER.unpack_from(payload)
         if kind & 0x0F != NOTE:
             self._count(sequence)
             if kind & 0x0F in _READINGS:
                 self._lost_at_reading = self.stats.lost
         parse = PARSERS.get(kind & 0x0F)
-        if parse is not None:
-            try:
-                body = payload[frame.HEADER_SIZE :]
-                found = parse(kind >> 4, sequence, low | high << 16, body)
-            except (struct.error, ValueError):
-                self.stats.bad_crc += 1
-            else:
-                frames.append(found)
-                if isinstance(found, Note) and isinstance(found.content.get("restarts"), int):
-                    self.restarted(found.content["restarts"])
+        if parse is None:
+            return None
+        try:
+            found = parse(kind >> 4, sequence, low | high << 16, payload[frame.HEADER_SIZE :])
+        except (struct.error, ValueError):
+            self.stats.bad_crc += 1
+            return None
+        if isinstance(found, Note) and isinstance(found.content.get("restarts"), int):
+            self.restarted(found.content["restarts"])
+        return found
 
     def _count(self, sequence: int) -> None:
         if self._expected is not None:
@@ -494,10 +491,6 @@ def _note(sensor: int, sequence: int, t_us: int, body: bytes) -> Note:
     return Note(sequence << 32 | t_us, _object(body) if body else {})
 
 
-def _object(body: bytes) -> dict[str, Any]:
-    return msgspec.json.decode(body, type=dict[str, Any])
-
-
 # Parsers by kind of frame. They raise struct.error or ValueError if the body is invalid.
 PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
     frame.TOUCH: _touch,
@@ -510,7 +503,7 @@ PARSERS: dict[int, Callable[[int, int, int, bytes], Frame]] = {
 # Kinds of frames whose body has a fixed size: their type, and the body's format for `struct`.
 LAYOUTS: dict[int, tuple[type[Reading], str]] = {
     frame.TOUCH: (Touch, TOUCH_BODY),
-    frame.SPECTRUM: (Spectrum, _SPECTRUM_BODY),
+    frame.SPECTRUM: (Spectrum, _SPECTRUM.format),
     frame.KEY: (Key, frame.KEY_BODY),
     frame.CONTACT: (Contact, frame.CONTACT_BODY),
 }

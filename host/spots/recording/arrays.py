@@ -130,10 +130,10 @@ class _BlockDecoder(Decoder):
             if at > begin:
                 yield self._run(headers[:, begin:at], begin, groups)
             begin = at + 1
-            found: list[Frame] = []
             if at < len(plain):
-                self._take(stream[starts[at] : ends[at]].tobytes(), found)
-            yield from found
+                found = self._take(stream[starts[at] : ends[at]].tobytes())
+                if found is not None:
+                    yield found
 
     def _run(self, headers: np.ndarray, begin: int, groups: _Groups) -> _Run:
         kinds = headers[0] & 0x0F
