@@ -274,25 +274,6 @@ def _joined(parts: list[np.ndarray], dtype: np.dtype) -> np.ndarray:
     return np.concatenate(parts) if parts else np.empty(0, dtype)
 
 
-class _Growing:
-    """An array that grows in place, without a second copy in memory."""
-
-    def __init__(self, dtype: np.dtype):
-        self._array = np.empty(0, dtype)
-        self._size = 0
-
-    def extend(self, rows: np.ndarray) -> None:
-        end = self._size + len(rows)
-        if end > len(self._array):
-            self._array.resize(end + end // 8, refcheck=False)
-        self._array[self._size : end] = rows
-        self._size = end
-
-    def whole(self) -> np.ndarray:
-        self._array.resize(self._size, refcheck=False)
-        return self._array
-
-
 def read_arrays(path: str | Path) -> Arrays:
     """Read a recording as structured arrays.
 
@@ -329,11 +310,11 @@ def read_arrays(path: str | Path) -> Arrays:
     (92, 301)
     """
     blocks = RecordingBlocks(path)
-    growing = [_Growing(table.dtype) for table in _TABLES.values()]
+    growing = [bytearray() for _ in _TABLES]  # they grow in place, without a second copy in memory
     texts: list[tuple[float, Text]] = []
     for block in blocks:
         for array, rows in zip(growing, block.tables):
-            array.extend(rows)
+            array.extend(rows.tobytes())
         texts += block.texts
-    tables = (array.whole() for array in growing)
-    return Arrays(*tables, texts=texts, stats=replace(blocks.stats))
+    dtypes = (table.dtype for table in _TABLES.values())
+    return Arrays(*map(np.frombuffer, growing, dtypes), texts=texts, stats=replace(blocks.stats))
