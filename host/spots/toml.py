@@ -43,6 +43,7 @@ _TYPE = re.compile(
 )
 _AT = re.compile(r"(.*) - at `\$((?:\.\w+|\[(?:[0-9]{1,9}|\.\.\.)\])+)`", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[([^]]*)\]")
+_PLACE_STEP = re.compile(r"((?:\.[^.\[]+)+)|\[([^]]*)\]")  # several names are one step
 # msgspec's names of types and limits, and the words for them in our messages.
 _WORDS = {
     "int": "a whole number",
@@ -253,19 +254,14 @@ def _allowed(wrong: re.Match) -> str:
 
 def _place(path: str) -> str:
     """Return a path of msgspec in words: ``.leak[0][1]`` is ``entry 2 of entry 1 of leak``."""
-    place, names = "", []
-    for name, index in _STEP.findall(path):
-        if name:
-            names.append(name)
-            continue
-        number = f"entry {int(index) + 1}" if index != "..." else "an entry"
-        if names and place:
-            place = f" in {place}"
-        place = f"{number} of {'.'.join(names)}{place}"
-        names = []
-    if names and place:
-        return f"{'.'.join(names)} in {place}"
-    return place or ".".join(names)
+    place = ""
+    for names, index in _PLACE_STEP.findall(path):
+        if names:
+            place = f"{names[1:]} in {place}" if place else names[1:]
+        else:
+            number = f"entry {int(index) + 1}" if index != "..." else "an entry"
+            place = f"{number} of {place}"
+    return place
 
 
 def _known(kind: type, path: str) -> list[str]:
