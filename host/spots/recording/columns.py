@@ -14,18 +14,15 @@ from spots_device.kernel import CRC_SIZE
 
 # Bytes of the longest piece. In a longer piece, a COBS group may end without a zero.
 SIZE_MAX = 254
-# CRC-32 is linear: the CRC of a piece is the CRC of as many zero bytes, plus (XOR) a table entry
-# for each byte, which depends on the byte's value and on the number of bytes after it.
-_POLYNOMIAL = 0xEDB88320  # of CRC-32, with its bits reversed
 
 
 def _tables() -> np.ndarray:
-    first = np.arange(256, dtype=np.uint32)
-    for _ in range(8):
-        first = first >> 1 ^ (first & 1) * np.uint32(_POLYNOMIAL)
-    tables = [first]
+    # CRC-32 is linear: the CRC of a piece is the CRC of as many zero bytes, plus (XOR) a table
+    # entry for each byte, which depends on the byte's value and on the number of bytes after it.
+    crc_of_zero = zlib.crc32(b"\0")
+    tables = [np.array([zlib.crc32(bytes([i])) ^ crc_of_zero for i in range(256)], np.uint32)]
     for _ in range(SIZE_MAX):
-        tables.append(tables[-1] >> 8 ^ first[tables[-1] & 0xFF])
+        tables.append(tables[-1] >> 8 ^ tables[0][tables[-1] & 0xFF])
     return np.array(tables)
 
 
