@@ -1,5 +1,7 @@
 """A link to a published board: receives its frames, and queries its publisher."""
 
+from contextlib import suppress
+
 import zenoh
 
 from ..errors import PortLostError, SpotsError
@@ -101,18 +103,14 @@ class ZenohLink(Link):
         """
         selector = key(self._id, READ_ONLY[command])
         for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
-            if reply.err is not None:
-                # Any peer can send an error, of any length and with any bytes.
-                if len(reply.err.payload) <= _ERROR_BYTES_MAX:
-                    text = bytes(reply.err.payload).decode(errors="replace")
-                    if text == "Timeout":
-                        continue  # Zenoh's own error, from this or from the other machine
+            if reply.err is None:
+                with suppress(ValueError):  # not a SPOTS publisher
+                    return decoded(reply.ok.payload)
+            # Any peer can send an error, of any length and with any bytes.
+            elif len(reply.err.payload) <= _ERROR_BYTES_MAX:
+                text = bytes(reply.err.payload).decode(errors="replace")
+                if text != "Timeout":  # Zenoh's own error, from this or from the other machine
                     return {"re": command, "error": text}
-                continue
-            try:
-                return decoded(reply.ok.payload)
-            except ValueError:
-                continue  # not a SPOTS publisher
         return None
 
     def close(self) -> None:
