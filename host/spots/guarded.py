@@ -42,15 +42,12 @@ class Guarded:
         with contextlib.suppress(Exception):
             sentence = sentence_of(self._name, error)
             try:
-                self._print(sentence)
+                now_s = time.monotonic()
+                if now_s >= self._due_s:
+                    self._due_s = now_s + _REPORT_EVERY_S
+                    print(f"spots: {sentence}", file=sys.stderr, flush=True)
             finally:
                 self._on_failure(sentence)
-
-    def _print(self, sentence: str) -> None:
-        now_s = time.monotonic()
-        if now_s >= self._due_s:
-            self._due_s = now_s + _REPORT_EVERY_S
-            print(f"spots: {sentence}", file=sys.stderr, flush=True)
 
 
 def sentence_of(name: str, error: Exception) -> str:
