@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any, Generic, TypeVar
 from weakref import ref
@@ -99,7 +99,7 @@ class FrameLog:
         return None, end
 
 
-class FrameIterator(Generic[_ReadingT]):
+class FrameIterator(Iterator[_ReadingT]):
     """Iterates over frames of some kinds; `board.Board` creates it.
 
     Iterators are independent: each iterator yields every frame of its kinds.
@@ -135,9 +135,6 @@ class FrameIterator(Generic[_ReadingT]):
         self._log, self._advance = log, advance
         self._closed = False
         self.place = log.join(self)
-
-    def __iter__(self) -> FrameIterator[_ReadingT]:
-        return self
 
     def __next__(self) -> _ReadingT:
         while not self._closed:
