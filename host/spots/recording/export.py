@@ -7,6 +7,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
+from functools import cache
 from pathlib import Path
 from typing import IO
 
@@ -103,9 +104,9 @@ def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:
 
 def _flat_names(table: Table) -> list[str]:
     names = []
-    for name, kind in table.columns.items():
-        is_array = isinstance(kind, tuple)
-        names += [f"{name}_adc{i}" for i in range(*kind[1])] if is_array else [name]
+    for name in table.dtype.names:
+        shape = table.dtype[name].shape
+        names += [f"{name}_adc{i}" for i in range(*shape)] if shape else [name]
     return names
 
 
@@ -151,19 +152,14 @@ class _Spool:
     def write(self, member: IO) -> None:
         """Write the table to an open file of an NPZ archive, as an array in NumPy's format."""
         self._flush()
-        text = f"U{self._longest}"
-        dtype = np.dtype(
-            [
-                (name, *kind) if isinstance(kind, tuple) else (name, kind.replace("U", text))
-                for name, kind in self._table.columns.items()
-            ]
-        )
-        head = {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": (self._count,)}
+        text, columns = f"U{self._longest}", self._table.dtype.descr
+        descr = [(name, kind.replace("U0", text), *shape) for name, kind, *shape in columns]
+        head = {"descr": descr, "fortran_order": False, "shape": (self._count,)}
         npy.write_array_header_1_0(member, head)
         self._file.seek(0)
         with suppress(EOFError):
             while True:
-                member.write(np.array(pickle.load(self._file), dtype).tobytes())
+                member.write(np.array(pickle.load(self._file), descr).tobytes())
 
     def _flush(self) -> None:
         pickle.dump(self._rows, self._file)
@@ -183,8 +179,8 @@ def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
     facts = msgspec.to_builtins(header).items()
     texts = {name: one if isinstance(one, str) else json.dumps(one) for name, one in facts}
     writer.add_metadata("spots", texts)
-    channels: dict[tuple, int] = {}
 
+    @cache
     def channel(table: Table, sensor: int) -> int:
         if table.name == "text":
             name, topic, content = "foxglove.Log", "/spots/log", LOG_SCHEMA
@@ -199,15 +195,13 @@ def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
     encode = msgspec.json.Encoder().encode
     for table, row in records:
         time_s, _, sensor, sequence = row[:4]
-        key = table.name, sensor
-        if key not in channels:
-            channels[key] = channel(table, sensor)
         time_ns = max(0, begun_ns + round(1e9 * time_s))
         if table.name == "text":
             message = log_message(time_ns, row[-1], header.info.get("board", ""))
         else:
-            message = dict(zip(table.columns, row))
-        writer.add_message(channels[key], time_ns, encode(message), time_ns, sequence)
+            message = dict(zip(table.dtype.names, row))
+        number = channel(table, sensor)
+        writer.add_message(number, time_ns, encode(message), time_ns, sequence)
     writer.finish()
 
 

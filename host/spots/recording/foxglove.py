@@ -4,7 +4,7 @@ import json
 
 from .table import Table
 
-_TYPES = {"?": "boolean", "f": "number", "i": "integer", "u": "integer", "U": "string"}
+_TYPES = {"b": "boolean", "f": "number", "i": "integer", "u": "integer", "U": "string"}
 _TIME = {"type": "object", "title": "time"}
 _TIME["properties"] = {"sec": {"type": "integer"}, "nsec": {"type": "integer"}}
 # Foxglove's Log panel shows every topic with this schema.
@@ -27,10 +27,10 @@ _LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
 def schema(table: Table) -> dict:
     """Return the JSON schema of the messages for one kind of frame."""
     properties = {}
-    for name, dtype in table.columns.items():
-        is_array = isinstance(dtype, tuple)
-        kind = {"type": _TYPES[(dtype[0] if is_array else dtype)[0]]}
-        properties[name] = {"type": "array", "items": kind} if is_array else kind
+    for name in table.dtype.names:
+        dtype = table.dtype[name]
+        kind = {"type": _TYPES[dtype.base.kind]}
+        properties[name] = {"type": "array", "items": kind} if dtype.shape else kind
     return {"title": f"spots.{table.name.capitalize()}", "type": "object", "properties": properties}
 
 

@@ -24,15 +24,15 @@ class Table(NamedTuple):
     ----------
     name : str
         Name of the table, and of the kind of frames.
-    columns : dict
-        NumPy type of each column, by the column's name: ``"U"`` for text; for a column of arrays, a
-        tuple of type and shape. Every table begins with the columns ``time_s`` (time of the
-        measurement; if this is unknown, and for a text, the time of arrival), ``arrived_s``,
-        ``sensor``, ``sequence`` and ``t_us``. The first two are in s since the recording began.
+    dtype : numpy.dtype
+        Names and types of the columns; the length of a text is 0. Every table begins with the
+        columns ``time_s`` (time of the measurement; if this is unknown, and for a text, the time of
+        arrival), ``arrived_s``, ``sensor``, ``sequence`` and ``t_us``. The first two are in s since
+        the recording began.
     """
 
     name: str
-    columns: dict[str, Any]
+    dtype: np.dtype
 
 
 _FIRST = {"time_s": "f8", "arrived_s": "f8", "sensor": "u1", "sequence": "u2", "t_us": "u4"}
@@ -45,17 +45,15 @@ _TOUCH = {
     "brightness_log2": "f8",
     "flags": "u1",
 }
-_SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": ("u2", (6,))}
+_SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": "6u2"}
 _CONTACT = {"id": "u1", "state": "u1", "position_um": "i4", "sigma_um": "u2", "force_mN": "u2"}
 _KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
-
+_TEXT = {"content": "U"}
 # The first four are in the order of `Arrays.tables`.
-TABLES = (
-    Table("touch", _FIRST | _TOUCH),
-    Table("spectrum", _FIRST | _SPECTRUM),
-    Table("key", _FIRST | _KEY),
-    Table("contact", _FIRST | _CONTACT),
-    Table("text", _FIRST | {"content": "U"}),
+_OTHERS = {"touch": _TOUCH, "spectrum": _SPECTRUM, "key": _KEY, "contact": _CONTACT, "text": _TEXT}
+
+TABLES = tuple(
+    Table(name, np.dtype(list((_FIRST | others).items()))) for name, others in _OTHERS.items()
 )
 Row = tuple[Table, tuple[Any, ...]]
 
@@ -87,7 +85,7 @@ def _array_rows(table: Table, array: np.ndarray, begun_s: float) -> Iterator[Row
     elif "counts" in columns:
         columns["gain_code"] = columns["gain"]
         columns["counts"] = map(tuple, columns["counts"])
-    return zip(repeat(table), zip(*(columns[name] for name in table.columns)))
+    return zip(repeat(table), zip(*(columns[name] for name in table.dtype.names)))
 
 
 def _text_rows(texts: list[tuple[float, Text]], begun_s: float) -> Iterator[Row]:

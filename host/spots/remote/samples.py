@@ -9,7 +9,7 @@ from ..recording.table import TABLES
 
 encode = msgspec.json.Encoder().encode  # NaN becomes null
 # Columns of the exports without the two times, by kind.
-_NAMES = {table.name: list(table.columns)[2:] for table in TABLES}
+_NAMES = {table.name: table.dtype.names[2:] for table in TABLES}
 # Fields of frames whose names differ from those of their columns, by column.
 _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
 
