@@ -85,16 +85,10 @@ class _Section:
         while self._pending and not self._depth:
             self._depth += 1
             try:
-                while self._pending and self.ended_by is None:
+                while self._pending:
                     self._take_effect(self._pending.pop(0))
-                if self.ended_by is not None:
-                    self._pending.clear()
             finally:
                 self._depth -= 1
-            if self.ended_by is not None:
-                if self.ended_by == signal.SIGINT:
-                    raise KeyboardInterrupt
-                raise SystemExit(128 + self.ended_by)
 
     def _take_effect(self, number: int) -> None:
         # An output that prints may raise SIGTTOU again and again.
@@ -107,7 +101,8 @@ class _Section:
         if number in _ENDING:
             self.ended_by = number
             self._ignore(_ENDING)  # a second signal must not disturb the end
-            return
+            self._pending.clear()
+            raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
         self._stopped = True
         if number in _STOPPING:
             signal.signal(number, signal.SIG_DFL)
