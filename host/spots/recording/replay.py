@@ -8,6 +8,7 @@ from typing import Any
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.frames import LinkStats
+from ..link.serial_link import Link
 from .recorder import Recorder
 from .recording import Recording
 
@@ -15,7 +16,7 @@ from .recording import Recording
 _PUMPED_FRAMES = 1000
 
 
-class _Player:
+class _Player(Link):
     """The link of a replayed board; its clock is that of the playback, see `Replay`."""
 
     def __init__(self, recording: Recording, speed: float):
@@ -34,12 +35,6 @@ class _Player:
             self._recorded_s = max(self._recorded_s, recorded_s)
         else:
             time.sleep(max(0.0, recorded_s - self.now_s()) / self._speed)
-
-    def write(self, data: bytes) -> None:
-        raise SpotsError(f"{self.name} is a recording, so it accepts no data: open a board")
-
-    def close(self) -> None:
-        pass
 
 
 class Replay(Board):
