@@ -98,7 +98,7 @@ def addressed(line: str, sensor: int) -> str:
     return of_sensor(line, sensor)
 
 
-class Board:
+class Board(AbstractContextManager["Board"]):
     """A connected SPOTS board. Close this object, or use it in a ``with`` block.
 
     When a board restarts, for example after a brown-out, its streams stop. Its port may disappear
@@ -183,9 +183,6 @@ class Board:
         except BaseException:
             link.close()
             raise
-
-    def __enter__(self) -> "Board":
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()

@@ -5,6 +5,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import msgspec
@@ -22,7 +23,7 @@ from .header import VERSION, Header, encoded
 ARRIVAL_STEP_S = 0.005
 
 
-class Recorder:
+class Recorder(AbstractContextManager):
     """Writes the frames of a link to files, and notes about time and clocks between the frames.
 
     The format is in docs/recording.md.
@@ -86,9 +87,6 @@ class Recorder:
             # Report an existing file now, and not hours later when the first file is full.
             raise exists(part_path(self._path, parts[0]))
         self._begin()
-
-    def __enter__(self) -> "Recorder":
-        return self
 
     def __exit__(self, *exception) -> None:
         self.stop()
