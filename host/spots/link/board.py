@@ -226,7 +226,7 @@ class Board(AbstractContextManager["Board"]):
 
         Valid after the board has streamed for a minute; before that, it may be 0.
         """
-        return self._clocks.clock.drift_ppm
+        return -1e6 * self._clocks.clock.slope
 
     @property
     def port(self) -> str:

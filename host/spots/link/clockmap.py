@@ -56,11 +56,6 @@ class ClockMap:
         """Largest possible error of the host times at `at_us`, in seconds."""
         return abs(self.high_s - self.low_s) / 2
 
-    @property
-    def drift_ppm(self) -> float:
-        """How much faster the board's clock runs than the host's, in parts per million."""
-        return -1e6 * self.slope
-
     def unwrap(self, t_us: int) -> int:
         """Return the board time `t_us` (modulo 2**32) as a count in us that never wraps.
 
