@@ -11,10 +11,10 @@ import pytest
 from reels import record
 from test_frames import encoded, touch
 
-SHORT, TIMES = 4000, 4  # the short recording also fills at least one block of reading and writing
+SHORT, TIMES = 3000, 3
 PAIRS = 3  # pairs of a reading and a spectrum between two texts
 GROWS_AT_MOST_KIB = 2 * 1024
-SUMMARY_GROWS_AT_MOST_KIB = 1500  # the long recording has 2700 KiB more
+SUMMARY_GROWS_AT_MOST_KIB = 1000  # the long recording has 1350 KiB more
 # Both recordings are read in one process, which measures its own peak: for a child process,
 # getrusage would include the parent's memory before exec. The first command has imported all
 # modules that the second one needs.
