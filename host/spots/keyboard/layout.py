@@ -14,7 +14,7 @@ the action is ``layer NAME`` (as long as a finger holds this key of the strip), 
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Optional, Union
+from typing import Annotated, Literal, NoReturn, Optional, Union
 
 import msgspec
 
@@ -23,7 +23,7 @@ from spots_device.layout import FULL, LIMITS
 
 from .. import toml
 from ..errors import SpotsError
-from ..outputs.usages import USAGES, chord_of, usage_of
+from ..outputs.usages import CONSUMER, KEYBOARD, USAGES, chord_of, name_of
 
 FOLDER = Path(__file__).parent / "layouts"
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
@@ -169,9 +169,6 @@ class _Compiler:
         self._text = text
         self._file = file
         self._names = [layer.name for layer in file.layer]
-        self._toggled: set[int] = set()
-        self._reached = {0}
-        self._typed: set[int] = set()
 
     def layout(self) -> KeyLayout:
         twice = {name for name in self._names if self._names.count(name) > 1}
@@ -180,13 +177,14 @@ class _Compiler:
         tuning = msgspec.structs.asdict(self._file.tuning)
         tuning["flavour"] = FLAVOURS.index(tuning["flavour"])
         lines = [f"{name} {tuning[name]}" for name in LIMITS]
-        layers = {}
+        layers, used = {}, set()
         for layer in self._file.layer:
             swipes = [
                 self._action(getattr(layer, name), layer, name)
                 for name in ("swipe_minus", "swipe_plus")
             ]
             keys = layers[layer.name] = self._keys(layer)
+            used.update(swipes, *(key.actions.values() for key in keys))
             lines.append("layer {} {}".format(*swipes))
             for i, key in enumerate(keys, 1):
                 bounds = round(FULL * key.low), round(FULL * key.high)
@@ -197,13 +195,13 @@ class _Compiler:
                         "reduce gap_percent",
                     )
                 lines.append("key " + " ".join(map(str, (*bounds, *key.actions.values()))))
-        self._check_ways(layers)
+        self._check_ways(layers, used)
         try:
             lines_of.Layout(lines)
         except lines_of.LayoutError as error:
             raise SpotsError(f"layout {self._path}: {error}") from None
         content = msgspec.to_builtins(self._file)
-        typed = frozenset(self._typed)
+        typed = frozenset(one for one in used if one >> 20 in (KEYBOARD, CONSUMER))
         return KeyLayout(self._file.name, layers, lines, typed, self._text, content)
 
     def _keys(self, layer: _Layer) -> list[PlacedKey]:
@@ -218,7 +216,7 @@ class _Compiler:
             }
             # There is no gap at the ends of the strip.
             low, high = begin + (gap if i else 0), end - (gap if i + 1 < len(keys) else 0)
-            label = _label(key) if key.label is None else key.label
+            label = self._label(actions) if key.label is None else key.label
             placed.append(PlacedKey(low / whole, high / whole, label, actions))
             begin = end
         return placed
@@ -233,53 +231,40 @@ class _Compiler:
                 known = ", ".join(self._names)
                 why = f"{where}: no layer is called '{name}'; valid names are {known}"
                 self._refuse(text, why)
-            number = self._names.index(name)
-            self._reached.add(number)
-            if verb == "toggle":
-                self._toggled.add(number)
-            return lines_of.action(LAYER_VERBS[verb], number)
+            return lines_of.action(LAYER_VERBS[verb], self._names.index(name))
         try:
-            page, usage, modifiers = chord_of(text)
+            return lines_of.action(*chord_of(text))
         except SpotsError as error:
             self._refuse(text, f"{where}: {error}")
-        action = lines_of.action(page, usage, modifiers)
-        self._typed.add(action)
-        return action
 
-    def _check_ways(self, layers: dict[str, list[PlacedKey]]) -> None:
+    def _label(self, actions: dict[str, int]) -> str:
+        """Return the label of a key: the characters that its actions type, or its first action."""
+        shown = actions["tap"], actions["firm"], actions["hold"]
+        written = [self._written(action) for action in shown if action]
+        characters = [text for text in written if len(text) == 1]
+        return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
+
+    def _written(self, action: int) -> str:
+        kind, number = action >> 20, action & 0xFFF
+        if kind in LAYER_VERBS.values():
+            return self._names[number]
+        return typed(kind, number) or name_of(kind, number)
+
+    def _check_ways(self, layers: dict[str, list[PlacedKey]], used: set[int]) -> None:
+        reached = {0} | {one & 0xFFF for one in used if one >> 20 in LAYER_VERBS.values()}
         for number, name in enumerate(self._names):
-            if number not in self._reached:
+            if number not in reached:
                 self._refuse(name, f"no key leads to layer '{name}': add 'toggle {name}' to a key")
-        for number in self._toggled - {0}:
-            name = self._names[number]
-            there = {action for key in layers[name] for action in key.actions.values()}
-            ways = [lines_of.action(lines_of.TOGGLE, other) for other in self._toggled]
-            if not there & set(ways):
+        for number, name in enumerate(self._names[1:], 1):
+            there = {action >> 20 for key in layers[name] for action in key.actions.values()}
+            if lines_of.action(lines_of.TOGGLE, number) in used and lines_of.TOGGLE not in there:
                 self._refuse(
                     name, f"no key leaves layer '{name}': add 'toggle {name}' to one of its keys"
                 )
 
-    def _refuse(self, value: str, why: str) -> None:
+    def _refuse(self, value: str, why: str) -> NoReturn:
         line = _line_of(self._text, rf"""(["']){re.escape(value)}\1""")
         raise SpotsError(f"layout {self._path}{line}: {why}") from None
-
-
-def _label(key: _Key) -> str:
-    """Return the label of a key: the characters that its actions type, or its first action."""
-    written = [_written(action) for action in (key.tap, key.firm, key.hold) if action]
-    characters = [text for text in written if len(text) == 1]
-    return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
-
-
-def _written(action: str) -> str:
-    verb, _, name = action.partition(" ")
-    if verb in LAYER_VERBS:
-        return name
-    name = action.rpartition("+")[2] or action
-    try:
-        return typed(*usage_of(name)) or name.upper()
-    except SpotsError:
-        return name  # `_action` reports the error
 
 
 def typed(page: int, usage: int) -> str:
