@@ -52,21 +52,22 @@ def shifted(lines, place_um, shifts) -> list[str]:
 
     rows = [_integers(line) for line in lines]
     weights = {name: values for name, values in rows if name in ("coarse", "fit")}
-    parts = [(w[:CHANNELS], w[CHANNELS:]) for name, w in rows if name == "segment"]
-    borders = iter(_borders(rows, len(parts)))
-    part = -1
-    for name, values in rows:
-        if name == "strain":
-            part = -1
-        elif name == "from":
-            part += 1
-            values[0] += change(weights["coarse"], next(borders))
-        elif name == "x":
-            position, force = parts[part]
-            x_um = values[1]
-            values[0] += change(position, x_um)
-            values[2] += change(weights["fit"], x_um, ONE_Q12)
-            values[3] += change(force, x_um)
+    segments = [values for name, values in rows if name == "segment"]
+    begins = [i for i, (name, _) in enumerate(rows) if name == "strain"]
+    for begin, end in zip(begins, [*begins[1:], len(rows)]):
+        places = [values[1] for name, values in rows[begin:end] if name == "x"]
+        # Segments are equal parts of the strip.
+        borders = np.linspace(min(places), max(places), len(segments) + 1)
+        parts = zip(borders.tolist(), segments)
+        for name, values in rows[begin:end]:
+            if name == "from":
+                border_um, segment = next(parts)
+                values[0] += change(weights["coarse"], border_um)
+            elif name == "x":
+                x_um = values[1]
+                values[0] += change(segment[:CHANNELS], x_um)
+                values[2] += change(weights["fit"], x_um, ONE_Q12)
+                values[3] += change(segment[CHANNELS:], x_um)
     found = [" ".join(map(str, (name, *values))) for name, values in rows]
     try:
         Calibration(found)
@@ -80,19 +81,3 @@ def shifted(lines, place_um, shifts) -> list[str]:
 def _integers(line: str) -> tuple[str, list]:
     name, *values = line.split()
     return name, values if name in ("board", "plan") else [int(value) for value in values]
-
-
-def _borders(rows, segments: int):
-    """Yield the start of each segment of the strip in um, for one strain after the other.
-
-    `rows` are the lines of a calibration, as pairs of name and list of values; `segments` is the
-    number of segments.
-    """
-    places: list[list[int]] = []
-    for name, values in rows:
-        if name == "strain":
-            places.append([])
-        elif name == "x":
-            places[-1].append(values[1])
-    for along in places:
-        yield from np.linspace(min(along), max(along), segments + 1)[:-1].tolist()
