@@ -5,14 +5,13 @@ from __future__ import annotations
 import sys
 from collections import deque
 
-from rich.console import Console, Group
+from rich.console import Console
 from rich.live import Live
-from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
 from ..errors import SpotsError, printable
-from ..terminal.view import bar, bars, live, strip_columns
+from ..terminal.view import bar, bars, framed, live, strip_columns
 from .dialog import Progress, UndoError
 from .session import Wanted
 from .spectra import Reading
@@ -171,10 +170,6 @@ class Guide:
         if shown:
             shown[-1].style = "bold"
         parts = shown if self._console.height > _LOW else shown[-1:]
-        picture = Panel(
-            Group(self._strip, Text(), self._bars, Text(), *parts),
-            title=Text(printable(f"{self._title}  {self._done} of {self._total}")),
-            width=strip_columns() + 16,
-            padding=(1, 2),
-        )
-        self._live.update(picture, refresh=True)
+        title = f"{self._title}  {self._done} of {self._total}"
+        parts = [self._strip, Text(), self._bars, Text(), *parts]
+        self._live.update(framed(parts, title, strip_columns() + 16), refresh=True)
