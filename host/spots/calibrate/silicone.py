@@ -26,9 +26,9 @@ TAUS_MS = (400, 4000, 40_000)  # time constants of the creep
 _LEAST_MN = 300.0  # weaker forces are not used: they are in the dead zone, or near it
 _READINGS_MIN = 100  # least number of readings during presses
 # Expected sizes of the weights of the play operators, and of the shares of creep. The fit tries all
-# pairs of sizes, and uses the pair with the largest evidence (marginal likelihood). The size is 0
-# if the recording does not show the effect.
-_SIZES = (0.0, 0.01, 0.03, 0.1)
+# pairs of sizes, and uses the first pair with the largest evidence (marginal likelihood). The size
+# is 0 if the recording does not show the effect.
+_SIZES = (0.1, 0.03, 0.01, 0.0)
 _NOISE_MN = 20.0  # standard deviation of the mean force error in one second: gauge and model
 _CREEP_MS = 60_000  # creep is reported for a hold of this duration
 _FULL_MN = 10_000.0  # hysteresis is reported as a percentage of this force
@@ -158,12 +158,8 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
     # Successive errors are correlated: each second of the recording counts as one measurement.
     noise_mN = _NOISE_MN * max(1 / float(np.median(np.diff(time_s))), 1.0) ** 0.5
     information, values = columns.T @ columns / noise_mN**2, columns.T @ off / noise_mN**2
-    _, plays, creep = max(
-        (_evidence(_prior(plays, creep, columns.shape[1]), information, values), plays, creep)
-        for plays in _SIZES
-        for creep in _SIZES
-    )
-    prior = _prior(plays, creep, columns.shape[1])
+    priors = [_prior(plays, creep, columns.shape[1]) for plays in _SIZES for creep in _SIZES]
+    prior = max(priors, key=lambda prior: _evidence(prior, information, values))
     spread = np.linalg.inv(np.eye(len(prior)) + information * np.outer(prior, prior))
     spread *= np.outer(prior, prior)
     change = spread @ values
@@ -173,12 +169,9 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
     gain, *rest = np.round((np.eye(terms)[0] + found) * ONE_Q12).astype(int).tolist()
     weights, shares = rest[: len(PLAYS_MN)], rest[len(PLAYS_MN) :]
     numbers = gain, *PLAYS_MN, *weights, *TAUS_MS, *shares
-    radii, taus_ms = np.array(PLAYS_MN), np.array(TAUS_MS)
-    nothing, three = np.zeros(1), np.zeros(3)
-    effects = (
-        np.concatenate([nothing, 2 * radii / _FULL_MN, three]),
-        np.concatenate([nothing, three, -np.expm1(-_CREEP_MS / taus_ms)]),
-    )
+    effects = np.zeros((2, terms))
+    effects[0, 1 : 1 + len(PLAYS_MN)] = 2 * np.array(PLAYS_MN) / _FULL_MN
+    effects[1, 1 + len(PLAYS_MN) :] = -np.expm1(-_CREEP_MS / np.array(TAUS_MS))
     sizes = [(100 * float(e @ found), 100 * float(np.sqrt(e @ spread @ e))) for e in effects]
     sure = any(abs(value) > _SURE * sigma for value, sigma in sizes)
     return Compensated(
