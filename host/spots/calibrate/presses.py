@@ -12,7 +12,7 @@ FORCE_PLACES = (0.1, 0.5, 0.9)  # positions with many forces, as shares of the l
 MARKS = (0.1, 0.5, 0.9)  # positions that `spots rezero` presses again, as shares of the length
 
 ROUNDING_VARIANCE = 1 / 12  # counts**2; variance of the rounding error of a whole number
-_REWEIGHTINGS = 4  # rounds of the reweighted least squares in `Noise.of`
+_REWEIGHTINGS = 4  # rounds of the reweighted least squares in `_reweighted`
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,22 @@ def own_variance(samples: np.ndarray) -> np.ndarray:
     one = np.eye(samples.shape[1])
     design = one[i] + one[j]
     values = np.var(relative[:, i] - relative[:, j], axis=0, ddof=1)
-    found = least = ROUNDING_VARIANCE / mean**2
+    return _reweighted(design, values, ROUNDING_VARIANCE / mean**2) * mean**2
+
+
+def _reweighted(design: np.ndarray, variances: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Fit the parts of which measured variances are sums, by reweighted least squares.
+
+    The error of a measured variance is proportional to the true variance. Weights from measured
+    variances would favour low variances. So the weights are those of the variances that the
+    previous round fitted, with `least` as the lower limits of the parts. Without weights, dim
+    channels would hide the noise of bright ones.
+    """
+    found = least
     for _ in range(_REWEIGHTINGS):
-        # As in `Noise.of`. Without weights, dim channels would hide the noise of bright ones.
         weight = 1 / (design @ np.maximum(found, least))
-        found = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
-    return found * mean**2
+        found = np.linalg.lstsq(design * weight[:, None], variances * weight, rcond=None)[0]
+    return found
 
 
 @dataclass(frozen=True)
@@ -117,16 +127,9 @@ class Noise:
         lit = counts > 1
         counts, variance = counts[lit], variance[lit]
         design = np.stack([np.ones_like(counts), counts], axis=1)
-        found = cls(ROUNDING_VARIANCE, 0.0)
-        for _ in range(_REWEIGHTINGS):
-            # The error of a measured variance is proportional to the true variance. Weights from
-            # measured variances would favour low variances. So the weights are those of the
-            # variances that the previous round fitted.
-            weight = 1 / found.variance(counts)
-            solution = np.linalg.lstsq(design * weight[:, None], variance * weight, rcond=None)[0]
-            # A steady press hides part of the rounding; the rounding variance is the lower limit.
-            found = cls(max(float(solution[0]), ROUNDING_VARIANCE), max(float(solution[1]), 0.0))
-        return found
+        # A steady press hides part of the rounding; the rounding variance is the lower limit.
+        least = np.array([ROUNDING_VARIANCE, 0.0])
+        return cls(*np.maximum(_reweighted(design, variance, least), least).tolist())
 
     def variance(self, counts: np.ndarray) -> np.ndarray:
         """Return the variance of dark-subtracted counts of one sample, in counts**2."""
