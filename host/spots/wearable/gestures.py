@@ -134,10 +134,8 @@ class Gestures:
         if self._path and two.both:
             self._path.decided = True  # the measured position is between two fingers
         if gesture:
-            name, confidence, position_um, distance_um = gesture
-            place = position_um, distance_um, touch.integers[1]
             self._report_tap()
-            self._found.append(Gesture(name, confidence, *place, self._now_s))
+            self._found.append(Gesture(*gesture, touch.integers[1], self._now_s))
 
     def tick(self, now_s: float) -> None:
         """Drop the touch and a pending tap if no reading arrives for `RELEASE_S` seconds.
