@@ -13,7 +13,7 @@ from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples
 from .dialog import Dialog, Progress
 from .presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
 from .session import Session, Wanted, point, presses
-from .surface import Surface, fitted
+from .surface import Sizes, Surface, fitted
 from .typed import grams
 
 _KINDS = ("hand", "position", "force", "mark")
@@ -256,7 +256,7 @@ def _surface(session: Session, length_um: float, start: Surface | None = None) -
     samples = samples_of("hand", session.conditions.exposure_us)
     if len(taken.force_mN) < _FITTED_MIN:
         return Surface(taken, Noise.of(taken), samples, length_um)
-    return fitted(taken, Noise.of(taken), samples, length_um, start and start.sizes)
+    return fitted(taken, Noise.of(taken), samples, length_um, start.sizes if start else Sizes())
 
 
 def _removed(session: Session, surface: Surface, guide: Dialog) -> bool:

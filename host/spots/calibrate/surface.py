@@ -12,7 +12,7 @@ alike. The sizes of these errors and of the coefficients are those with the larg
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import InitVar, dataclass, replace
 from functools import cached_property
 from math import erfc, log
 
@@ -94,12 +94,13 @@ _SEARCHED = [
 ]
 
 
+@dataclass(eq=False)
 class Surface:
     """Model of the counts of a strip as a function of position and force, fitted to presses.
 
     Parameters
     ----------
-    presses : Presses
+    taken : Presses
         Readings of n presses; a force of 0 means that the force is unknown.
     noise : Noise
         Noise of one sample.
@@ -114,29 +115,21 @@ class Surface:
 
     Attributes
     ----------
-    taken : Presses
-        The presses of the fit.
-    sizes : Sizes
-        Expected sizes of errors and coefficients.
     least_mN, most_mN : float
         Range of the forces of the model, in mN.
     evidence : float
         Natural logarithm of the probability of the readings in this model, plus a constant.
     """
 
-    def __init__(
-        self,
-        presses: Presses,
-        noise: Noise,
-        samples: int,
-        length_um: float,
-        sizes: Sizes | None = None,
-        start: Surface | None = None,
-    ):
-        self.taken, self.sizes, self.length_um = presses, sizes or Sizes(), length_um
-        sizes = self.sizes
-        self._noise, self._samples = noise, samples
-        known = presses.force_mN[presses.force_mN > 0]
+    taken: Presses
+    noise: Noise
+    samples: int
+    length_um: float
+    sizes: Sizes = Sizes()
+    start: InitVar[Surface | None] = None
+
+    def __post_init__(self, start: Surface | None):
+        sizes, known = self.sizes, self.taken.force_mN[self.taken.force_mN > 0]
         self._forces_known = len(known) > 0
         self.least_mN = float(known.min()) if len(known) else _LEAST_RELATIVE_MN
         self.most_mN = max(FULL_MN, float(known.max(initial=0.0)))
@@ -232,7 +225,7 @@ class Surface:
 
     def _noises(self, counts) -> np.ndarray:
         """Return variances of log2(counts) due to noise and misfit, shape (n, 6)."""
-        noise = self._noise.log_variance(counts) / self._samples
+        noise = self.noise.log_variance(counts) / self.samples
         still = _STILL / (np.maximum(counts, 0.1) * np.log(2)) ** 2
         return noise + still + self.sizes.misfit**2
 
@@ -254,7 +247,7 @@ class Surface:
     def without(self, press: int) -> Surface:
         """Return the surface fitted to all presses except the one with index `press`."""
         kept = self.taken.keep(np.arange(len(self.taken.force_mN)) != press)
-        return Surface(kept, self._noise, self._samples, self.length_um, self.sizes, self)
+        return replace(self, taken=kept, start=self)
 
     @cached_property
     def bent(self) -> Surface:
@@ -264,7 +257,7 @@ class Surface:
         pressed between its ends.
         """
         sizes = replace(self.sizes, bends=(max(self.sizes.bends),) * CHANNELS)
-        return Surface(self.taken, self._noise, self._samples, self.length_um, sizes, self)
+        return replace(self, sizes=sizes, start=self)
 
     def moved(self) -> Surface:
         """Return this fit without the error that all positions have in common, see `ruler`.
@@ -278,7 +271,7 @@ class Surface:
         off_um = (off * place).sum(axis=1)
         common_um = common_error_um(p.position_um, off_um, noise_um, self.sizes.place_um)
         presses = replace(p, position_um=p.position_um - common_um)
-        moved = Surface(presses, self._noise, self._samples, self.length_um, self.sizes, self)
+        moved = replace(self, taken=presses, start=self)
         moved.taken = p
         return moved
 
@@ -324,7 +317,7 @@ class Surface:
         slopes = self._slopes(place_um)
         pairs = [
             estimators(np.stack([np.ones(CHANNELS), slope], axis=1), 1 / variance)
-            for slope, variance in zip(slopes, self._noise.log_variance(counts))
+            for slope, variance in zip(slopes, self.noise.log_variance(counts))
         ]
         return np.array(pairs).transpose(1, 0, 2)
 
@@ -342,7 +335,7 @@ class Surface:
         """
         counts = 2.0 ** self.logs(place_um, force_mN)
         saturated = np.zeros(len(counts), dtype=bool)
-        return Presses(place_um, force_mN, counts, self._noise.variance(counts), saturated)
+        return Presses(place_um, force_mN, counts, self.noise.variance(counts), saturated)
 
     def _grid(self, places: int, dark_mN: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """Return positions in um and forces in mN of a grid of presses that light all channels.
@@ -431,7 +424,7 @@ def fitted(
     noise: Noise,
     samples: int,
     length_um: float,
-    sizes: Sizes | None = None,
+    sizes: Sizes = Sizes(),
 ) -> Surface:
     """Fit surfaces with different `Sizes`; return that of largest evidence (marginal likelihood).
 
@@ -457,8 +450,8 @@ def fitted(
                     changed = size
                     if channel is not None:
                         changed = (*value[:channel], size, *value[channel + 1 :])
-                    tried = replace(best.sizes, **{name: changed})
-                    surface = Surface(presses, noise, samples, length_um, tried, best)
+                    sizes = replace(best.sizes, **{name: changed})
+                    surface = replace(best, sizes=sizes, start=best)
                     if surface.evidence <= best.evidence:
                         break
                     best = surface
