@@ -42,11 +42,7 @@ _COMMENTS = {
 }
 
 
-class _Struct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    pass
-
-
-class Residual(_Struct, kw_only=True):
+class Residual(toml.Strict, kw_only=True):
     """Errors of the board's positions and forces at the presses of the calibration, for one strain.
 
     Attributes
@@ -69,7 +65,7 @@ class Residual(_Struct, kw_only=True):
     presses: int
 
 
-class Joint(_Struct, kw_only=True):
+class Joint(toml.Strict, kw_only=True):
     """A joint that moves an indenter along the strip: angle = zero_deg + deg_per_um * position.
 
     Attributes
@@ -103,7 +99,7 @@ class Joint(_Struct, kw_only=True):
     high: tuple[float, float] | None = None
 
 
-class Marks(_Struct, kw_only=True):
+class Marks(toml.Strict, kw_only=True):
     """Reference presses at three marked positions, which ``spots rezero`` repeats to measure drift.
 
     Attributes
@@ -124,7 +120,7 @@ class Marks(_Struct, kw_only=True):
     angle_deg: tuple[float, float, float] | None = None
 
 
-class Rezero(_Struct, kw_only=True):
+class Rezero(toml.Strict, kw_only=True):
     """Result of a re-zero (``spots rezero``): the drift that presses at the marks showed.
 
     Attributes
@@ -146,7 +142,7 @@ class Rezero(_Struct, kw_only=True):
     drift: str
 
 
-class CalibrationFile(_Struct, kw_only=True):
+class CalibrationFile(toml.Strict, kw_only=True):
     """Content of a calibration file.
 
     Attributes
