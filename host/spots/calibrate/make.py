@@ -43,7 +43,7 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
         If the presses do not give a calibration.
     """
     surface = misfit = noise = None
-    if session.of("hand"):
+    if hand := session.of("hand"):
         surface, firm, pressed = material(session, session.length_um)
         taken = surface.taken
         noise = Noise.of(taken)
@@ -57,12 +57,9 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
             along[strain_ppm] = presses(at_strain)
     noise = noise or Noise.of(*along.values(), pressed)
     lines = fit(along, pressed, noise, session.conditions, misfit)
-    compensated = None
     if surface and not surface.taken.force_mN.any():
         lines.append("relative")
-    elif surface:
-        compensated = fit_session(session.of("hand"), lines, surface.sizes.force_share)
-    if compensated:
+    elif surface and (compensated := fit_session(hand, lines, surface.sizes.force_share)):
         lines.append(compensated.line)
         say(str(compensated))
     try:
