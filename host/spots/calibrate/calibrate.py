@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from ..errors import SpotsError
@@ -70,12 +70,9 @@ def opened(
     SpotsError
         If a file is invalid, or the board cannot be opened.
     """
-    with ExitStack() as stack:
-        set_up = offered(options.port, "calibration_setup") or _by_hand
-        bench = set_up(options, made, path, Guide())
-        stack.enter_context(bench.reader.board)
-        stack.callback(bench.reader.restore)
-        stack.enter_context(bench.guide)
+    set_up = offered(options.port, "calibration_setup") or _by_hand
+    bench = set_up(options, made, path, Guide())
+    with bench.reader.board, bench.reader, bench.guide:
         yield bench
 
 

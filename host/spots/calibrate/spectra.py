@@ -74,8 +74,8 @@ def mean(readings: list[Reading]) -> Reading:
 class SpectrumReader:
     """Reads single samples from a board.
 
-    The board's setting ``average`` (samples per reading) is 1 until `restore` is called. Call
-    `set_up` again if the board's settings change.
+    The board's setting ``average`` (samples per reading) is 1 until `restore` is called, or until
+    a ``with`` block of the reader ends. Call `set_up` again if the board's settings change.
 
     Parameters
     ----------
@@ -87,6 +87,12 @@ class SpectrumReader:
         self.board = board
         self._average = 1
         self.set_up()
+
+    def __enter__(self) -> SpectrumReader:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.restore()
 
     def set_up(self, line: str = "", dark_s: float = 0.0) -> None:
         """Change settings of the board, then read all its settings and take the dark frame.

@@ -147,15 +147,12 @@ class PageCalibration(Orders):
 
     def _rezero(self) -> None:
         made = calibration_file.load(self._out)
-        reader = SpectrumReader(self._board)
-        try:
+        with SpectrumReader(self._board) as reader:
             bench = Bench(reader, Presser(self), self, made.length_um, self._out)
             new = rezero(bench, made)
             reader.restore()
             use(bench, made, new)
             self.say(f"the drift was: {new.rezeros[-1].drift}")
-        finally:
-            reader.restore()
 
     def _calibrate(self, start: Start) -> None:
         self._session = Session(self._path)
@@ -163,15 +160,12 @@ class PageCalibration(Orders):
         # A board that was unplugged has lost settings that were not saved.
         if made is not None and made.board == board.info["id"]:
             board.command("set " + settings(made))
-        reader = SpectrumReader(board)
-        try:
+        with SpectrumReader(board) as reader:
             bench = Bench(reader, Presser(self), self, 1000 * start.length_mm, self._out)
             options = Namespace(plan=None, keep_settings=False)
             taken, usual = len(self._session.of("hand")), COUNTS[start.kind][0]
             count = usual if taken < usual else taken + _MORE
             calibrate(bench, self._session, start.kind, count, None, options)
-        finally:
-            reader.restore()
 
     # The dialog of the session, see `calibrate.dialog.Dialog`.
 
