@@ -77,17 +77,12 @@ class TwoFingers:
 class _Pair:
     def __init__(self, first: Contact, second: Contact, now_s: float):
         self.ids = {first.id, second.id}
-        self.lasted_s = 0.0
+        self.settled = False  # whether both have touched for longer than fingers overlap in typing
         self._began_s = now_s
         self._first, self._from, self._to = first, second, second
         self._rest: tuple[float, int] | None = None  # light (log2) and position before a squeeze
         self._hard_since_s = math.inf
         self._decided = False
-
-    @property
-    def settled(self) -> bool:
-        """Whether both fingers have touched together for longer than fingers overlap in typing."""
-        return self.lasted_s >= _SETTLED_S
 
     def extend(
         self, touch: Touch, first: Contact, second: Contact
@@ -98,7 +93,7 @@ class _Pair:
         `TwoFingers.take`.
         """
         now_s, light = touch.time_s or 0.0, touch.brightness_q20 / (1 << 20)
-        self.lasted_s = now_s - self._began_s
+        self.settled = now_s - self._began_s >= _SETTLED_S
         if self._decided or not self.settled or {first.id, second.id} != self.ids:
             return None
         x_um = touch.integers[0]
