@@ -94,11 +94,14 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
     noise = Noise.of(*(p.channels(columns) for p, columns in zip(measured, used)))
     curves = Curves(places_um, logs, _DEGREE)
     x_um = np.linspace(*curves.ends_um, _PLACES)
-    slopes, variance = curves.slopes(x_um), noise.log_variance(2.0 ** curves.logs(x_um))
+    slopes, weights = curves.slopes(x_um), 1 / noise.log_variance(2.0 ** curves.logs(x_um))
 
     def sigma_um(plan) -> float:
+        """Return the least possible standard deviation of positions, averaged over the strip."""
         columns = [usable.index(diode) for diode in plan]
-        return float(_sigma_um(slopes[:, columns], variance[:, columns]).mean())
+        slope, weight = slopes[:, columns], weights[:, columns]
+        a, b, c = weight.sum(1), (weight * slope).sum(1), (weight * slope**2).sum(1)
+        return float(np.sqrt(a / (a * c - b**2)).mean())
 
     best = min(itertools.combinations(usable, len(plans[0])), key=sigma_um)
     present = sigma_um(plans[0]) if set(plans[0]) <= set(usable) else np.inf
@@ -132,14 +135,3 @@ def _merge(plans, measured, full_scale):
     logs = {diode: column - harder for diode, column in second.items()} | first
     usable = [diode for diode in DIODES if diode in logs]
     return usable, firm[0].position_um, np.stack([logs[diode] for diode in usable], axis=1)
-
-
-def _sigma_um(slopes: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return the least possible standard deviation of n positions, in um, shape (n,).
-
-    `slopes` are the derivatives of log2(counts) of c channels with respect to position, in 1/um;
-    `variance` contains the variances of log2(counts). Both have shape (n, c).
-    """
-    weight = 1 / variance
-    a, b, c = weight.sum(1), (weight * slopes).sum(1), (weight * slopes**2).sum(1)
-    return np.sqrt(a / (a * c - b**2))
