@@ -4,6 +4,8 @@ import json
 import math
 import re
 import sys
+from collections.abc import Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import TypeVar
 
@@ -135,15 +137,17 @@ def loads(text: str) -> dict:
     return content
 
 
-def dumps(content: dict, prefix: str = "") -> str:
+def dumps(content: dict, prefix: str = "", comments: Mapping[str, str] = {}) -> str:
     """Return a dict as TOML, without the keys whose value is None.
 
     Parameters
     ----------
     content : dict
-        Numbers, strings, lists of these, dicts, and lists of dicts. The keys are bare keys.
+        Numbers, strings, lists of these, dates, dicts, and lists of dicts. The keys are bare keys.
     prefix : str
         Name of the table that has this content, with a dot at its end; empty for a file.
+    comments : mapping of str to str
+        For some keys of `content`, the comment above the value or the table, with its ``#``.
 
     Returns
     -------
@@ -152,15 +156,18 @@ def dumps(content: dict, prefix: str = "") -> str:
     """
     lines, tables = [], []
     for key, value in content.items():
+        comment = [comments[key]] if key in comments else []
         if isinstance(value, dict):
-            tables += ["", f"[{prefix}{key}]", dumps(value, f"{prefix}{key}.")]
+            tables += ["", *comment, f"[{prefix}{key}]", dumps(value, f"{prefix}{key}.")]
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             for one in value:
                 tables += ["", f"[[{prefix}{key}]]", dumps(one, f"{prefix}{key}.")]
+        elif isinstance(value, datetime):
+            lines += [*comment, f"{key} = {value.isoformat().replace('+00:00', 'Z')}"]
         elif value is not None:
             # JSON's numbers, strings and lists are also TOML, except for escaped surrogate pairs,
             # which `ensure_ascii=False` avoids.
-            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
+            lines += [*comment, f"{key} = {json.dumps(value, ensure_ascii=False)}"]
     return "\n".join(lines + tables)
 
 

@@ -296,26 +296,12 @@ def _checked(path: Path, body: str) -> CalibrationFile:
 def _text(calibration: CalibrationFile) -> str:
     """Return the text of the calibration file without its section ``[end]``."""
     rows = []
-    for name, value in msgspec.to_builtins(calibration).items():
-        if not value and name in _COMMENTS:
+    for name, value in msgspec.to_builtins(calibration, builtin_types=(datetime,)).items():
+        if value in (None, [], ()):
             continue
-        comment = [_COMMENTS[name]] if name in _COMMENTS else []
         if name in ("lines", "original"):
-            rows += [*comment, f"{name} = [", *(f"  {json.dumps(line)}," for line in value), "]"]
-        elif name in ("residuals", "rezeros"):
-            for table in value:
-                rows += ["", f"[[{name}]]", *_pairs(table)]
-        elif isinstance(value, dict):
-            rows += ["", *comment, f"[{name}]", *_pairs(value)]
+            lines = [f"  {json.dumps(line)}," for line in value]
+            rows += [_COMMENTS[name], f"{name} = [", *lines, "]"]
         else:
-            rows += [*comment, *_pairs({name: value})]
+            rows.append(toml.dumps({name: value}, comments=_COMMENTS))
     return _HEAD + "\n".join([*rows, "", ""])
-
-
-def _pairs(fields: dict) -> list[str]:
-    # JSON's numbers, strings and lists are also TOML; dates have no quotes.
-    return [
-        f"{name} = {value if name == 'date' else json.dumps(value)}"
-        for name, value in fields.items()
-        if value is not None
-    ]
