@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import subprocess
 
 from spots.cli import main
-from spots.errors import SpotsError
-from spots.link.serial_link import SerialLink
 from spots_sim.virtual import VIRTUAL, start_simulator
 
 DEADLINE_S = 20.0
@@ -23,24 +20,8 @@ def running(folder, board=VIRTUAL):
     start, end = start_simulator("default", "demo", 0, str(folder), board)
     try:
         yield start
-    except SpotsError:
-        print_state(start["console"])
-        raise
     finally:
         end()
-
-
-def print_state(port):
-    """Print what a board with an error sends, and the state of this machine's processes."""
-    try:
-        link = SerialLink(port)
-        link.write(b"\r\nhello\r\n")
-        print(f"{port} sends {b''.join(link.read(0.02) for _ in range(100))[-500:]!r}")
-        link.close()
-    except SpotsError as error:
-        print(error)
-    columns = "pid,ppid,pgid,psr,ni,stat,wchan:20,etimes,time,args"
-    subprocess.run(["ps", "--deselect", "--ppid", "2", "-ww", "-o", columns], check=False)
 
 
 @contextlib.contextmanager
