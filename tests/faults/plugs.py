@@ -29,32 +29,34 @@ class Plug:
         self.name = None
         self.names = []
         self._end = None
+        self._reserved = []
         self._pending = b""
 
     def plug(self):
         """Switch the board on; the name of its port differs from the previous name."""
-        previous, self._end = self.name, None
-        ends = []
-        while self._end is None:
-            end, port = pty.openpty()
-            ends.append((end, port))
-            if os.ttyname(port) != previous:
-                self._end = end
-        for end, port in ends:
-            if end == self._end:
-                tty.setraw(port)
-                self.name = os.ttyname(port)
-            else:
-                os.close(end)
-            os.close(port)
+        self._end, port = pty.openpty()
+        tty.setraw(port)
+        self.name = os.ttyname(port)
+        os.close(port)
         os.set_blocking(self._end, False)
         self.names.append(self.name)
         self._booted_s = self._next_s = time.monotonic()
         self._sequence, self._streams, self._pending = 0, [], b""
 
     def unplug(self):
+        """Switch the board off, and reserve the name of its port.
+
+        A program under test opens this name again. If a PTY of another process had it, the program
+        would read the bytes of that process.
+        """
+        self._reserved.append(os.open(self.name, os.O_RDWR | os.O_NOCTTY))
         os.close(self._end)
         self._end = None
+
+    def free_names(self):
+        """Let other PTYs have the names of this board's earlier ports."""
+        while self._reserved:
+            os.close(self._reserved.pop())
 
     @property
     def fd(self):
@@ -130,6 +132,11 @@ class Hub:
         for plug in self.plugs:
             if plug.fd is not None:
                 plug.unplug()
+        self.free_names()
+
+    def free_names(self):
+        for plug in self.plugs:
+            plug.free_names()
 
     def unplug(self):
         with self._lock:

@@ -123,6 +123,7 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
         hub.replug()
         until(lambda: watched.state == typed.state == CONNECTED and on_the_page())
         until(recovered_since(*before_it, cycle))
+    hub.free_names()
     until(lambda: held() == before)
     assert watched.stats.restarts == typed.stats.restarts == CYCLES
     assert all(len(plug.names) == CYCLES + 1 for plug in hub.plugs)

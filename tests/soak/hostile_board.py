@@ -69,6 +69,7 @@ class Hostile(Plug):
         if now_s >= self.until_s:
             if self.fd is None:
                 self.plug()
+                self.free_names()  # a long run has more than a process can keep open
             mood = self.rng.choice(MOODS) if self.mood == self.good else "good"
             self.mood = getattr(self, mood)
             self.moods[self.mood.__name__] += 1
