@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import threading
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import msgspec
 import numpy as np
@@ -111,3 +113,28 @@ def test_the_web_ui_follows_both_joints_of_one_board(arm, monkeypatch):
         assert state.position.wait(60)
     finally:
         reader.stop(60)
+
+
+def test_each_of_two_boards_is_found_by_its_id_and_only_the_strip_of_its_joint_counts(monkeypatch):
+    strips = SimpleNamespace(board="a"), SimpleNamespace(board="b-1")
+    searched, taken = [], []
+
+    def search(board_id):
+        searched.append(board_id)
+        return nullcontext(board_id)
+
+    replaced = {
+        "loaded": lambda linkage, ports: (None, strips),
+        "finder": lambda port: search,
+        "give": lambda board, strip, number: strips.index(strip),
+        "TwinFeed": lambda twin, state: SimpleNamespace(take=lambda *pair: taken.append(pair)),
+        "BoardReader": lambda open_board, layout, state, on_touch: (open_board, on_touch),
+    }
+    for name, substitute in replaced.items():
+        monkeypatch.setattr(twin_feed, name, substitute)
+    for open_board, on_touch in twin_feed.linkage_readers("arm.toml", [], None, PageState()):
+        open_board(None)
+        for sensor in (0, 1):
+            on_touch(reading(10_000)._replace(sensor=sensor))
+    assert searched == ["a", "b"]
+    assert [(joint, touch.sensor) for joint, touch in taken] == [(0, 0), (1, 1)]
