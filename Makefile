@@ -4,8 +4,8 @@ BOARD ?= pico
 PORT ?=
 ARGS ?=
 BIN := .venv/bin
-# Some tests wait, so there are three processes for every two processors, see tests/conftest.py.
-PARALLEL := --numprocesses auto --maxprocesses 4 --dist worksteal
+# Some tests wait, so there are more processes than processors, see tests/conftest.py.
+PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
 FAST := tests/test_*.py tests/firmware tests/sim tests/referee
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 

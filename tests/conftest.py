@@ -45,11 +45,11 @@ IN_CPYTHON |= {"test_uses_under_fire.py"}
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
-    """Return how many processes ``--numprocesses auto`` starts: 3 for 2 processors.
+    """Return how many processes ``--numprocesses auto`` starts: 3 for each processor.
 
     There are more processes than processors because tests often wait.
     """
-    return 3 * os.cpu_count() // 2
+    return 3 * os.cpu_count()
 
 
 def pytest_collection_modifyitems(items):
@@ -64,17 +64,16 @@ def pytest_collection_modifyitems(items):
 def pytest_runtest_setup(item):
     """Select the runtime of virtual boards, and the processor of a test.
 
-    A test and the processes that it starts use one processor, if this worker has its own.
+    A test and the processes that it starts use one processor.
     """
     if not IN_CPYTHON.isdisjoint((item.path.parent.name, item.path.name)):
         os.environ["SPOTS_VIRTUAL_RUNTIME"] = "cpython"
     else:
         os.environ.pop("SPOTS_VIRTUAL_RUNTIME", None)
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw-1")
-    everywhere = range(os.cpu_count())
-    own = int(worker.removeprefix("gw"))
-    if own in everywhere and sys.platform == "linux":
-        os.sched_setaffinity(0, everywhere if item.path.parent.name in PARALLEL else {own})
+    worker, count = os.environ.get("PYTEST_XDIST_WORKER"), os.cpu_count()
+    if worker and sys.platform == "linux":
+        own = {int(worker.removeprefix("gw")) % count}
+        os.sched_setaffinity(0, range(count) if item.path.parent.name in PARALLEL else own)
 
 
 def pytest_collection_finish():
