@@ -45,11 +45,11 @@ IN_CPYTHON |= {"test_uses_under_fire.py"}
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers():
-    """Return how many processes ``--numprocesses auto`` starts: 3 for each processor.
+    """Return how many processes ``--numprocesses auto`` starts: 2 for each processor.
 
     There are more processes than processors because tests often wait.
     """
-    return 3 * os.cpu_count()
+    return 2 * os.cpu_count()
 
 
 def pytest_collection_modifyitems(items):

@@ -113,27 +113,29 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     def on_the_page():
         return shown()["board"]["state"] == CONNECTED and bool(shown().get("touch"))
 
-    until(lambda: watched.stats.frames > 100 and keys.presses and on_the_page())
-    before = held()
-    for cycle in range(1, CYCLES + 1):
-        hub.unplug()
-        until(lambda: watched.state == typed.state == LOST)
-        until(lambda: shown()["board"]["state"] == LOST)
-        before_it = watched.stats.frames, keys.presses
-        hub.replug()
-        until(lambda: watched.state == typed.state == CONNECTED and on_the_page())
-        until(recovered_since(*before_it, cycle))
-    hub.free_names()
-    until(lambda: held() == before)
-    assert watched.stats.restarts == typed.stats.restarts == CYCLES
-    assert all(len(plug.names) == CYCLES + 1 for plug in hub.plugs)
-    said = capsys.readouterr().out
-    assert said.count("link lost") == CYCLES <= said.count("link connected")
-    reader.stop()
-    for link in links:
-        link.stopped = True
-    for thread in threads:
-        thread.join(DEADLINE_S)
+    try:
+        until(lambda: watched.stats.frames > 100 and keys.presses and on_the_page())
+        before = held()
+        for cycle in range(1, CYCLES + 1):
+            hub.unplug()
+            until(lambda: watched.state == typed.state == LOST)
+            until(lambda: shown()["board"]["state"] == LOST)
+            before_it = watched.stats.frames, keys.presses
+            hub.replug()
+            until(lambda: watched.state == typed.state == CONNECTED and on_the_page())
+            until(recovered_since(*before_it, cycle))
+        hub.free_names()
+        until(lambda: held() == before)
+        assert watched.stats.restarts == typed.stats.restarts == CYCLES
+        assert all(len(plug.names) == CYCLES + 1 for plug in hub.plugs)
+        said = capsys.readouterr().out
+        assert said.count("link lost") == CYCLES <= said.count("link connected")
+    finally:  # a thread that searched on would open the boards of other tests
+        reader.stop()
+        for link in links:
+            link.stopped = True
+        for thread in threads:
+            thread.join(DEADLINE_S)
     assert keys.down == set()
     watched.close()
     typed.close()
