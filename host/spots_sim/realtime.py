@@ -12,6 +12,7 @@ standard input closes or its parent ends.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import math
 import os
 import pty
@@ -79,6 +80,8 @@ class Console(PseudoTerminal):
     def __init__(self):
         super().__init__()
         to_board, self.board_in = pty.openpty()
+        # A program whose board is gone may search at this name, and would take the host's bytes.
+        fcntl.flock(self.board_in, fcntl.LOCK_EX)
         tty.setraw(self.board_in)
         self.to_board = Inlet(to_board)
         self.raw_prompt = False

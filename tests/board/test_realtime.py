@@ -15,7 +15,9 @@ import pytest
 import spots
 from spots.cli import main
 from spots.link.frames import Text
+from spots.link.serial_link import SerialLink
 from spots_device.decode import DROPPED
+from spots_sim.realtime import Console
 from spots_sim.virtual import open_virtual
 
 
@@ -26,6 +28,13 @@ def test_open_read_close_and_open_again():
             assert board.stats.lost == board.stats.bad_crc == 0
         times_s = [touch.time_s for touch in touches]
         assert times_s == sorted(times_s)
+
+
+def test_no_program_can_open_the_boards_own_end_of_its_console():
+    console = Console()
+    with pytest.raises(spots.SpotsError, match="is busy"):
+        SerialLink(os.ttyname(console.board_in))
+    SerialLink(console.name).close()
 
 
 def test_a_port_is_for_one_program_and_can_be_opened_again():
