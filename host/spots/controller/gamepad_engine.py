@@ -280,7 +280,8 @@ class _Button:
         self._settings = settings
         self.bit = 1 << settings.number - 1
         # Whether the touch may press this button: it began in the button's zone, after a reading
-        # without a touch, and not in the zone of an `Anchored` button of another kind.
+        # without a touch. A touch that began in the zone of an `Anchored` button presses no other
+        # kind of button.
         self.mine = False
         self.down = False
         self._zone_um = settings.from_percent * percent_um, settings.to_percent * percent_um
