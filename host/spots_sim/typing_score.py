@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spots.keyboard.layout import KeyLayout
+from spots.keyboard.layout import KeyLayout, parts_of
 
 from .files import ScenarioFile
 
@@ -69,12 +69,8 @@ def strokes(
             if began_s >= from_s and ended_s + AFTER_S <= to_s:
                 share = min(max(touch.points[0][1] / length_mm, 0.0), 1 - 1e-9)
                 taps = [key.actions["tap"] for key in keys if key.low <= share < key.high]
-                found.append(Stroke(began_s, ended_s, _usage(taps[0]) if taps else None))
+                found.append(Stroke(began_s, ended_s, parts_of(taps[0])[:2] if taps else None))
     return sorted(found, key=lambda stroke: stroke.began_s)
-
-
-def _usage(action: int) -> tuple[int, int]:
-    return action >> 20, action & 0xFFF
 
 
 class TypingScore:

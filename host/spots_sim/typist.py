@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from spots.errors import SpotsError
-from spots.keyboard.layout import KeyLayout
+from spots.keyboard.layout import KeyLayout, parts_of
 from spots.outputs.usages import KEYBOARD, USAGES, name_of, usage_of
 from spots_device import layout as lines_of
 
@@ -188,8 +188,8 @@ class Typist:
                 for slot, action in key.actions.items():
                     if action == wanted:
                         return [*way, (layer, i, slot)]
-                    there = action & 0xFFF
-                    if action >> 20 == lines_of.ONCE and there not in seen:
+                    kind, there, _ = parts_of(action)
+                    if kind == lines_of.ONCE and there not in seen:
                         seen.add(there)
                         waiting.append((there, [*way, (layer, i, slot)]))
         raise SpotsError(f"the layout '{self._layout.name}' has no key for '{character}'")

@@ -10,7 +10,7 @@ from ..link.board import Board
 from ..link.connect import upload_lines
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
 from ..terminal.view import framed
-from .layout import LAYER_VERBS, SLOTS, KeyLayout, PlacedKey, load
+from .layout import LAYER_VERBS, SLOTS, KeyLayout, PlacedKey, load, parts_of
 
 COLUMNS = 74
 _SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
@@ -97,7 +97,7 @@ def say(layout: KeyLayout, action: int) -> str:
     layout : KeyLayout
         Layout that the action belongs to, for the names of its layers.
     action : int
-        Action as the board encodes it: ``kind << 20 | modifiers << 12 | number``; 0 for no action.
+        Action as the board encodes it, see `spots_device.layout.action`; 0 for no action.
 
     Returns
     -------
@@ -107,10 +107,9 @@ def say(layout: KeyLayout, action: int) -> str:
     """
     if not action:
         return ""
-    kind, number = action >> 20, action & 0xFFF
+    kind, number, bits = parts_of(action)
     if kind in _VERBS:
         return f"{_VERBS[kind]} {list(layout.layers)[number]}"
-    bits = action >> 12 & 0xFF
     names = [name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(8) if bits >> i & 1]
     return "+".join([*names, name_of(kind, number)])
 

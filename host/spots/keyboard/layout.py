@@ -201,7 +201,7 @@ class _Compiler:
         except lines_of.LayoutError as error:
             raise SpotsError(f"layout {self._path}: {error}") from None
         content = msgspec.to_builtins(self._file)
-        typed = frozenset(one for one in used if one >> 20 in (KEYBOARD, CONSUMER))
+        typed = frozenset(one for one in used if parts_of(one)[0] in (KEYBOARD, CONSUMER))
         return KeyLayout(self._file.name, layers, lines, typed, self._text, content)
 
     def _keys(self, layer: _Layer) -> list[PlacedKey]:
@@ -245,18 +245,19 @@ class _Compiler:
         return " ".join(characters) if len(characters) > 1 else written[0] if written else ""
 
     def _written(self, action: int) -> str:
-        kind, number = action >> 20, action & 0xFFF
+        kind, number, _ = parts_of(action)
         if kind in LAYER_VERBS.values():
             return self._names[number]
         return typed(kind, number) or name_of(kind, number)
 
     def _check_ways(self, layers: dict[str, list[PlacedKey]], used: set[int]) -> None:
-        reached = {0} | {one & 0xFFF for one in used if one >> 20 in LAYER_VERBS.values()}
+        verbs = LAYER_VERBS.values()
+        reached = {0} | {number for kind, number, _ in map(parts_of, used) if kind in verbs}
         for number, name in enumerate(self._names):
             if number not in reached:
                 self._refuse(name, f"no key leads to layer '{name}': add 'toggle {name}' to a key")
         for number, name in enumerate(self._names[1:], 1):
-            there = {action >> 20 for key in layers[name] for action in key.actions.values()}
+            there = {parts_of(one)[0] for key in layers[name] for one in key.actions.values()}
             if lines_of.action(lines_of.TOGGLE, number) in used and lines_of.TOGGLE not in there:
                 self._refuse(
                     name, f"no key leaves layer '{name}': add 'toggle {name}' to one of its keys"
@@ -265,6 +266,22 @@ class _Compiler:
     def _refuse(self, value: str, why: str) -> NoReturn:
         line = _line_of(self._text, rf"""(["']){re.escape(value)}\1""")
         raise SpotsError(f"layout {self._path}{line}: {why}") from None
+
+
+def parts_of(action: int) -> tuple[int, int, int]:
+    """Return kind, number and modifiers of an action.
+
+    Parameters
+    ----------
+    action : int
+        Action as the board encodes it, see `spots_device.layout.action`.
+
+    Returns
+    -------
+    kind, number, modifiers : int
+        The arguments of `spots_device.layout.action`.
+    """
+    return action >> 20, action & 0xFFF, action >> 12 & 0xFF
 
 
 def typed(page: int, usage: int) -> str:
