@@ -472,14 +472,17 @@ class BoardApp:
         return name + ".txt"
 
     def _listen(self, byte):
-        # At most one command per pass, so a flood from the host cannot starve sampling.
-        for _ in range(LINE_MAX):
-            if self._reader.feed(byte):
-                self._answer()
+        # At most one command and `LINE_MAX` bytes per pass, so a flood from the host cannot starve
+        # sampling.
+        left = LINE_MAX
+        while not self._reader.feed(byte):
+            left -= 1
+            if not left:
                 return
             byte = self._read()
             if byte < 0:
                 return
+        self._answer()
 
     def _answer(self):
         try:

@@ -243,6 +243,17 @@ def test_a_reply_without_memory_does_not_end_the_loop(monkeypatch):
     assert b"no memory" in bytes(board.host.last[: board.host.size])
 
 
+@pytest.mark.parametrize("length", [254, 255, 256, 257, 510, 511, 512, 766])
+def test_a_line_is_executed_whole_or_refused_whole(length):
+    board = Board()
+    average = 7 if length <= 255 else 1
+    board.command("set average=7".rjust(length, "x").replace("x", " "))
+    assert board.app.settings.values["average"] == average
+    assert len(board.replies) == 1
+    assert ("at most 255" in board.replies[0].get("error", "")) == (length > 255)
+    assert board.command("get")["average"] == average
+
+
 def test_the_longest_reply_fits_a_frame():
     board = Board()
     app = board.app
