@@ -4,7 +4,9 @@ A file is written under a random name in the same folder, and renamed when it is
 random name is created exclusively, so no link is followed. `folder` makes a staging directory: a
 caller completes a new folder in it, then moves the new folder to its final path. If the process is
 killed, temporary files and directories remain. When they are more than an hour old, the next
-`replacing` in the same folder removes the files, and the next `folder` the directories.
+`replacing` in the same folder removes the files, and the next `folder` the directories. A living
+process locks what it writes, so its files remain however old they are, or seem when the clock is
+set.
 """
 
 import errno
@@ -20,11 +22,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
+from . import locks
 from .errors import SpotsError
 
 _PREFIX, _SUFFIX = ".spots-", ".part"
 _PART = re.compile(r"\.spots-\w{8,16}\.part")
-# After this time without a change, a temporary file belongs to a killed process.
+_LOCK = "lock"  # file in a staging directory that its process locks
+# A process locks a temporary file just after its creation, and some file systems have no locks.
 _STALE_S = 3600.0
 
 
@@ -67,6 +71,7 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
         with open(
             part, "x" + kind, opener=lambda path, flags: os.open(path, flags, access), **options
         ) as file:
+            _mark(file.fileno())
             yield file
             sync(file)
         if mode is not None and stat.S_IMODE(part.stat().st_mode) != mode:
@@ -116,9 +121,13 @@ def folder(parent: Path) -> Iterator[Path]:
         If the directory cannot be created.
     """
     _sweep(parent, os.DirEntry.is_dir, shutil.rmtree)
-    with tempfile.TemporaryDirectory(
-        _SUFFIX, _PREFIX, parent, ignore_cleanup_errors=True
-    ) as staging:
+    with (
+        tempfile.TemporaryDirectory(
+            _SUFFIX, _PREFIX, parent, ignore_cleanup_errors=True
+        ) as staging,
+        open(Path(staging, _LOCK), "xb") as file,
+    ):
+        _mark(file.fileno())
         yield Path(staging)
 
 
@@ -193,5 +202,23 @@ def _sweep(parent: Path, is_kind: Callable[..., bool], remove: Callable[[str], N
             if _PART.fullmatch(entry.name) and is_kind(entry, follow_symlinks=False):
                 with suppress(OSError):
                     changed_s = entry.stat(follow_symlinks=False).st_mtime
-                    if time.time() - changed_s > _STALE_S:
+                    if time.time() - changed_s > _STALE_S and not _in_use(Path(entry.path)):
                         remove(entry.path)
+
+
+def _mark(handle: int) -> None:
+    """Mark a new open file as in use by this process, for `_in_use`."""
+    with suppress(OSError):  # a file system without locks, where `_sweep` removes nothing
+        locks.lock(handle)
+
+
+def _in_use(path: Path) -> bool:
+    """Return whether a living process, such as this one, writes a temporary file or directory."""
+    try:
+        handle = os.open(path / _LOCK if path.is_dir() else path, os.O_RDWR)
+    except FileNotFoundError:
+        return False  # killed before `_mark`
+    try:
+        return not locks.lock(handle)
+    finally:
+        os.close(handle)

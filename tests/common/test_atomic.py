@@ -5,6 +5,7 @@ import signal
 import stat
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -166,6 +167,36 @@ def test_the_file_of_a_living_writer_stays(tmp_path, interrupted):
     assert writer.returncode == 0
     assert path.read_text() == "new"
     assert names(tmp_path) == ["a.toml"]
+
+
+@pytest.mark.parametrize("what", ["file", "build"])
+@pytest.mark.parametrize("whose", ["this process", "another process"])
+def test_what_a_living_process_writes_stays_when_the_clock_is_set_forward(
+    tmp_path, interrupted, monkeypatch, what, whose
+):
+    def clean_up():
+        monkeypatch.setattr(atomic.time, "time", lambda: time.time_ns() / 1e9 + 7200)
+        atomic.write_text("next", tmp_path / "b.toml")
+        with atomic.folder(tmp_path):
+            pass
+
+    target = tmp_path if what == "build" else tmp_path / "a.toml"
+    if whose == "another process":
+        writer = interrupted(what, target)
+        clean_up()
+        assert len(names(tmp_path)) == 2
+        kill(writer)
+        clean_up()
+        assert names(tmp_path) == ["b.toml"]
+    elif what == "file":
+        with atomic.replacing(target) as file:
+            clean_up()
+            file.write(b"new")
+        assert target.read_bytes() == b"new"
+    else:
+        with atomic.folder(target) as staging:
+            clean_up()
+            assert staging.is_dir()
 
 
 def test_only_left_overs_of_ours_are_removed(tmp_path, interrupted):
