@@ -233,6 +233,10 @@ def test_a_press_that_is_too_dark_is_asked_for_again_with_more_force(tmp_path, m
         ("1,18 N 42 mm", 42_000, 1180),
         ("1.18N", None, 1180),
         ("0.5kg", None, 4903.3),
+        ("4cm 2mm 310g", 42_000, 3040.1),
+        ("1kg 200g; 4 cm, 2.5 mm", 42_500, 11_768.0),
+        ("1.250 kg 42.125mm", 42_125, 12_258.3),
+        ("0,500 kg", None, 4903.3),
     ],
 )
 def test_places_and_forces_are_typed_as_they_are_read(text, place_um, force_mN):
@@ -241,7 +245,13 @@ def test_places_and_forces_are_typed_as_they_are_read(text, place_um, force_mN):
 
 
 @pytest.mark.parametrize(
-    "text", ["42", "42 km", "mm", "42mm and 3", "120mm", "120N", "2g", "1.18 mN", "-4mm", "nan mm"]
+    "text",
+    [
+        *("42", "42 km", "mm", "42mm and 3", "120mm", "120N", "2g", "1.18 mN", "-4mm", "nan mm"),
+        *("42mm 43mm", "4.2cm 2mm", "4cm 12mm", "2mm 4cm", "4cm 310g 2mm", "4cm 2mm 1mm"),
+        *("310g 320g", "1kg 2N", "1.5kg 200g", "1N 200mN", "1kg 1200g", "0.3kgf", "310gf"),
+        *("1,200 N", "1,200g", "42,125mm", "1,200.5g", "1'200g", "1 200g", "1e1mm"),
+    ],
 )
 def test_what_no_ruler_or_scale_shows_is_refused(text):
     with pytest.raises(SpotsError):
@@ -252,6 +262,22 @@ def test_the_scale_may_show_less_than_a_small_force_that_was_asked_for():
     assert typed("9g", 85_000, wanted_mN=108.0) == (None, pytest.approx(88.3, rel=1e-3))
     with pytest.raises(SpotsError, match="did you mean 9 N"):
         typed("9g", 85_000, wanted_mN=1000.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("1,200g", r"^'1,200' can be 1200 or 1\.2: type one of these$"),
+        ("1.200 g", r"did you mean 1200 g\?$"),
+        ("1.18 g", r"did you mean 1\.18 N\?$"),
+        ("2kg 300g", r"^2kg 300g is not .*: it must be from 10 g"),
+        ("42mm 310g 320g", "has two forces: type one"),
+        ("42mm 4cm", "has two positions: type one"),
+    ],
+)
+def test_a_measure_that_can_be_two_is_answered_with_both(text, says):
+    with pytest.raises(SpotsError, match=says):
+        typed(text, 85_000)
 
 
 def test_a_force_that_is_impossible_in_both_units_is_answered_with_the_limits():

@@ -11,7 +11,7 @@ from .dialog import PRESS, RELEASE, Dialog
 from .presses import FIRM_MN
 from .session import Wanted
 from .spectra import SpectrumReader
-from .typed import FORCES, grams, typed
+from .typed import FORCES, decimal, grams, typed
 
 _ANGLE_MAX_DEG = 3600.0
 
@@ -105,7 +105,7 @@ class Presser:
         if then_mN:
             default = f"{then_mN / FORCES['g']:.0f} g"
             what = "does the scale show at the second force"
-            read = self._read(what, default, length_um, then_mN)
+            read = self._read(what, default, length_um, then_mN, force_only=True)
             if read is None:
                 return None
             then_mN = read[1] or then_mN
@@ -116,19 +116,29 @@ class Presser:
             then_mN=then_mN,
         )
 
-    def _read(self, what: str, default: str, length_um: float, wanted_mN: float):
+    def _read(
+        self,
+        what: str,
+        default: str,
+        length_um: float,
+        wanted_mN: float,
+        force_only: bool = False,
+    ):
         """Ask for position and force until the answer is valid; return them as `typed` does.
 
         The question is ``what {what}?``. It shows `default`, the answer that the Enter key gives.
-        `wanted_mN` is the requested force in mN. Returns None if the person wants to repeat the
-        press.
+        `wanted_mN` is the requested force in mN. `force_only` refuses a position. Returns None if
+        the person wants to repeat the press.
         """
         while True:
             answer = self._guide.ask(f"what {what}? (Enter: {default}; again; undo) ")
             if answer.lower() == "again":
                 return None
             try:
-                return typed(answer, length_um, wanted_mN or FIRM_MN)
+                read = typed(answer, length_um, wanted_mN or FIRM_MN)
+                if force_only and read[0] is not None:
+                    raise SpotsError(f"'{answer}' has a position: type only the force")
+                return read
             except SpotsError as error:
                 self._guide.say(str(error))
 
@@ -192,10 +202,11 @@ class Presser:
         while True:
             answer = self._guide.ask(question)
             try:
-                if lowest <= (value := float(answer.replace(",", "."))) <= highest:
+                if lowest <= (value := decimal(answer)) <= highest:
                     return value
-            except ValueError:
-                pass
+            except SpotsError as error:
+                self._guide.say(str(error))
+                continue
             self._guide.say(
                 f"'{answer}' is not valid: type a number from {lowest:g} to {highest:g}"
             )
