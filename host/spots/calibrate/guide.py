@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from .. import typed_ahead
 from ..errors import SpotsError, printable
 from ..terminal.view import bar, bars, framed, live, strip_columns
 from .dialog import Progress, UndoError
@@ -142,7 +143,7 @@ class Guide:
         self._draw()
 
     def ask(self, question: str) -> str:
-        """Ask a question and return the answer.
+        """Ask a question and return the answer; drop what was typed before the question.
 
         Raises
         ------
@@ -153,8 +154,10 @@ class Guide:
         """
         if self._live is not None:
             self._live.stop()
+        stdin = self._stdin or sys.stdin
+        typed_ahead.drop(stdin)
         self._console.print(printable(question), end="", markup=False)
-        line = (self._stdin or sys.stdin).readline()
+        line = stdin.readline()
         if self._live is not None:
             self._live.start()
         if not line:

@@ -2,6 +2,7 @@
 
 import sys
 
+from .. import typed_ahead
 from ..errors import SpotsError, printable
 from .flash import USER_FILES, Known, remove_folders
 from .manifest import MANIFEST
@@ -69,6 +70,7 @@ def _ask(port: str) -> None:
     if not sys.stdin.isatty():
         raise SpotsError("erase asks for a confirmation: add --yes to run it without a terminal")
     what = f"the firmware, its settings, calibration and layout from {printable(port)}"
+    typed_ahead.drop()
     print(f"remove {what}? [y/N] ", end="", flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise SpotsError("nothing was removed, because the answer was not 'y' or 'yes'")

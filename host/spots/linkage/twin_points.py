@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import typed_ahead
 from ..bounded import POINTS_MAX_BYTES, read_bytes, read_text
 from ..errors import SpotsError, printable
 from ..toml import finite
@@ -83,7 +84,12 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     return f"{report}\nwrote the linkage file {printable(str(out))}"
 
 
-def measure(source: Source, points: Path, ask: Callable[[str], str] = input, say=print) -> int:
+def _ask(question: str) -> str:
+    typed_ahead.drop()
+    return input(question)
+
+
+def measure(source: Source, points: Path, ask: Callable[[str], str] = _ask, say=print) -> int:
     """Measure points of a kinematic calibration, and append them to a table.
 
     For each point, the user types the end point's position, and the joint angles are measured. An
