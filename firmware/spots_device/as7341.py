@@ -26,6 +26,7 @@ from .runtime.common import ADDRESS
 from .smux import CHANNELS, smux_map
 
 _CONFIG = const(0x70)  # bank 1
+_GPIO = const(0x73)  # bank 1
 _LED = const(0x74)  # bank 1
 _ENABLE = const(0x80)
 _ATIME = const(0x81)
@@ -35,9 +36,13 @@ _ASTATUS = const(0x94)
 _STATUS2 = const(0xA3)
 _CFG0 = const(0xA9)
 _CFG1 = const(0xAA)
+_CFG3 = const(0xAC)
 _CFG6 = const(0xAF)
+_CFG8 = const(0xB1)
 _PERS = const(0xBD)
 _ASTEP = const(0xCA)
+_AZ_CONFIG = const(0xD6)
+_FD_CFG0 = const(0xD7)
 _INTENAB = const(0xF9)
 _CONTROL = const(0xFA)
 _FIFO_MAP = const(0xFC)
@@ -54,7 +59,22 @@ _LED_SEL = const(0x08)
 _LED_ON = const(0x80)
 _SMUX_WRITE = const(0x10)
 _FIFO_CLR = const(0x02)
+_CLEAR_SAI_ACT = const(0x01)
 _SIX_COUNTS = const(0x7E)
+
+# A reset of the board does not reset the chip, so another program may have left any value in any
+# register. `start` writes all registers that can change the time or the counts of a sample.
+_SET_UP = (
+    (_CFG3, 0x0C),  # no sleep after an interrupt (SAI)
+    (_CFG8, 0x80),  # no automatic gain (SP_AGC, FD_AGC)
+    (_PERS, 0),  # AINT at every sample
+    (_AZ_CONFIG, 0xFF),  # auto-zero only before the first sample
+    (_FD_CFG0, 0x21),  # no data of the flicker detector in the FIFO
+    (_INTENAB, _AINT),
+    (_FIFO_MAP, _SIX_COUNTS),
+    (_CONTROL, _FIFO_CLR | _CLEAR_SAI_ACT),
+    (_CFG6, _SMUX_WRITE),
+)
 
 _ENTRIES = const(6)  # entries of the FIFO for a sample
 # Largest usable number of entries in the FIFO; with more, the chip may drop a part of the sample
@@ -170,12 +190,11 @@ class AS7341:
             pacing.nominal_us(exposure_us) if mains_hz else exposure_us
         )
         self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
+        self._write_bank_1(_CONFIG, _LED_SEL)  # samples follow each other, without sync (SPM)
+        self._write_bank_1(_GPIO, 0)  # no photodiode at a pin
         self._configure(atime, astep, gain, led_mA)
-        self._write(_PERS, 0)  # AINT at every sample
-        self._write(_INTENAB, _AINT)
-        self._write(_FIFO_MAP, _SIX_COUNTS)
-        self._write(_CONTROL, _FIFO_CLR)
-        self._write(_CFG6, _SMUX_WRITE)
+        for register, value in _SET_UP:
+            self._write(register, value)
         self._bus.write(b"\x00" + image)
         self._write(_ENABLE, _PON | _SMUXEN)
         self._clock.sleep_us(_SMUX_US)
@@ -270,7 +289,8 @@ class AS7341:
         Raises
         ------
         SensorError
-            If no sample arrived for two exposures plus the duration of the chip's auto-zero.
+            If no sample arrived for two exposures plus the duration of the chip's auto-zero, or if
+            the chip samples more slowly than its exposure allows.
         OSError
             If all transfers failed during this time. Until then, each poll repeats the transfer.
         """
@@ -387,7 +407,13 @@ class AS7341:
     def _wait(self):
         if self._is_overdue():
             raise SensorError("the AS7341 stopped sampling; check its supply and wiring")
-        self.pacing.early(self.asked)
+        pacing = self.pacing
+        if pacing.is_slow():
+            raise SensorError(
+                "the AS7341 samples every %d us instead of every %d us; check its supply and wiring"
+                % (pacing.lasted_us // pacing.sampled, pacing.exposure_us)
+            )
+        pacing.early(self.asked)
         return False
 
     def _settle(self):
@@ -447,12 +473,8 @@ class AS7341:
 
     def _light(self, on):
         """Switch the chip's LED driver on or off."""
-        self._write(_CFG0, _BANK_1)
-        try:
-            self._write(_CONFIG, _LED_SEL)
-            self._write(_LED, self._led_code | (_LED_ON if on else 0))
-        finally:
-            self._write(_CFG0, 0)
+        self._write_bank_1(_CONFIG, _LED_SEL)
+        self._write_bank_1(_LED, self._led_code | (_LED_ON if on else 0))
 
     def _identify(self):
         try:
@@ -474,6 +496,13 @@ class AS7341:
     def _ask_id(self):
         self._write(_CFG0, 0)  # a failed transfer may have left bank 1 selected
         self._bus.read_into(ADDRESS, _ID, self._byte)
+
+    def _write_bank_1(self, register, value):
+        self._write(_CFG0, _BANK_1)
+        try:
+            self._write(register, value)
+        finally:
+            self._write(_CFG0, 0)
 
     def _write(self, register, value):
         self._pair[0] = register

@@ -30,6 +30,7 @@ _SHORT_US = const(6_000)
 _LEARN_US = const(200_000)  # after this time the lower bound of the period is accurate to 0.1 %
 _Q = const(20)  # fine enough: the rounding error is less than a step of any exposure
 _TRUST = const(16)  # the oscillator may be fast by 1/16
+_SLOW = const(3)  # a period that is longer by 1/8 is no error of the oscillator
 _FRESH = const(64)  # samples after which a bound may replace a higher one
 # A measurement of the period is valid if its error is below 1/2048. It restarts after `LONG_US`,
 # to follow temperature.
@@ -120,6 +121,8 @@ class Pacing:
         if the two disagree. If there is neither a measurement nor a stored deviation, the lower
         bound of the period is used, after 0.2 s of samples: it is then accurate to 0.1 %.
         """
+        if self.is_slow():
+            return
         if self.sampled:
             expected_us = self.sampled * self.exposure_us
             expected_us += expected_us * self._off >> _Q
@@ -133,6 +136,11 @@ class Pacing:
         else:
             return
         self._off = ((lasted_us - nominal_us << _Q) + (nominal_us >> 1)) // nominal_us
+
+    def is_slow(self):
+        """Return whether the measured period is too long for the exposure. Allocates nothing."""
+        period_us = self.exposure_us
+        return self.lasted_us > self.sampled * (period_us + (period_us >> _SLOW))
 
     def early(self, now):
         """Record that the poll at `now` found no sample; schedule the next poll soon."""

@@ -20,6 +20,8 @@ import numpy as np
 
 STEP_US = 2.78  # unit of the integration time
 AUTO_ZERO_US = 15_000.0  # duration of an auto-zero, which corrects the offset of the ADCs
+WAIT_US = 2780.0  # unit of the wait time between samples; 16 times as long with the bit WLONG
+LOW_POWER_US = 500.0  # assumed: start of the oscillator before each sample in low-power mode
 POWER_ON_US = 200.0  # time after power-on before the chip acknowledges its address
 
 # AN000666, table of pixels: each photodiode consists of one or two pixels.
@@ -42,14 +44,19 @@ _EXPOSURE = 0x81, 0xCA, 0xCB  # registers ATIME and ASTEP
 _PERSISTENCE = (0, 1, 2, 3, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55, 60)
 _FIFO_LEVELS = (1, 4, 8, 16)
 _FIFO_ENTRIES = 128
+# DS000504, CFG10: limits of the automatic gain in 1/8 of full scale, by the codes AGC_H and AGC_L.
+_AGC_HIGH = (4, 5, 6, 7)
+_AGC_LOW = (1, 2, 3, 4)
+# Writes to these registers have no effect: identity, status, counts, and the FIFO's level and data.
+_READ_ONLY = {0x90, 0x91, 0x92, *range(0x94, 0xA8), 0xDB, 0xFD, 0xFE, 0xFF}
 # FD_STATUS: bits of a complete measurement, and the bit of each frequency. No document defines the
 # duration of a measurement, or the smallest flicker that is detected.
 _FD_VALID, _FD_HZ = 0x2C, {100: 0x01, 120: 0x02}
 _FD_US, _FD_STEP_US, _FD_LEAST = 500_000.0, 1000.0, 0.01
 
 _RESET_VALUES = {
-    0x81: 0x00, 0x92: 0x24, 0xAA: 0x09, 0xAF: 0x10, 0xB1: 0x88, 0xB3: 0xF2, 0xBE: 0x02,
-    0xCA: 0xE7, 0xCB: 0x03, 0xD6: 0xFF, 0xD7: 0x21,
+    0x81: 0x00, 0x92: 0x24, 0xAA: 0x09, 0xAC: 0x0C, 0xAF: 0x10, 0xB1: 0x88, 0xB3: 0xF2, 0xBE: 0x02,
+    0xCA: 0xE7, 0xCB: 0x03, 0xCF: 0x99, 0xD6: 0xFF, 0xD7: 0x21,
 }  # fmt: skip
 
 
@@ -164,6 +171,7 @@ class AS7341:
         self._outside = 0  # consecutive samples outside the thresholds
         self._fifo: list[bytes] = []
         self._flicker_since = None
+        self._auto_gain = None  # code of the automatic gain; None before its first sample
 
     # I2C transfers. A controller calls advance(now) first, so that time never decreases.
 
@@ -283,12 +291,14 @@ class AS7341:
             if self._bank1_selected() and register >= 0x70:
                 before_mA = self._led_mA()
                 self._bank1[register] = value
+                if register == 0x70:
+                    self._run_or_stop()
                 # Collect only if the light changes, so that noise does not depend on other writes.
                 if self._led_mA() != before_mA:
                     self._collect(self._now, before_mA)
         elif register == 0xA9:
             self._main[register] = value
-        elif register < 0x80 or self._bank1_selected() or register in (0x90, 0x91, 0x92):
+        elif register < 0x80 or self._bank1_selected() or register in _READ_ONLY:
             return
         elif register == 0x93:
             self._main[register] &= ~value
@@ -298,8 +308,13 @@ class AS7341:
             if value & 0x02:
                 self._fifo.clear()
                 self._main[0xA7] &= ~0x80
+            if value & 0x01 and self._main[0xA7] & 0x02:
+                self._main[0xA7] &= ~0x02
+                self._run_or_stop()
         else:
             self._main[register] = value
+            if register in (0xAA, 0xB1):
+                self._auto_gain = None
             if register in _EXPOSURE and self._start is not None:
                 self._end_us = self._end()
 
@@ -316,7 +331,16 @@ class AS7341:
             self._flicker_since = None
         elif self._flicker_since is None:
             self._flicker_since = self._now
-        running = value & 0x03 == 0x03
+        self._run_or_stop()
+
+    def _run_or_stop(self) -> None:
+        # In the modes SYNS and SYND, a sample waits for an edge at the pin GPIO, which has none.
+        # After an interrupt with the bit SAI, the chip sleeps until SAI_ACT is cleared.
+        running = (
+            self._main[0x80] & 0x03 == 0x03
+            and not self._bank1[0x70] & 0x03
+            and not self._main[0xA7] & 0x02
+        )
         if running and self._start is None:
             self._first = True
             self._begin(self._now + self._auto_zero_at_start())
@@ -380,8 +404,8 @@ class AS7341:
     def _complete(self, end_us: float) -> None:
         self._collect(end_us)
         counts, saturation = self._convert(end_us - self._start)
-        gain = self._main[0xAA] & 0x1F
-        self._live = ((0x80 if saturation else 0) | min(gain, 10), _SIX.pack(*counts))
+        self._live = ((0x80 if saturation else 0) | self._gain(), _SIX.pack(*counts))
+        self._set_gain(counts)
         self._main[0xA3] = 0x40 | saturation
         if saturation:
             self._main[0x93] |= 0x80
@@ -393,16 +417,42 @@ class AS7341:
         ):
             self._main[0x93] |= 0x08
         self._push(counts)
+        if self._main[0xAC] & 0x10 and self._main[0x93] & self._main[0xF9] & 0x08:
+            self._main[0xA7] |= 0x02
         self.samples += 1
         self.integrating_us += end_us - self._start
         self._cycle += 1
         every = self._main[0xD6]
         pause = AUTO_ZERO_US if 0 < every < 255 and self._cycle % every == 0 else 0.0
         if self._main[0x80] & 0x08:
-            pause += (self._main[0x83] + 1) * 2780.0
+            pause += (self._main[0x83] + 1) * WAIT_US * (16 if self._main[0xA9] & 0x04 else 1)
+        if self._main[0xA9] & 0x20:
+            pause += LOW_POWER_US
+        if self._main[0xA7] & 0x02:
+            self._start = None
+            self._end_us = math.inf
+            return
         self._start = self._part_start = end_us + pause
         self._end_us = self._end()
         self._collected = {}
+
+    def _gain(self) -> int:
+        """Return the code of the gain in use: that of CFG1, or the automatic one."""
+        gain = self._main[0xAA] & 0x1F if self._auto_gain is None else self._auto_gain
+        return min(gain, 10)
+
+    def _set_gain(self, counts: list[int]) -> None:
+        """Set the automatic gain (SP_AGC) for the next sample by the counts of this one."""
+        if not self._main[0xB1] & 0x04:
+            self._auto_gain = None
+            return
+        gain = self._gain()
+        eighths = 8 * counts[min(self._main[0xB5] & 7, 5)] / self._full_scale()
+        if eighths > _AGC_HIGH[self._main[0xB3] >> 6]:
+            gain -= 1
+        elif eighths < _AGC_LOW[self._main[0xB3] >> 4 & 3]:
+            gain += 1
+        self._auto_gain = max(0, min(gain, self._main[0xCF] & 0x0F))
 
     def _persists(self, counts: list[int]) -> bool:
         count = counts[min(self._main[0xB5] & 7, 5)]
@@ -412,7 +462,13 @@ class AS7341:
         return least == 0 or self._outside >= least
 
     def _push(self, counts: list[int]) -> None:
-        """Append to the FIFO the values that FIFO_MAP selects from ASTATUS and the six counts."""
+        """Append to the FIFO the values that FIFO_MAP selects from ASTATUS and the six counts.
+
+        With the bit FIFO_WRITE_FD, the FIFO is for the flicker detector, whose data this simulation
+        does not contain.
+        """
+        if self._main[0xD7] & 0x80:
+            return
         wanted = self._main[0xFC]
         values = _SEVEN.pack(self._live[0], *counts)
         entries = [values[2 * i : 2 * i + 2] for i in range(7) if wanted & 1 << i]
@@ -445,7 +501,7 @@ class AS7341:
 
     def _convert(self, duration_us: float) -> tuple[list[int], int]:
         noise = self._noise
-        gain = GAIN[min(self._main[0xAA] & 0x1F, 10)]
+        gain = GAIN[self._gain()]
         dark = noise.dark_counts_512x * gain / GAIN[10] * duration_us / 98_000.0
         collected = self._collected
         electrons = noise.electrons_per_count_1x / gain

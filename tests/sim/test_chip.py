@@ -317,6 +317,69 @@ def test_auto_zero_may_or_may_not_come_at_every_start(every_start, pause):
     assert bench.chip.samples == samples + 1
 
 
+@pytest.mark.parametrize(
+    ("registers", "period_us"),
+    [
+        ([], 10_000),
+        ([(0x83, 2), (0x80, 0x0B)], 10_000 + 3 * 2_780),
+        ([(0x83, 2), (0xA9, 0x04), (0x80, 0x0B)], 10_000 + 16 * 3 * 2_780),
+        ([(0xA9, 0x20)], 10_500),
+        ([(0xD6, 1)], 25_000),
+        ([(0xD6, 2)], 17_500),
+        ([(0xAC, 0x1C)], None),  # sleeps after an interrupt
+        ([(0xA9, 0x10), (0x70, 0x09), (0xA9, 0)], None),  # waits for an edge
+    ],
+)
+def test_registers_that_change_the_sample_period(registers, period_us):
+    bench = Bench()
+    bench.run(F1_F4)
+    for register, value in registers:
+        bench.write(register, value)
+    bench.wait(AUTO_ZERO_US + 11_000)
+    bench.chip.advance(bench.clock.now_us())
+    before = bench.chip.samples
+    bench.wait(1e6)
+    bench.chip.advance(bench.clock.now_us())
+    wanted = 0 if period_us is None else 1e6 / period_us
+    assert bench.chip.samples - before == pytest.approx(wanted, abs=2)
+
+
+def test_clearing_sai_act_ends_the_sleep_after_an_interrupt():
+    bench = Bench()
+    bench.run(F1_F4)
+    bench.write(0xAC, 0x1C)
+    bench.wait(100_000)
+    assert bench.read(0xA7)[0] & 0x02
+    bench.write(0xAC, 0x0C)
+    bench.write(0xFA, 0x01)
+    assert not bench.read(0xA7)[0] & 0x02
+    bench.wait(AUTO_ZERO_US + 35_000)
+    bench.read(0x93)
+    assert bench.chip.samples == 4
+
+
+@pytest.mark.parametrize(("rate", "gain"), [(0.01, 9), (12.0, 5)])
+def test_the_automatic_gain_follows_the_counts(rate, gain):
+    bench = Bench(Lamp(rate))
+    bench.run(F1_F4, gain=7)
+    bench.write(0xB1, 0x84)
+    bench.wait(200_000)
+    assert bench.sample()[1] & 0x0F == gain
+    assert bench.read(0xAA)[0] == 7
+    bench.write(0xB1, 0x80)
+    bench.wait(20_000)
+    assert bench.sample()[1] & 0x0F == 7
+
+
+def test_the_fifo_of_the_flicker_detector_gets_no_counts():
+    bench = Bench()
+    bench.run(F1_F4)
+    bench.write(0xFC, 0x7E)
+    bench.write(0xD7, 0xA1)
+    bench.wait(100_000)
+    assert bench.read(0xFD) == b"\0"
+
+
 def test_full_scale_is_the_number_of_steps_and_is_flagged():
     bench = Bench(Lamp(100.0))
     bench.run(F1_F4)
