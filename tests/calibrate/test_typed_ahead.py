@@ -35,7 +35,7 @@ def test_a_force_in_newtons_has_no_separator_of_thousands():
     wanted = Wanted(kind="force", place_um=76_000.0, force_mN=10_000.0)
     script = Script("1,200", "1_0", "nan", "1e1", "700", "0,35")
     assert Presser(script).least_mN(wanted, None) == 350.0
-    assert script.said[0] == "'1,200' can be 1200 or 1.2: type one of these"
+    assert script.said[0] == "'1,200' can be 1200 or 1.2: type a number from 0.01 to 6"
     assert len(script.said) == 5
 
 

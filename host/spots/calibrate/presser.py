@@ -204,9 +204,7 @@ class Presser:
             try:
                 if lowest <= (value := decimal(answer)) <= highest:
                     return value
+                trouble = f"'{answer}' is not valid"
             except SpotsError as error:
-                self._guide.say(str(error))
-                continue
-            self._guide.say(
-                f"'{answer}' is not valid: type a number from {lowest:g} to {highest:g}"
-            )
+                trouble = str(error)
+            self._guide.say(f"{trouble}: type a number from {lowest:g} to {highest:g}")

@@ -34,13 +34,14 @@ def decimal(text: str) -> float:
     Raises
     ------
     SpotsError
-        If the text is not a number, or its comma can also separate thousands, as in ``1,200``.
+        If the text is not a number, or its comma can also separate thousands, as in ``1,200``. The
+        text of the error lacks the remedy.
     """
     if not _NUMBER.fullmatch(text):
-        raise SpotsError(f"'{text}' is not a number: type for example 12.5")
+        raise SpotsError(f"'{text}' is not valid")
     value = float(text.replace(",", "."))
     if "," in text and (thousands := _thousands(text)):
-        raise SpotsError(f"'{text}' can be {thousands} or {value:g}: type one of these")
+        raise SpotsError(f"'{text}' can be {thousands} or {value:g}")
     return value
 
 
@@ -105,13 +106,20 @@ def _measure(text: str, at: int) -> tuple[str, float, str, int]:
     if found is None or unit not in PLACES | FORCES:
         raise SpotsError(f"'{text}' is not valid: type numbers with units, such as 42mm 120g")
     what, units = ("position", PLACES) if unit in PLACES else ("force", FORCES)
-    value, last = decimal(found[1]) * units[unit], found
+    value, last = _value(found[1]) * units[unit], found
     more = _MEASURE.match(text, found.end())
     if more and found[1].isdigit() and more[2].lower() == _CONTINUES.get(unit):
-        part = decimal(more[1]) * units[more[2].lower()]
+        part = _value(more[1]) * units[more[2].lower()]
         if part < units[unit]:
             value, last = value + part, more
     return what, value, text[found.start() : last.end(2)].strip(), last.end()
+
+
+def _value(number: str) -> float:
+    try:
+        return decimal(number)
+    except SpotsError as error:
+        raise SpotsError(f"{error}: type one of these") from None
 
 
 def _hint(words: str, least_mN: float) -> str:
