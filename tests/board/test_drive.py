@@ -32,7 +32,6 @@ def mount(tmp_path, monkeypatch):
     monkeypatch.setattr(drive, "_BLOCK_DEVICES", tmp_path / "block")
     monkeypatch.setattr(psutil, "disk_partitions", lambda: there)
     monkeypatch.setattr(link, "usb_ports", list)
-    monkeypatch.setattr(place, "usb_ports", list)
     monkeypatch.setattr("sys.platform", "linux")
 
     def mounted(version, board_id, name="CIRCUITPY", fstype="vfat", removable="1\n"):
@@ -265,7 +264,21 @@ def test_the_ports_of_a_drive_are_its_boards_with_the_one_for_data_first(mount, 
     folder = mount(*RIGHT)
     usb = [("/dev/a", "0123ab"), ("/dev/b", "0123ab"), ("/dev/c", "77"), ("/dev/d", None)]
     ports = [SimpleNamespace(device=name, serial_number=uid) for name, uid in usb]
-    monkeypatch.setattr(place, "usb_ports", lambda: ports)
+    monkeypatch.setattr(link, "usb_ports", lambda: ports)
     with place.place(device_of("qtpy_rp2040"), None) as there:
         assert there.name == str(folder)
         assert there.ports() == ["/dev/b", "/dev/a"]
+
+
+def test_a_drive_with_the_serial_number_of_two_devices_is_refused_before_the_copy(mount, capsys):
+    folder = mount(*RIGHT)
+    before = files_of(folder)
+    sockets = [("/dev/a", "1-1:1.0"), ("/dev/b", "1-1:1.2"), ("/dev/c", "1-2:1.0")]
+    ports = [SimpleNamespace(device=a, location=at, serial_number="0123AB") for a, at in sockets]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(link, "usb_ports", lambda: ports)
+        assert "unplug the other one" in refused(capsys, "flash", "qtpy_rp2040")
+        assert files_of(folder) == before
+        del ports[-1]
+        with place.place(device_of("qtpy_rp2040"), None) as there:
+            assert there.ports() == ["/dev/b", "/dev/a"]

@@ -26,6 +26,7 @@ class Plug:
 
     def __init__(self, board_id):
         self.board_id = board_id
+        self.usb_number, self.socket = board_id, None  # as the operating system lists them
         self.name = None
         self.names = []
         self._end = None
@@ -120,7 +121,8 @@ class Hub:
             for plug in self.plugs:
                 if plug.fd is not None:
                     found.append(port := ListPortInfo(plug.name))
-                    port.vid, port.serial_number = 1, plug.board_id
+                    port.vid, port.serial_number = 1, plug.usb_number
+                    port.location = plug.socket
         return found
 
     def __enter__(self):

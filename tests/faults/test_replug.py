@@ -9,12 +9,14 @@ import time
 from contextlib import suppress
 
 import pytest
+from serial.tools.list_ports_common import ListPortInfo
 
 import spots
 from plugs import Hub
-from spots.errors import RefusedError
+from spots.errors import PortLostError, RefusedError
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load
+from spots.link import serial_link
 from spots.link import timeouts as absence
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, REFUSED
@@ -142,10 +144,10 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
 
 
 def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path):
-    there, kept = {}, []
-    monkeypatch.setattr("spots.link.serial_link._usb_numbers", lambda: dict(there))
+    there, kept = set(), []
+    monkeypatch.setattr("spots.link.serial_link.list_ports.comports", lambda: listed(there))
     start, end = start_simulator("default", "demo", 0)
-    there[start["port"]] = "number"
+    there.add(start["port"])
     names = [start["port"]]
     nothing_wrong = Faults(files.FaultsFile(), seconds=1.0)
     with spots.Board(FaultyLink(SerialLink(start["port"]), nothing_wrong)) as board:
@@ -162,7 +164,7 @@ def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path
                 end()
                 kept.append(pty.openpty())
                 start, end = start_simulator("default", "demo", 0)
-            there[start["port"]] = "number"
+            there.add(start["port"])
             names.append(start["port"])
             until(lambda: next(board.frames(0.05), None) and board.state == CONNECTED)
             assert board.port == names[-1]
@@ -173,18 +175,27 @@ def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path
         os.close(fd)
 
 
-def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, monkeypatch):
+def listed(names):
+    """List ports of USB devices with one serial number, as pyserial does."""
+    found = [ListPortInfo(name) for name in names]
+    for port in found:
+        port.vid, port.serial_number = 1, "number"
+    return found
+
+
+@pytest.mark.parametrize("number", [None, "", "123456"])
+def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, number):
     mine = hub.plugs[0]
+    for plug in hub.plugs:
+        plug.usb_number = plug.board_id
+    mine.usb_number = number
     with spots.Board(SerialLink(mine.name)) as board:
         board.touches()
         until(lambda: next(board.frames()))
-        monkeypatch.setattr("spots.link.serial_link._usb_numbers", lambda: {mine.name: None})
-        board._link._number = None  # like a USB adapter without serial number
         mine.board_id = "another"
         name = mine.name
         hub.unplug()
         hub.replug()
-        monkeypatch.setattr("spots.link.serial_link._usb_numbers", lambda: {mine.name: None})
         assert mine.name != name
 
         def state_is(state):
@@ -203,13 +214,96 @@ def test_another_board_on_the_old_name_is_refused_and_told_of_once(hub, monkeypa
 def test_a_device_of_another_number_under_the_old_name_is_not_even_opened(hub):
     first, second, _ = hub.plugs
     link = SerialLink(first.name)
-    first.board_id, second.board_id = "board9", "board8"
+    first.usb_number, second.usb_number = "board9", "board8"
     with pytest.raises(RefusedError, match="another device is on"):
         link.reopen()
-    second.board_id = "board0"
+    second.usb_number = "board0"
     link.reopen()
     assert link.name == second.name
     link.close()
+
+
+@pytest.fixture
+def twins(hub):
+    """Two boards with the same USB serial number in two sockets; the second also has two ports."""
+    for i, plug in enumerate(hub.plugs):
+        plug.usb_number, plug.socket = "123456", ("1-1:1.0", "1-2:1.0", "1-2:1.2")[i]
+    return hub
+
+
+@pytest.mark.parametrize("number", ["123456", "", None])
+def test_boards_with_one_serial_number_are_two_boards(twins, number):
+    for plug in twins.plugs:
+        plug.usb_number = number
+    first, console, data = (plug.name for plug in twins.plugs)
+    assert sorted(serial_link.usb_boards()) == sorted([[first], sorted([console, data])])
+    with pytest.raises(spots.SpotsError, match="more than one board found"):
+        spots.open()
+
+
+@pytest.mark.parametrize("number", ["123456", "", None])
+def test_of_boards_with_one_serial_number_each_link_finds_its_own_again(twins, number):
+    for plug in twins.plugs:
+        plug.usb_number = number
+    first, _, data = twins.plugs
+    links = [SerialLink(plug.name) for plug in (first, data)]
+    for _ in range(3):
+        twins.unplug()
+        twins.replug()
+        for link in links:
+            link.reopen()
+        assert links[0].name == first.name
+        assert links[1].name in (twins.plugs[1].name, data.name)
+    first.usb_number = "another"  # not plugged in: its twin is, in its own socket
+    with pytest.raises(spots.SpotsError, match=r"plug the board .*in"):
+        links[0].reopen()
+    for link in links:
+        link.close()
+
+
+@pytest.mark.parametrize("when", ["before it is opened", "after it was opened"])
+def test_a_board_is_not_taken_for_its_twin_that_was_plugged_in(twins, when):
+    first, *others = twins.plugs
+    if when == "after it was opened":
+        for plug in others:
+            plug.usb_number = "not yet there"
+    link = SerialLink(first.name)
+    for plug in others:
+        plug.usb_number = "123456"
+    first.unplug()
+    try:
+        with pytest.raises(PortLostError):
+            link.read(DEADLINE_S)
+        for _ in range(2):
+            with pytest.raises(RefusedError, match="into its previous USB socket"):
+                link.reopen()
+    finally:
+        first.plug()
+    link.reopen()
+    assert link.name == first.name
+    link.close()
+
+
+def test_a_board_with_its_own_serial_number_is_found_in_another_socket(hub):
+    first = hub.plugs[0]
+    first.socket = "1-1:1.0"
+    link = SerialLink(first.name)
+    for socket in ("1-7:1.0", "1-7.2:1.0"):
+        hub.unplug()
+        with pytest.raises(PortLostError):
+            link.read(DEADLINE_S)
+        first.socket = socket
+        hub.replug()
+        link.reopen()
+        assert link.name == first.name
+    link.close()
+
+
+def test_the_page_refuses_to_choose_between_boards_with_one_id(twins):
+    for plug in twins.plugs:
+        plug.board_id = "clone"
+    with pytest.raises(spots.SpotsError, match="have the id clone: unplug"):
+        finder(None)("clone")
 
 
 def test_on_windows_reading_does_not_set_up_the_port_anew(monkeypatch):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..errors import SpotsError
 from ..link.ports import offered
-from ..link.serial_link import usb_boards, usb_ports
+from ..link.serial_link import usb_boards, usb_device
 from .drive import Drive, drives
 from .prompt import Prompt
 from .staging import Device
@@ -76,12 +76,11 @@ def the_board() -> list[str]:
 
 
 def _on_port(port: str) -> Place:
-    serial_number = next((usb.serial_number for usb in usb_ports() if usb.device == port), None)
+    device = usb_device(port)
 
     def ports_now() -> list[str]:
         # After a reset the same device may have another name.
-        same = [usb.device for usb in usb_ports() if usb.serial_number == serial_number]
-        return same if serial_number and len(same) == 1 else [port]
+        return [port] if device is None else device.ports()
 
     return Place(port, lambda: Prompt(port), ports_now)
 
@@ -91,9 +90,15 @@ def _on_drive(folder: str) -> Place:
         uid = (drive.facts["uid"] or "").lower()
 
     def ports_now() -> list[str]:  # the console first, then the port of the frames
-        ports = usb_ports() if uid else []
-        return [usb.device for usb in ports if (usb.serial_number or "").lower() == uid]
+        devices = [] if not uid else usb_boards(lambda number: number.lower() == uid)
+        if len(devices) > 1:
+            raise SpotsError(
+                f"two USB devices have the serial number of the board with the drive {folder}: "
+                "unplug the other one"
+            )
+        return devices[0] if devices else []
 
+    ports_now()  # before anything is copied
     return Place(folder, lambda: Drive(folder, *ports_now()[:1]), lambda: ports_now()[::-1])
 
 

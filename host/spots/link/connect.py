@@ -104,6 +104,21 @@ def find() -> tuple[list[Board], list[str]]:
     return boards, reasons
 
 
+def of_id(boards: Sequence[Board], board_id: str) -> list[Board]:
+    """Return the boards with an id: at most one.
+
+    Raises
+    ------
+    SpotsError
+        If several boards have this id.
+    """
+    found = [board for board in boards if board.info["id"] == board_id]
+    if len(found) > 1:
+        ports = ", ".join(board.port for board in found)
+        raise SpotsError(f"the boards on {ports} have the id {board_id}: unplug all but one")
+    return found
+
+
 def survey() -> list[dict[str, str]]:
     """Try to open a board on each USB serial port; return a row for each port.
 

@@ -3,6 +3,7 @@
 import errno
 import sys
 import time
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import serial
@@ -94,9 +95,7 @@ class SerialLink(Link):
         self._serial: Any = None
         self._is_url = "://" in port
         self._turn = 0
-        # A device keeps its serial number when its port gets another name.
-        self._is_usb = port in (numbers := _usb_numbers())
-        self._number = numbers.get(port)
+        self._device = usb_device(port)
         self._open()
 
     def reopen(self) -> None:
@@ -111,15 +110,19 @@ class SerialLink(Link):
         self.close()
 
     def _names(self) -> list[str]:
-        if not self._is_usb:
+        if self._device is None:
             return [self.name]
-        numbers = _usb_numbers()
-        names = [name for name, number in numbers.items() if number == self._number]
+        names = self._device.ports()
         if names:
             return names
-        if self.name in numbers:
+        if others := self._device.others():
+            raise RefusedError(
+                f"the device on {others[0]} may be another board, because boards have the same USB "
+                f"serial number: plug the board of {self.name} into its previous USB socket"
+            )
+        if any(port.device == self.name for port in usb_ports()):
             raise RefusedError(f"another device is on {self.name}: plug the board in again")
-        raise SpotsError(no_port(self.name))
+        raise SpotsError(_lost(self.name))
 
     def _open(self) -> None:
         try:
@@ -154,7 +157,7 @@ class SerialLink(Link):
                 if data or self.now_s() >= end_s:
                     return data
         except _FAILURES:
-            raise PortLostError(_lost(self.name)) from None
+            raise self._lost() from None
 
     def _read_url(self, timeout_s: float) -> bytes:
         # For a socket, pyserial never reports more than one waiting byte.
@@ -173,11 +176,16 @@ class SerialLink(Link):
         except serial.SerialTimeoutException:
             raise SpotsError(takes_nothing(self.name)) from None
         except _FAILURES:
-            raise PortLostError(_lost(self.name)) from None
+            raise self._lost() from None
 
     def close(self) -> None:
         if self._serial is not None:
             self._serial.close()
+
+    def _lost(self) -> PortLostError:
+        if self._device is not None:
+            self._device.lost(self.name)
+        return PortLostError(_lost(self.name))
 
 
 def _lost(port: str) -> str:
@@ -190,20 +198,80 @@ def usb_ports() -> list[Any]:
     return sorted(port for port in ports if port.vid is not None)
 
 
-def _usb_numbers() -> dict[str, str | None]:
-    return {port.device: port.serial_number for port in usb_ports()}
-
-
-def usb_boards() -> list[list[str]]:
-    """Return the port names of each USB device.
+def usb_boards(wanted: Callable[[str], bool] = lambda number: True) -> list[list[str]]:
+    """Return the port names of each USB device whose serial number is `wanted`.
 
     A CircuitPython board may have two ports. The first one is the prompt of Python (REPL); the last
     one sends the frames.
     """
-    boards: dict[str, list[str]] = {}
+    boards: dict[tuple[str, str], list[str]] = {}
     for port in usb_ports():
-        boards.setdefault(port.serial_number or port.device, []).append(port.device)
+        if not wanted(_number(port)):
+            continue
+        which = _number(port), _socket(port)
+        boards.setdefault(which if any(which) else (port.device, ""), []).append(port.device)
     return list(boards.values())
+
+
+class UsbDevice:
+    """Identity of a USB device, whose ports may get other names when it is plugged in again.
+
+    A serial number that only this device has identifies the device in every USB socket. Some
+    boards have the same serial number, or none: then the device is the one in the same socket.
+
+    Parameters
+    ----------
+    port : ListPortInfo
+        A port of the device.
+    """
+
+    def __init__(self, port: Any):
+        self._number, self._socket = _number(port), _socket(port)
+        self._sockets = {port.device: self._socket}  # where `ports` found each port
+        self._is_unique = bool(self._number or not self._socket)
+        self.lost(port.device)
+
+    def lost(self, name: str) -> None:
+        """Record that the device has just been unplugged from the port `name`.
+
+        A device that has its serial number at this time, in another socket, is another device.
+        """
+        self._socket = self._sockets.get(name, self._socket)
+        self._is_unique &= all(_socket(port) == self._socket for port in self._same())
+
+    def ports(self) -> list[str]:
+        """Return the present names of the device's ports; empty if it is not plugged in.
+
+        If it cannot be known which one of several devices this is, return an empty list, too.
+        """
+        same = self._same()
+        here = [port for port in same if _socket(port) == self._socket]
+        if here or not self._is_unique or len({_socket(port) for port in same}) > 1:
+            same = here
+        self._sockets = {port.device: _socket(port) for port in same}
+        return list(self._sockets)
+
+    def others(self) -> list[str]:
+        """Return the names of ports whose devices have the same serial number, but are others."""
+        found = set(self.ports())
+        return [port.device for port in self._same() if self._number and port.device not in found]
+
+    def _same(self) -> list[Any]:
+        return [port for port in usb_ports() if _number(port) == self._number]
+
+
+def usb_device(port: str) -> UsbDevice | None:
+    """Return the device of a port; None if the port is not one of a USB device."""
+    return next((UsbDevice(usb) for usb in usb_ports() if usb.device == port), None)
+
+
+def _number(port: Any) -> str:
+    return port.serial_number or ""
+
+
+def _socket(port: Any) -> str:
+    """Return the place of a port's device in the tree of USB hubs; empty if unknown."""
+    return (getattr(port, "location", None) or "").partition(":")[0]  # without the interface
 
 
 def _why_not(port: str, error: Exception) -> str:

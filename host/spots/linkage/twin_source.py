@@ -12,7 +12,7 @@ from spots_device.settings import checksum
 from ..calibrate.calibration_file import CalibrationFile
 from ..errors import SpotsError
 from ..link.board import Board, of_sensor
-from ..link.connect import find, open, prepare
+from ..link.connect import find, of_id, open, prepare
 from ..link.frames import Touch
 from ..link.ports import offered, scheme, scheme_name
 from ..link.replies import Hello
@@ -256,7 +256,8 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
             "calibrations of two strips in the linkage file"
         )
     wanted = list(dict.fromkeys(map(board_of, strips)))
-    there = {board.info["id"]: stack.enter_context(board) for board in find()[0]}
+    found = [stack.enter_context(board) for board in find()[0]]
+    there = {board.info["id"]: board for board in found}
     missing = [name for name in wanted if name not in there]
     if missing:
         raise SpotsError(
@@ -266,7 +267,7 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
         )
     for name in there.keys() - set(wanted):
         there[name].close()
-    return [there[name] for name in wanted]
+    return [board for name in wanted for board in of_id(found, name)]
 
 
 def record_all(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:

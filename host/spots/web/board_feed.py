@@ -16,7 +16,7 @@ from ..errors import CommandError, RefusedError, SpotsError
 from ..guarded import Guarded
 from ..keyboard.layout import KeyLayout
 from ..link.board import Board
-from ..link.connect import find, open
+from ..link.connect import find, of_id, open
 from ..link.frames import Contact, Key, Spectrum, Touch
 from ..link.ports import scheme
 from ..link.timeouts import CONNECTED, LOST, REFUSED, SEARCH_S, SEARCHING, STALLED, silent_s
@@ -347,12 +347,15 @@ def finder(
         refusal = RefusedError if found else SpotsError
         if not found or found[0].info["id"] != board_id:
             found += find()[0]  # after a restart a serial port may have another name
-        wanted = next((one for one in found if one.info["id"] == board_id), None)
-        for one in found:
-            if one is not wanted:
-                one.close()
-        if wanted is None:
+        wanted = []
+        try:
+            wanted = of_id(found, board_id)
+        finally:
+            for one in found:
+                if one not in wanted:
+                    one.close()
+        if not wanted:
             raise refusal(f"waiting for board {board_id}: plug it in again")
-        return wanted
+        return wanted[0]
 
     return open_board
