@@ -96,3 +96,7 @@ class CommandError(SpotsError):
 
 class RefusedError(SpotsError):
     """Raised if another board or another device is now on the port of a lost board."""
+
+
+class AtPromptError(SpotsError):
+    """Raised if a board is at its Python prompt (REPL), so that its firmware does not run."""

@@ -121,7 +121,7 @@ def test_the_libraries_come_first_and_the_entry_last(mount, capsys):
 def test_a_drive_without_a_console_is_written_and_the_user_told_to_press_reset(
     mount, capsys, monkeypatch, built
 ):
-    monkeypatch.setattr("spots.deploy.flash._RETURN_S", 0)
+    monkeypatch.setattr("spots.deploy.place._RETURN_S", 0)
     folder = mount(*RIGHT)
     assert "does not answer after the restart" in refused_after_copying(capsys)
     files = files_of(folder)

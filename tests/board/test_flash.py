@@ -78,7 +78,7 @@ def test_a_board_without_the_library_for_usb_is_told_of_in_a_sentence(empty, cap
     (empty / "usb" / "__init__.py").write_text("")  # a package without the module `usb.device`
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port]) == 0
-        command = f"mpremote connect {port} mip install usb-device-hid\n"
+        command = f"mpremote connect {port} mip install usb-device-hid + reset\n"
         assert command in capsys.readouterr().out
 
 

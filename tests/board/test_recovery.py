@@ -1,13 +1,18 @@
 """A user can always recover a board: by Ctrl-C, by its button, after a crash, at the prompt."""
 
 import contextlib
+import io
 import subprocess
 import sys
+from itertools import islice
 
 import pytest
-from boards import DEADLINE_S, until, virtual_board
+from boards import DEADLINE_S, refused, until, virtual_board
+from serial.tools.list_ports_common import ListPortInfo
 
 import spots
+from spots.cli import main
+from spots.deploy.doctor import examine
 from spots.deploy.staging import stage
 from spots.link.serial_link import SerialLink
 from spots_device.settings import checksum
@@ -83,6 +88,53 @@ def test_a_soft_reset_at_the_friendly_prompt_starts_the_application(start):
     link.close()
     with spots.open(port) as board:
         assert board.info["board"] == "virtual"
+
+
+@pytest.fixture(params=["friendly", "raw"])
+def at_prompt(start, request, monkeypatch):
+    """The port of a board that another program has left at its friendly or raw prompt."""
+    monkeypatch.setattr("spots.link.board._HELLO_TIMEOUT_S", 0.3)
+    port = start()
+    link = interrupted(port)
+    if request.param == "friendly":
+        link.write(b"\x02")
+        until(link, b">>> ")
+    link.close()
+    usb = ListPortInfo(port)
+    usb.vid = usb.serial_number = 1
+    monkeypatch.setattr("spots.link.serial_link.list_ports.comports", lambda: [usb])
+    return port
+
+
+def test_every_command_recognises_a_board_at_its_prompt(at_prompt, capsys, monkeypatch):
+    sentence = "is at its Python prompt, so its firmware does not run: press the board's reset"
+    named = ["--port", at_prompt]
+    for command in (
+        ["command", "hello", *named],
+        ["monitor", *named],
+        ["keys", "push", "mini", *named],
+        ["monitor"],
+    ):
+        assert sentence in refused(capsys, *command)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    for command, code in ((["ports"], 0), (["doctor"], 2)):
+        assert main(command) == code
+        shown = capsys.readouterr().out
+        assert sentence in shown
+        assert "spots flash BOARD" not in shown
+
+
+@pytest.mark.parametrize("typed", ["y\n", "\n"])
+def test_the_doctor_offers_to_restart_a_board_at_its_prompt(at_prompt, capsys, monkeypatch, typed):
+    person = io.StringIO(typed)
+    person.isatty = lambda: True
+    monkeypatch.setattr(sys, "stdin", person)
+    found = list(islice(examine(at_prompt), 3))
+    assert "restart its firmware? [y/N]" in capsys.readouterr().out
+    hello = found[2]
+    assert hello.check == "hello"
+    assert hello.ok == (typed == "y\n")
+    assert ("virtual" if hello.ok else "Python prompt") in hello.text
 
 
 def test_the_button_skips_the_application(start, tmp_path, monkeypatch):

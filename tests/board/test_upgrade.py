@@ -59,7 +59,7 @@ def test_a_board_of_0_1_0_answers_this_host(tmp_path, capsys, name):
 
 
 def test_the_firmware_of_before_does_not_answer_for_the_new_one(tmp_path, monkeypatch):
-    monkeypatch.setattr(flash, "_RETURN_S", 1.0)
+    monkeypatch.setattr(place, "_RETURN_S", 1.0)
     with running(unpacked("virtual", tmp_path)) as start:
         there = place.Place(start["port"], None, lambda: [start["port"]])
         with pytest.raises(spots.SpotsError, match=r"still runs firmware 0\.1\.0"):

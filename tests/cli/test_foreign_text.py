@@ -27,7 +27,7 @@ from spots.calibrate.guide import Guide
 from spots.calibrate.session import Point
 from spots.cli import main
 from spots.controller import controller_setup, stick
-from spots.deploy import flash
+from spots.deploy import place
 from spots.keyboard import layout
 from spots.link import serial_link as link
 from spots.link.frames import LinkStats, note
@@ -316,7 +316,7 @@ def test_the_label_of_a_drive_and_what_is_written_on_it(screen, tmp_path, about,
 
 
 def test_a_drive_of_an_odd_name_is_flashed_and_erased(screen, tmp_path, monkeypatch):
-    monkeypatch.setattr(flash, "_RETURN_S", 0.1)  # the board does not reconnect
+    monkeypatch.setattr(place, "_RETURN_S", 0.1)  # the board does not reconnect
     (tmp_path / NAME).mkdir()
     about = "CircuitPython 9.2.1 on\nBoard ID:adafruit_qtpy_rp2040\nUID:1\n"
     (tmp_path / NAME / "boot_out.txt").write_text(about)

@@ -196,7 +196,9 @@ class MachineUsb:
         try:
             from .usb_micropython import open_interfaces
         except ImportError:
-            raise OSError("the library for USB is missing: run mpremote mip install usb-device-hid")
+            raise OSError(
+                "the library for USB is missing: run mpremote mip install usb-device-hid + reset"
+            )
         return open_interfaces(names, self._show_leds)
 
     def _show_leds(self, leds):

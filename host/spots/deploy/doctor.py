@@ -2,13 +2,15 @@
 
 import math
 import os
+import sys
 from collections.abc import Callable, Iterator
 from itertools import islice, pairwise
 from typing import NamedTuple
 
 from spots_device import __version__, decode
 
-from ..errors import SpotsError, printable
+from .. import typed_ahead
+from ..errors import AtPromptError, SpotsError, printable
 from ..link import lamps
 from ..link.board import Board
 from ..link.calibrated import next_step
@@ -17,7 +19,8 @@ from ..link.frames import Spectrum
 from ..link.ports import no_port, scheme_name
 from ..link.replies import Get
 from ..link.serial_link import SerialLink
-from .place import the_board
+from .place import on_port, restarted, the_board
+from .prompt import Prompt
 
 _SPECTRA = 12  # least number of spectra from which the rate is measured
 # Readings with the LED on that are compared with the dark frames before and after them: at least
@@ -88,12 +91,33 @@ def examine(port: str | None = None) -> Iterator[Finding]:
             yield Finding(check, True, "the port can be opened")
             advice = "; to flash the board, run 'spots flash BOARD'"
         check = "hello"
-        board = open_board(port)
+        board = _opened(port)
     except SpotsError as error:
-        yield Finding(check, False, f"{error}{advice}")
+        more = "" if isinstance(error, AtPromptError) else advice
+        yield Finding(check, False, f"{error}{more}")
         return
     with board:
         yield from examine_board(board)
+
+
+def _opened(port: str | None) -> Board:
+    """Open a board; if it is at its prompt and the user agrees, restart its firmware first."""
+    try:
+        return open_board(port)
+    except AtPromptError:
+        if port is None or not sys.stdin.isatty():
+            raise
+        typed_ahead.drop()
+        print(
+            f"the board on {printable(port)} is at its Python prompt: restart its firmware? [y/N] ",
+            end="",
+            flush=True,
+        )
+        if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+            raise
+    ports = on_port(port).ports  # before the restart, after which the port may have another name
+    Prompt(port).reset()
+    return restarted(ports)
 
 
 def examine_board(board: Board) -> Iterator[Finding]:

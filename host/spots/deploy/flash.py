@@ -3,7 +3,6 @@
 import hashlib
 import sys
 import tempfile
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -13,12 +12,12 @@ from rich.progress import track
 from spots_device import __version__
 
 from ..errors import SpotsError, printable
-from ..link.connect import open as open_board
+from ..link.board import Board
 from . import manifest
 from .build import ARCHITECTURES, build, files_of, mpy_header
 from .drive import Drive
 from .manifest import MANIFEST
-from .place import Place, place
+from .place import Place, place, restarted
 from .prompt import Prompt
 from .released import FILES
 from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
@@ -27,8 +26,6 @@ from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
 # program can be a USB keyboard. CircuitPython: the first version whose clock is finer than
 # milliseconds on the RP2040.
 _OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
-_RETURN_S = 20.0  # longest time for the restart of a board
-_POLL_S = 0.2  # pause between two attempts to open the restarted board
 _PART = ".part"  # suffix of a file while it is written
 # Files that the user's commands stored on the board. `flash` leaves them, `erase` removes them.
 USER_FILES = tuple(
@@ -314,30 +311,19 @@ def _report_library(device: Device, target: Prompt | Drive) -> None:
     if device.device["USB_HID"] and not built_in and not target.has("usb.device.hid"):
         print(
             "to be a USB keyboard or gamepad, this board also needs: "
-            f"mpremote connect {printable(target.port)} mip install usb-device-hid"
+            f"mpremote connect {printable(target.port)} mip install usb-device-hid + reset"
         )
 
 
 def _greet(there: Place) -> None:
-    deadline_s = time.monotonic() + _RETURN_S
-    reason = "the board is not on USB"
-    while time.monotonic() < deadline_s:
-        time.sleep(_POLL_S)
-        for port in there.ports():
-            try:
-                with open_board(port) as board:
-                    # The old firmware runs until the reset, and may still answer.
-                    if board.info["firmware"] == __version__:
-                        hello = "{board}, firmware {firmware}, {runtime}".format(**board.info)
-                        print(hello, printable(port))
-                        return
-                    reason = f"the board still runs firmware {board.info['firmware']}"
-            except SpotsError as error:
-                reason = str(error)
-    raise SpotsError(
-        "the files are on the board, but the firmware does not answer after the restart "
-        f"({reason}): replug the board"
-    )
+    def why_not(board: Board) -> str:
+        # The old firmware runs until the reset, and may still answer.
+        firmware = board.info["firmware"]
+        return "" if firmware == __version__ else f"the board still runs firmware {firmware}"
+
+    with restarted(there.ports, "the files are on the board, but ", why_not) as board:
+        hello = "{board}, firmware {firmware}, {runtime}".format(**board.info)
+        print(hello, printable(board.port))
 
 
 def _on_disk(size: int, block: int) -> int:

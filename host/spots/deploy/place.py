@@ -1,15 +1,21 @@
 """Finds a board's file system, and the serial port on which the board answers after a restart."""
 
 import contextlib
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from ..errors import SpotsError
+from ..link.board import Board
+from ..link.connect import open as open_board
 from ..link.ports import offered
 from ..link.serial_link import usb_boards, usb_device
 from .drive import Drive, drives
 from .prompt import Prompt
 from .staging import Device
+
+_RETURN_S = 20.0  # longest time for the restart of a board
+_POLL_S = 0.2  # pause between two attempts to open the restarted board
 
 
 @dataclass(frozen=True)
@@ -60,7 +66,7 @@ def place(device: Device, port: str | None) -> Iterator[Place]:
     elif device.runtime == "circuitpython":
         yield _on_drive(port or _the_one(drives(), "CIRCUITPY drive"))
     else:
-        yield _on_port(port or the_board()[0])
+        yield on_port(port or the_board()[0])
 
 
 def the_board() -> list[str]:
@@ -75,7 +81,8 @@ def the_board() -> list[str]:
     return boards[_the_one(list(boards), "board")]
 
 
-def _on_port(port: str) -> Place:
+def on_port(port: str) -> Place:
+    """Return the place of a board with a prompt on the serial port `port`."""
     device = usb_device(port)
 
     def ports_now() -> list[str]:
@@ -83,6 +90,48 @@ def _on_port(port: str) -> Place:
         return [port] if device is None else device.ports()
 
     return Place(port, lambda: Prompt(port), ports_now)
+
+
+def restarted(
+    ports: Callable[[], list[str]], done: str = "", why_not: Callable[[Board], str] = lambda _: ""
+) -> Board:
+    """Wait until the firmware of a restarted board answers, and open the board.
+
+    Parameters
+    ----------
+    ports : callable
+        ``ports()`` returns the names of the serial ports on which the board may answer.
+    done : str
+        What the error message says before the failure: what has been done.
+    why_not : callable
+        ``why_not(board)`` returns a reason to wait for another answer, or an empty text.
+
+    Returns
+    -------
+    Board
+
+    Raises
+    ------
+    SpotsError
+        If the firmware does not answer within 20 s.
+    """
+    deadline_s = time.monotonic() + _RETURN_S
+    reason = "the board is not on USB"
+    while time.monotonic() < deadline_s:
+        time.sleep(_POLL_S)
+        for port in ports():
+            try:
+                board = open_board(port)
+            except SpotsError as error:
+                reason = str(error)
+                continue
+            reason = why_not(board)
+            if not reason:
+                return board
+            board.close()
+    raise SpotsError(
+        f"{done}the firmware does not answer after the restart ({reason}): replug the board"
+    )
 
 
 def _on_drive(folder: str) -> Place:

@@ -19,7 +19,14 @@ import msgspec
 from spots_device import PROTOCOL
 from spots_device.command import LINE_MAX, NAME_MAX
 
-from ..errors import ClosedError, CommandError, PortLostError, RefusedError, SpotsError
+from ..errors import (
+    AtPromptError,
+    ClosedError,
+    CommandError,
+    PortLostError,
+    RefusedError,
+    SpotsError,
+)
 from ..plugins import entry_points
 from .clocksync import TRIPS, ClockSync, spread_s
 from .frames import Contact, Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
@@ -37,6 +44,11 @@ _USUAL_REPLY_S = 4.0
 # Timeouts and numbers of attempts when a board is opened.
 _HELLO_TIMEOUT_S = 1.0
 _HELLO_TRIES = 3
+# A board at its Python prompt (REPL) prints _PROMPT after each line. Its raw prompt prints nothing;
+# Ctrl-B leaves the raw prompt. To the firmware, Ctrl-B is part of an unknown command.
+_PROMPT, _LEAVE_RAW_PROMPT = b">>> ", b"\x02"
+_PROMPT_S = 0.3
+_TAIL_BYTES = 64  # number of latest bytes in which a prompt is looked for
 _POLL_S = 0.1  # longest wait in one call of the link
 _SYNC_TIMEOUT_S = 0.5
 _SYNC_TRIES = 4
@@ -168,6 +180,7 @@ class Board(AbstractContextManager["Board"]):
         self._chosen = False  # whether `command` chose the streams
         self._loss = LinkLoss(link.now_s())
         self._stopped: set[int] = set()  # sensors whose streams ended with a restart of the board
+        self._tail = b""  # the latest bytes that have arrived
         self._late = False  # whether the reply to an earlier command may still arrive
         self._closed = False
         self._times_us: deque[int] = deque(maxlen=_RATE_READINGS)
@@ -338,6 +351,7 @@ class Board(AbstractContextManager["Board"]):
             reply = self._exchange(line, timeout_s)
             if reply is None:
                 self._late = True
+                self._check_prompt()
                 raise SpotsError(
                     f"no reply to '{line}' within {timeout_s:g} s from the board on {self.port}: "
                     "replug the board"
@@ -713,7 +727,13 @@ class Board(AbstractContextManager["Board"]):
     def _hello(self) -> Hello:
         self._link.write(b"\n")  # an earlier program may have sent a part of a line
         replies = (self._exchange("hello", _HELLO_TIMEOUT_S) for _ in range(_HELLO_TRIES))
-        info = self._checked(next(filter(None, replies), None))
+        reply = next(filter(None, replies), None)
+        if reply is None:
+            self._link.write(_LEAVE_RAW_PROMPT)
+            end_s = self.now_s() + _PROMPT_S
+            while _PROMPT not in self._tail and (left_s := end_s - self.now_s()) > 0:
+                self._pump(left_s)
+        info = self._checked(reply)
         self._late = False
         # The bytes before the reply may start in the middle of a frame: that is no loss.
         self._decoder.stats.lost = self._decoder.stats.bad_crc = 0
@@ -721,9 +741,11 @@ class Board(AbstractContextManager["Board"]):
 
     def _checked(self, reply: Text | None) -> Hello:
         if reply is None:
+            self._check_prompt()
             raise SpotsError(
                 f"the device on {self.port} does not answer 'hello': it is not a SPOTS board, or "
-                "its firmware does not run; name another port, or flash the board"
+                "its firmware does not run; press its reset button, name another port, or flash "
+                "the board"
             )
         if refusal := reply.content.get("error"):
             if self._only and "sensor" in refusal:
@@ -739,6 +761,15 @@ class Board(AbstractContextManager["Board"]):
                 "update the firmware or the program, whichever is older"
             )
         return cast("Hello", self._validated(reply))
+
+    def _check_prompt(self) -> None:
+        """Raise AtPromptError if the device without a reply has shown a Python prompt."""
+        if _PROMPT in self._tail:
+            raise AtPromptError(
+                f"the board on {self.port} is at its Python prompt, so its firmware does not run: "
+                f"press the board's reset button, or run 'mpremote connect {self.port} resume "
+                "reset'; flash the board if it has no firmware yet"
+            )
 
     def _validated(self, reply: Text) -> dict[str, Any]:
         name = reply.content["re"]
@@ -866,6 +897,7 @@ class Board(AbstractContextManager["Board"]):
         self._check_open()
         name = line.split()[0][:NAME_MAX]
         self._replies.clear()
+        self._tail = b""
         if self._only:
             line = addressed(line, self._only)
         self._link.write(line.encode() + b"\n")
@@ -897,6 +929,7 @@ class Board(AbstractContextManager["Board"]):
 
     def _decoded(self, data: bytes) -> list[Frame]:
         if data:
+            self._tail = (self._tail + data)[-_TAIL_BYTES:]
             for look in list(self._on_data):
                 look(data, self.now_s())
         return self._decoder.feed(data)

@@ -105,7 +105,19 @@ def find() -> tuple[list[Board], list[str]]:
 
 
 def of_id(boards: Sequence[Board], board_id: str) -> list[Board]:
-    """Return the boards with an id: at most one.
+    """Return the boards with an id, and make sure that there is at most one.
+
+    Parameters
+    ----------
+    boards : sequence of Board
+        Open boards.
+    board_id : str
+        The id.
+
+    Returns
+    -------
+    list of Board
+        The only board with this id; empty if there is none.
 
     Raises
     ------
