@@ -1,5 +1,6 @@
 """Reads regular files up to a size limit."""
 
+import codecs
 import os
 import stat
 from pathlib import Path
@@ -12,6 +13,13 @@ TOML_MAX_BYTES = 256 << 10  # parsed by pure Python at about 1 MB/s
 POINTS_MAX_BYTES = 1 << 20  # about 15,000 points of a linkage
 SESSION_MAX_BYTES = 16 << 20  # thousands of presses by hand
 ZENOH_MAX_BYTES = 1 << 20
+
+# Byte order marks, which some editors of Windows write at the beginning of a file.
+_ENCODINGS = {
+    codecs.BOM_UTF8: "utf-8",
+    codecs.BOM_UTF16_LE: "utf-16-le",
+    codecs.BOM_UTF16_BE: "utf-16-be",
+}
 
 # Flags to open a file without blocking. Windows has neither flag, and no named pipes among its
 # files.
@@ -69,7 +77,7 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
     return data
 
 
-def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES, encoding: str = "utf-8") -> str:
+def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES) -> str:
     r"""Return the content of a text file with ``\n`` as line ends; see `read_bytes`.
 
     Parameters
@@ -78,8 +86,6 @@ def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES, encoding: str =
         Path of a regular file.
     max_bytes : int
         Largest allowed size of the file, in bytes.
-    encoding : str
-        Encoding of the text, as for `bytes.decode`.
 
     Returns
     -------
@@ -88,10 +94,33 @@ def read_text(path: str | Path, max_bytes: int = TOML_MAX_BYTES, encoding: str =
     Raises
     ------
     UnicodeDecodeError
-        If the file is not text in this encoding.
+        If the file is not text, see `encoding_of`.
     """
-    text = read_bytes(path, max_bytes).decode(encoding)
+    data = read_bytes(path, max_bytes)
+    mark, encoding = encoding_of(data)
+    text = data[len(mark) :].decode(encoding)
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def encoding_of(data: bytes) -> tuple[bytes, str]:
+    """Return the byte order mark and the encoding of a text file.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of the file.
+
+    Returns
+    -------
+    mark : bytes
+        The byte order mark with which the file begins; empty without one.
+    encoding : str
+        Encoding of the rest, for `bytes.decode`: UTF-16 if the mark shows it, else UTF-8.
+    """
+    for mark, encoding in _ENCODINGS.items():
+        if data.startswith(mark):
+            return mark, encoding
+    return b"", "utf-8"
 
 
 def _check_regular(path: str | Path, mode: int) -> None:

@@ -187,7 +187,7 @@ def _append(path: Path, row: Iterable[float]) -> None:
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
     """Read a table of n points; return an array, shape (n, 6), and the line number of each row."""
     try:
-        text = read_text(path, POINTS_MAX_BYTES, "utf-8-sig")
+        text = read_text(path, POINTS_MAX_BYTES)
         table = csv.DictReader(io.StringIO(text))
         missing = [name for name in COLUMNS if name not in (table.fieldnames or ())]
         if missing:
