@@ -173,8 +173,8 @@ class Bench:
 class Serving:
     """A web server for a `PageState`, in a thread with its own event loop."""
 
-    def __init__(self, state, address="127.0.0.1", port=0, orders=NOTHING):
-        self._server = Server(state, address, port, orders)
+    def __init__(self, state, address="127.0.0.1", port=0, orders=NOTHING, hosts=()):
+        self._server = Server(state, address, port, orders, hosts)
         self._up = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._main()), daemon=True)
         self._thread.start()

@@ -291,6 +291,52 @@ def test_another_address_asks_for_the_token(serve, open_page):
     expect(page.locator("body")).to_have_attribute("data-link", "live", timeout=LONG_MS)
 
 
+def live(home, token, host, origin):
+    """Open the page and its WebSocket as a browser does; return the status of each."""
+    cookie = f"spots-token-{host.partition(':')[2] or 80}={token}"
+    page = status(home, f"?token={token}", Host=host)[0]
+    socket = status(home, "live", **UPGRADE, Host=host, Origin=origin, Cookie=cookie)[0]
+    return page, socket
+
+
+@pytest.mark.parametrize("name", ["{}", "{}.local", "{}.lan", "{}.fritz.box", "{}.tail12.ts.net"])
+def test_a_name_that_the_network_gives_this_machine_is_known(serve, monkeypatch, name):
+    monkeypatch.setattr(socket, "gethostname", lambda: "Bench")
+    server = serve(PageState(), address="0.0.0.0")
+    home, token = server.url.split("?token=")
+    home = f"http://127.0.0.1:{server.port}/"
+    host = f"{name.format('bench')}:{server.port}"
+    assert live(home, token, host, f"http://{host}") == (303, 101)
+    assert live(home, token, host, f"https://{host}") == (303, 403)
+    assert status(home, Host=host)[0] == 401
+    # On this machine only, such a name can be the one of an attacker.
+    assert status(serve(PageState()).url, Host=host)[0] == 403
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1", "0.0.0.0"])
+def test_a_given_name_is_known_also_through_an_https_proxy(serve, address):
+    server = serve(PageState(), address=address, hosts=["Spots.example.org", "x.example:8443"])
+    home, token = f"http://127.0.0.1:{server.port}/", server.url.split("?token=")[1]
+    for host in ("spots.example.org", "x.example:8443"):
+        for scheme in ("http", "https"):
+            assert live(home, token, host, f"{scheme}://{host}") == (303, 101)
+            # The proxy replaces the name.
+            assert live(home, token, f"127.0.0.1:{server.port}", f"{scheme}://{host}") == (303, 101)
+        assert status(home, Host=host)[0] == 401  # a proxy lets other machines in
+    for origin in (
+        "https://evil.example",
+        "https://spots.example.org.evil.example",
+        "https://spots.example.org:8443",
+        "ftp://spots.example.org",
+        "https://127.0.0.1",
+        "spots.example.org",
+        "null",
+    ):
+        assert live(home, token, "spots.example.org", origin)[1] == 403
+    assert live(home, token, "evil.example", "https://spots.example.org") == (403, 403)
+    assert status(home)[0] == 401
+
+
 def test_home_needs_no_token():
     for address in ("127.0.0.1", "127.0.0.2"):
         server = Serving(PageState(), address=address)
@@ -315,6 +361,7 @@ def test_home_needs_no_token():
         (["--edit-gestures", "g.toml", "--port", "recording:x"], "--edit-gestures works with one"),
         (["--record-to", "", "--linkage", "default"], "--record-to works with one board"),
         (["--record-to", "", "--session", "a.jsonl"], "--record-to and --session exclude each"),
+        (["--host", "http://x.example"], "'http://x.example' is not a host name"),
         (["--session", ""], "is not a session file: give a name"),
     ],
 )

@@ -43,6 +43,13 @@ def serve(parser: Parser):
         "need the token, which 'spots serve' prints",
     )
     parser.option(
+        "--host",
+        "NAME",
+        "another name under which browsers reach this server, such as the name of a proxy; may be "
+        "given several times",
+        action="append",
+    )
+    parser.option(
         "--http-port",
         "N",
         "TCP port of the server; 8765 if not given, 0 for any free port",

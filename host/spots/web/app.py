@@ -208,7 +208,7 @@ class PageApp:
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
     host = host_of(request)
     # A Content-Security-Policy cannot contain an IPv6 address.
-    live = f" ws://{request.host}" if host and ":" not in host[0] else ""
+    live = f" ws://{request.host} wss://{request.host}" if host and ":" not in host[0] else ""
     response.headers.update(
         {
             "Content-Security-Policy": (

@@ -8,7 +8,7 @@ import ipaddress
 import secrets
 import signal
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -52,6 +52,8 @@ class Server:
     orders : dict of Orders, optional
         Handler of the requests to each path, such as ``strip``. These requests need the access
         token. Pass the same objects to the reader of the board.
+    hosts : sequence of str
+        Further names of this server, see `Guard`. With such a name, every browser needs the token.
 
     Attributes
     ----------
@@ -61,7 +63,8 @@ class Server:
     Raises
     ------
     SpotsError
-        If the address is not an IP address of this machine, or the port is in use.
+        If the address is not an IP address of this machine, the port is in use, or one of `hosts`
+        is not a host name.
     """
 
     def __init__(
@@ -70,6 +73,7 @@ class Server:
         address: str = LOOPBACK,
         port: int = 0,
         orders: Mapping[str, Orders] = NOTHING,
+        hosts: Sequence[str] = (),
     ):
         self._state, self._address, self._port = state, address, port
         self._orders = orders
@@ -79,11 +83,12 @@ class Server:
             raise SpotsError(
                 f"'{address}' is not an IP address: give one such as 192.168.1.20"
             ) from None
-        self._token = None if at_home and not orders else secrets.token_urlsafe(16)
+        self._token = None if at_home and not orders and not hosts else secrets.token_urlsafe(16)
+        self._guard = Guard(address, self._token, hosts)
         self.url = ""
 
     async def __aenter__(self) -> Server:
-        app = PageApp(self._state, Guard(self._address, self._token), self._orders)
+        app = PageApp(self._state, self._guard, self._orders)
         self._runner = web.AppRunner(app.web, access_log=None, logger=LOG, shutdown_timeout=1.0)
         await self._runner.setup()
         connections = Connections(self._runner.server)
@@ -154,7 +159,8 @@ def serve_command(options: argparse.Namespace) -> None:
         readers = driven_readers(machine, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
-    serve(state, options.address, options.http_port, readers, orders=orders)
+    hosts = options.host or ()
+    serve(state, options.address, options.http_port, readers, orders=orders, hosts=hosts)
 
 
 def serve(
@@ -164,6 +170,7 @@ def serve(
     readers: list[BoardReader],
     on_start: Callable[[str], None] = lambda url: None,
     orders: Mapping[str, Orders] = NOTHING,
+    hosts: Sequence[str] = (),
 ) -> None:
     """Print the address of the web UI, then serve the web UI until Ctrl-C or SIGTERM.
 
@@ -181,10 +188,12 @@ def serve(
         ``on_start(url)`` is called when the web UI can be opened at `url`.
     orders : dict of Orders, optional
         Handlers of the requests of browsers, see `Server`.
+    hosts : sequence of str
+        Further names of this server, see `Server`.
     """
 
     async def main():
-        async with Server(state, address, port, orders) as server:
+        async with Server(state, address, port, orders, hosts) as server:
             ended = _ended_by_sigterm()
             for reader in readers:
                 reader.start()

@@ -10,7 +10,8 @@ export function connect(onNews, onState) {
 
   function open() {
     number = acknowledged = 0;
-    socket = new WebSocket(`ws://${location.host}/live`);
+    // After a proxy that adds encryption: wss.
+    socket = new WebSocket(`${location.protocol.replace("http", "ws")}//${location.host}/live`);
     socket.onopen = () => { wait = FIRST_WAIT_MS; onState("live"); };
     socket.onmessage = ({ data }) => {
       const { n, ...parts } = JSON.parse(data);
