@@ -5,7 +5,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 import msgspec
@@ -13,6 +13,7 @@ import msgspec
 from spots_device import __version__
 
 from ..atomic import exists
+from ..errors import SpotsError
 from ..link.frames import note, whole
 from ..link.readers import Handle
 from .disk import Disk
@@ -53,6 +54,9 @@ class Recorder(AbstractContextManager):
         Size of all files together.
     handles : list of readers.Handle
         Registrations of callbacks at a board; `stop` cancels them.
+    on_error : callable or None
+        ``on_error(error)`` is called if nothing more can be written, instead of an exception from
+        `take`, which would end the program's reading from the link.
 
     Raises
     ------
@@ -83,6 +87,7 @@ class Recorder(AbstractContextManager):
         self.paths: list[Path] = []
         self.bytes = 0
         self.handles: list[Handle] = []
+        self.on_error: Callable[[SpotsError], None] | None = None
         if rotate_bytes is not None and (parts := parts_beside(self._path)):
             # Report an existing file now, and not hours later when the first file is full.
             raise exists(part_path(self._path, parts[0]))
@@ -104,18 +109,27 @@ class Recorder(AbstractContextManager):
         Raises
         ------
         SpotsError
-            If nothing more can be written. The recording then ends.
+            If nothing more can be written, and `on_error` is None. The recording then ends.
         """
         with self._lock:
             if data and self._disk is not None:
                 try:
                     self._keep(data, now_s)
-                except Exception:  # not a Ctrl-C, after which `stop` can still write the end
-                    self._release()
-                    raise
+                except Exception as error:  # not a Ctrl-C, after which `stop` can write the end
+                    with suppress(SpotsError):  # the first error is enough
+                        self._release()
+                    if self.on_error is None or not isinstance(error, SpotsError):
+                        raise
+                    self.on_error(error)
 
     def stop(self) -> None:
-        """End the recording. Idempotent, and safe while another thread reads from the link."""
+        """End the recording. Idempotent, and safe while another thread reads from the link.
+
+        Raises
+        ------
+        SpotsError
+            If the end of the recording cannot be written.
+        """
         with self._lock:
             if self._disk is None:
                 return

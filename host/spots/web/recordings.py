@@ -4,13 +4,14 @@ import re
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from spots_device import decode
 
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..recording.arrays import RecordingBlocks
 from ..recording.recorder import Recorder
@@ -56,7 +57,7 @@ class Recordings(Orders):
         self._pace = Pace(_SHOWN_PER_S)
         self._thread = ThreadPoolExecutor(1, "recordings")
         self._reading: Future | None = None
-        self._put({"on": False, "file": None, "playing": None})
+        self._put({"on": False, "file": None, "playing": None, "error": None})
 
     def decode(self, body: bytes) -> str:
         """Return the request of a browser: a word, then a line for each name of a recording."""
@@ -91,7 +92,7 @@ class Recordings(Orders):
         """
         changed = super().attend(board)
         if self._recorder and self._pace.due(time.monotonic()):
-            self._show(board, on=True)
+            self._show(board, self._recorder)
         if self.playing and board.ended:
             self._live(board)
             return True
@@ -116,17 +117,26 @@ class Recordings(Orders):
         date = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
         board_id = re.sub(r"[^0-9A-Za-z]", "", str(board.info["id"]))
         self._recorder = board.record(self._folder / f"{date}-{board_id}.spots")
+        self._recorder.on_error = partial(self._ended, board, self._recorder)
         self._begun_s, self._lost = board.now_s(), board.stats.lost
-        self._show(board, on=True)
+        self._show(board, self._recorder)
 
     def _stop(self, board: Board) -> None:
         if not self._recorder:
             raise SpotsError("there is no recording to stop: start one first")
+        recorder, error = self._recorder, None
         try:
-            self._recorder.stop()
-            self._show(board, on=False)
+            recorder.stop()
+        except SpotsError as failure:
+            error = failure
+            raise
         finally:
-            self._recorder = None
+            self._ended(board, recorder, error)
+
+    def _ended(self, board: Board, recorder: Recorder, error: SpotsError | None) -> None:
+        """Show the end of a recording, and why it ended if it was not stopped."""
+        self._recorder = None
+        self._show(board, recorder, error)
 
     def _play(self, board: Board, name: str) -> None:
         if self._recorder:
@@ -141,11 +151,11 @@ class Recordings(Orders):
         self._put({**self._shown, "playing": None})
 
     def _files(self) -> dict[str, Path]:
-        """Return the newest `_LISTED` recordings by file name, newest first; links are ignored."""
+        """Return the newest `_LISTED` recordings by printable name, newest first; without links."""
         found = [one for one in self._folder.glob("*.spots") if one.is_file()]
         found = [one for one in found if not one.is_symlink()]
         found.sort(key=lambda one: one.stat().st_mtime, reverse=True)
-        return {one.name: one for one in found[:_LISTED]}
+        return {printable(one.name): one for one in found[:_LISTED]}
 
     def _file(self, name: str) -> Path:
         if name not in (files := self._files()):
@@ -163,15 +173,16 @@ class Recordings(Orders):
     def _compare(self, *names: str) -> dict:
         return {"curves": [_curve(self._file(name)) for name in names]}
 
-    def _show(self, board: Board, on: bool) -> None:
+    def _show(self, board: Board, recorder: Recorder, error: SpotsError | None = None) -> None:
         self._put(
             {
-                "on": on,
-                "file": self._recorder.paths[0].name,
-                "bytes": self._recorder.bytes,
+                "on": recorder is self._recorder,
+                "file": recorder.paths[0].name,
+                "bytes": recorder.bytes,
                 "seconds": board.now_s() - self._begun_s,
                 "lost": board.stats.lost - self._lost,
                 "playing": None,
+                "error": error and str(error),
             }
         )
 
@@ -205,4 +216,4 @@ def _curve(path: Path) -> dict:
         pressed = flags & decode.TOUCHING and not flags & _UNKNOWN
         values = [position_um, force_mN] if pressed else [None, None]
         points.append([round(arrived_s - float(rows["arrived_s"][0]), 3), *values])
-    return {"name": path.name, "points": points, "cut": count > _READ_MAX}
+    return {"name": printable(path.name), "points": points, "cut": count > _READ_MAX}

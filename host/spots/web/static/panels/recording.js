@@ -19,7 +19,7 @@ export function recording(root) {
     root.classList.toggle("on", it.on);
     root.textContent = it.on ? "stop" : "record";
     list(recorded, [
-      ["recording", refused],
+      ["recording", refused || it.error],
       [it.on ? "records" : "recorded", it.file],
       ["size", it.file && `${(it.bytes / 1e6).toFixed(2)} MB`],
       ["time", it.file && `${it.seconds.toFixed(1)} s`],
