@@ -404,13 +404,40 @@ def test_without_a_calibration_there_is_no_re_zero(table, open_page):
     expect(note).to_contain_text("make it with 'spots calibrate'", timeout=LONG_MS)
 
 
-def test_the_next_step_is_a_button_of_this_window(serve, open_page, tmp_path):
+@pytest.mark.parametrize(
+    ("command", "buttons"),
+    [("spots rezero", ["Re-zero"]), ("spots calibrate", ["Rough", "Fine"])],
+)
+def test_the_next_step_names_buttons_of_this_window(serve, open_page, tmp_path, command, buttons):
     state = PageState()
+    (tmp_path / "mine.toml").touch()
     orders = {"calibration": PageCalibration(tmp_path / "mine.jsonl", state)}
-    state.put("board", {"state": "connected", "board": "a", "port": "x", "message": "", "next": ""})
+    board = {"state": "connected", "id": "a", "board": "a", "port": "x", "message": "", "next": ""}
+    state.put("board", {**board, "calibration": "12345678"})
     server = serve(state, orders=orders)
     watching, acting = open_page(f"http://127.0.0.1:{server.port}/"), open_page(server.url)
-    for command, here in (("spots rezero", "Re-zero"), ("spots calibrate", "calibrate")):
-        state.put("untrusted", f"a reason; next: {command}")
-        expect(watching.locator("#next")).to_have_text(f"a reason; next: {command}")
-        expect(acting.locator("#next")).to_have_text(re.compile(f"next: press .*{here}.$"))
+    state.put("untrusted", f"a reason; next: {command}")
+    expect(watching.locator("#next")).to_have_text(f"a reason; next: {command}")
+    for _ in range(2):  # the panel is closed, then open
+        expect(acting.locator("#next")).to_have_text(re.compile("next: (press|choose) ‘"))
+        named = re.findall("‘(.*?)’", acting.locator("#next").inner_text())
+        assert set(buttons) <= set(named)
+        for words in named:
+            button = acting.get_by_role("button", name=re.compile(f"^{words}"))
+            expect(button).to_be_visible(timeout=LONG_MS)
+            if words == "calibrate":
+                button.click()
+                expect(acting.locator("#next")).not_to_contain_text("‘calibrate’")
+    # A board without a calibration opens the panel.
+    state.put("board", {**board, "calibration": None})
+    expect(acting.locator("#next")).not_to_contain_text("‘calibrate’")
+
+
+def test_without_a_calibration_file_the_next_step_of_a_drift_is_no_button(
+    serve, open_page, tmp_path
+):
+    state = PageState()
+    orders = {"calibration": PageCalibration(tmp_path / "mine.jsonl", state)}
+    state.put("untrusted", "a reason; next: spots rezero")
+    page = open_page(serve(state, orders=orders).url)
+    expect(page.locator("#next")).to_have_text("a reason; next: spots rezero", timeout=LONG_MS)

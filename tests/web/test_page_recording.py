@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import threading
 import time
+from types import SimpleNamespace
 
 import aiohttp
 import pytest
@@ -167,6 +170,52 @@ def test_a_recording_ends_with_its_board(recorded, open_page, tmp_path):
     assert list(Recording(path))
 
 
+def test_a_full_disk_ends_the_recording_but_not_the_view(recorded, open_page, tmp_path):
+    one, server = recorded
+    page = open_page(server.url)
+    button, told = page.locator("#recording"), page.locator("#recorded")
+    expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
+    page.evaluate(STATES)
+    button.click()
+    expect(button).to_have_text("stop", timeout=LONG_MS)
+    full = SimpleNamespace(write=fault_of(errno.ENOSPC), fileno=lambda: 1, close=lambda: None)
+    one.recordings._recorder._disk._file = full
+    expect(told).to_contain_text("nothing more can be written (No space left", timeout=LONG_MS)
+    expect(told).to_contain_text("the file has everything before: make room and record again")
+    expect(button).to_have_text("record")
+    until(page, "drawn.length > 5")
+    assert page.evaluate("window.states") == []  # the connection was never lost
+    (path,) = tmp_path.iterdir()
+    assert list(Recording(path))
+    path.rename(tmp_path / "full.spots")  # a name has seconds: the next one can be the same
+    button.click()  # the next recording works, and the error disappears
+    expect(button).to_have_text("stop", timeout=LONG_MS)
+    expect(told).not_to_contain_text("nothing more can be written")
+
+
+def test_an_end_that_cannot_be_written_is_shown_and_the_recording_is_over(recorded):
+    one, server = recorded
+    token = token_of(server)
+    assert post(server, "start", token=token)[0] == 204
+    recorder = one.recordings._recorder
+
+    def stop():
+        type(recorder).stop(recorder)
+        raise SpotsError("the end cannot be written")
+
+    recorder.stop = stop
+    assert post(server, "stop", token=token) == (409, "the end cannot be written")
+    shown = one.state.since(one.state.begin())[1]["recording"]
+    assert (shown["on"], shown["error"]) == (False, "the end cannot be written")
+
+
+def fault_of(number):
+    def write(data):
+        raise OSError(number, os.strerror(number))
+
+    return write
+
+
 def recorded_at(sensor, calibration, path, place_mm, lasting_s):
     """Record a board for `lasting_s` seconds, while a finger presses at `place_mm`."""
     held = Held()
@@ -240,6 +289,33 @@ def test_recordings_are_listed_played_and_compared(folder, open_page):
     page.get_by_role("button", name="Play damaged.spots").click()
     expect(page.locator("#recordings .state")).to_contain_text("damaged.spots", timeout=LONG_MS)
     expect(page.locator("#next")).to_be_hidden()
+
+
+def test_a_name_that_is_not_utf_8_closes_no_browser(folder, open_page):
+    one, server, inside = folder
+    (inside / "a.spots").rename(inside / os.fsdecode(b"\xff\n.spots"))
+    page = open_page(server.url)
+    page.locator("#open-recordings").click(timeout=LONG_MS)
+    names = page.locator("#recordings li b")
+    expect(names.filter(has_text=r"\udcff\n.spots")).to_have_count(1, timeout=LONG_MS)
+    page.evaluate("window.messages = drawn.length")
+    page.get_by_role("button", name=r"Play \udcff\n.spots").click()
+    until(page, f"Math.abs({PLACE} - 20) < 1")
+    expect(page.locator("#next")).to_contain_text(r"the recording \udcff\n.spots is played")
+    expect(page.locator("body")).to_have_attribute("data-link", "live")
+
+
+def test_the_next_step_names_only_buttons_with_these_words(folder, open_page):
+    _, server, _ = folder
+    page = open_page(server.url)
+    page.locator("#open-recordings").click(timeout=LONG_MS)
+    page.get_by_role("button", name="Play b.spots").click(timeout=LONG_MS)
+    step = page.locator("#next")
+    expect(step).to_have_text(re.compile("again, press ‘Show the board’$"), timeout=LONG_MS)
+    page.get_by_role("button", name="close").click()
+    words = "press ‘recordings’, then press ‘Show the board’"
+    expect(step).to_have_text(re.compile(words))
+    expect(page.get_by_role("button", name="recordings", exact=True)).to_be_visible()
 
 
 def test_curves_of_recordings_are_those_of_the_finger(folder):

@@ -14,13 +14,14 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 from aiohttp.http import HttpProcessingError
 from aiohttp.http_exceptions import PayloadEncodingError
 
-from ..errors import SpotsError
+from ..errors import SpotsError, printable
 from ..guarded import Guarded
 from ..outputs.usages import USAGES_FILE
 from .guard import Guard, host_of
@@ -139,7 +140,7 @@ class PageApp:
             raise web.HTTPServiceUnavailable(
                 text=f"there is no answer after {_ANSWER_S:g} s: try again"
             ) from None
-        return web.Response(status=204) if answer is None else web.json_response(answer)
+        return web.Response(status=204) if answer is None else web.json_response(answer, dumps=_json)
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         if len(self._clients) >= _CLIENTS_MAX:
@@ -188,7 +189,7 @@ class PageApp:
                 if parts or first:
                     parts, first = first | parts, {}
                     number = pace.send()
-                    message = msgspec.json.encode({"n": number, **parts}).decode()
+                    message = _json({"n": number, **parts})
                     if number % _PING_EVERY == 1:
                         await socket.ping(pace.ping())
                     await socket.send_str(message)
@@ -203,6 +204,25 @@ class PageApp:
     async def _close(self, app: web.Application) -> None:
         for socket in list(self._clients):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the server ends")
+
+
+def _json(message: Any) -> str:
+    """Return a message of JSON types as JSON, also with names that are not UTF-8."""
+    try:
+        return msgspec.json.encode(message).decode()
+    except UnicodeEncodeError:
+        return msgspec.json.encode(_printable(message)).decode()
+
+
+def _printable(message: Any) -> Any:
+    # The name of a file can have bytes that are not UTF-8; Python reads them as surrogates.
+    if isinstance(message, str):
+        return printable(message)
+    if isinstance(message, Mapping):
+        return {_printable(name): _printable(value) for name, value in message.items()}
+    if isinstance(message, (list, tuple)):
+        return [_printable(one) for one in message]
+    return message
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:

@@ -2,18 +2,32 @@
 import { several } from "../dom.js";
 
 export function next(root) {
-  return (state) => {
-    const reading = state.calibration?.running ? "" : sentence(state.touch, state.untrusted);
+  let last = null;
+  const draw = () => {
+    const state = last, reading = state.calibration?.running ? "" : sentence(state.touch, state.untrusted);
     const words = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
       : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading));
     if (root.textContent !== words) root.textContent = words;
     root.hidden = !words;
   };
+  // A click can open a panel, which changes the words of its button.
+  document.addEventListener("click", () => last && draw());
+  return (state) => {
+    last = state;
+    draw();
+  };
+}
+
+// Returns the way to a button of a panel: if the panel is closed, first the button that opens it.
+function way(opener, ...words) {
+  const open = document.getElementById(opener).ariaExpanded === "true";
+  const steps = [...(open ? [] : [`press ‘${document.getElementById(opener).textContent}’`]), ...words];
+  return steps.join(", then ");
 }
 
 function played(recording) {
-  return recording?.playing ? `the recording ${recording.playing} is played; next: to see the board again, press ‘Show the board’ in the list of recordings` : "";
+  return recording?.playing ? `the recording ${recording.playing} is played; next: to see the board again, ${way("open-recordings", "press ‘Show the board’")}` : "";
 }
 
 function strip(board) {
@@ -21,10 +35,11 @@ function strip(board) {
 }
 
 // If this browser may calibrate, the next step names a button of this window instead of a command.
-const HERE = { "spots rezero": "press ‘calibrate’, then ‘Re-zero’", "spots calibrate": "press ‘calibrate’" };
 function here(state, reading) {
   if (!state.may_command || !state.calibration) return reading;
-  return reading.replace(/spots (rezero|calibrate)/, (command) => HERE[command]);
+  return reading
+    .replace("spots rezero", (command) => (state.calibration.rezero ? way("calibrate", "press ‘Re-zero’") : command))
+    .replace("spots calibrate", () => way("calibrate", "choose ‘Rough’ or ‘Fine’"));
 }
 
 // Returns cause and next step if readings are not valid; an empty text if they are valid.
