@@ -419,18 +419,18 @@ def test_the_next_step_names_buttons_of_this_window(serve, open_page, tmp_path, 
     state.put("untrusted", f"a reason; next: {command}")
     expect(watching.locator("#next")).to_have_text(f"a reason; next: {command}")
     for _ in range(2):  # the panel is closed, then open
-        expect(acting.locator("#next")).to_have_text(re.compile("next: (press|choose) ‘"))
-        named = re.findall("‘(.*?)’", acting.locator("#next").inner_text())
+        expect(acting.locator("#next")).to_have_text(re.compile("next: (press|choose) \u2018"))
+        named = re.findall("\u2018(.*?)\u2019", acting.locator("#next").inner_text())
         assert set(buttons) <= set(named)
         for words in named:
             button = acting.get_by_role("button", name=re.compile(f"^{words}"))
             expect(button).to_be_visible(timeout=LONG_MS)
             if words == "calibrate":
                 button.click()
-                expect(acting.locator("#next")).not_to_contain_text("‘calibrate’")
+                expect(acting.locator("#next")).not_to_contain_text("\u2018calibrate\u2019")
     # A board without a calibration opens the panel.
     state.put("board", {**board, "calibration": None})
-    expect(acting.locator("#next")).not_to_contain_text("‘calibrate’")
+    expect(acting.locator("#next")).not_to_contain_text("\u2018calibrate\u2019")
 
 
 def test_without_a_calibration_file_the_next_step_of_a_drift_is_no_button(

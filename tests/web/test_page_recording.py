@@ -292,7 +292,7 @@ def test_recordings_are_listed_played_and_compared(folder, open_page):
 
 
 def test_a_name_that_is_not_utf_8_closes_no_browser(folder, open_page):
-    one, server, inside = folder
+    _, server, inside = folder
     (inside / "a.spots").rename(inside / os.fsdecode(b"\xff\n.spots"))
     page = open_page(server.url)
     page.locator("#open-recordings").click(timeout=LONG_MS)
@@ -311,9 +311,11 @@ def test_the_next_step_names_only_buttons_with_these_words(folder, open_page):
     page.locator("#open-recordings").click(timeout=LONG_MS)
     page.get_by_role("button", name="Play b.spots").click(timeout=LONG_MS)
     step = page.locator("#next")
-    expect(step).to_have_text(re.compile("again, press ‘Show the board’$"), timeout=LONG_MS)
+    expect(step).to_have_text(
+        re.compile("again, press \u2018Show the board\u2019$"), timeout=LONG_MS
+    )
     page.get_by_role("button", name="close").click()
-    words = "press ‘recordings’, then press ‘Show the board’"
+    words = "press \u2018recordings\u2019, then press \u2018Show the board\u2019"
     expect(step).to_have_text(re.compile(words))
     expect(page.get_by_role("button", name="recordings", exact=True)).to_be_visible()
 

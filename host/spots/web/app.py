@@ -140,7 +140,9 @@ class PageApp:
             raise web.HTTPServiceUnavailable(
                 text=f"there is no answer after {_ANSWER_S:g} s: try again"
             ) from None
-        return web.Response(status=204) if answer is None else web.json_response(answer, dumps=_json)
+        if answer is None:
+            return web.Response(status=204)
+        return web.json_response(answer, dumps=_json)
 
     async def _live(self, request: web.Request) -> web.WebSocketResponse:
         if len(self._clients) >= _CLIENTS_MAX:
