@@ -165,6 +165,13 @@ def test_a_board_that_is_asked_for_more_than_it_can_do(rig, exposure_us, average
         assert rate.ok
 
 
+def test_replies_are_not_counted_as_readings():
+    with Stage(load(SensorFile, "default")) as stage:
+        stage.press(NEAR_UM, 8_000)
+        (rate,) = [found for found in examine_board(stage.board) if found.check == "rate"]
+    assert rate.text == "100.0 readings a second of 100.0 that exposure and average allow"
+
+
 @pytest.mark.parametrize(("change", "fits"), [(Change(), True), (Change(die_nm=1.0), False)])
 def test_a_strip_that_has_drifted_is_to_be_re_zeroed(change, fits):
     sensor = load(SensorFile, "default")

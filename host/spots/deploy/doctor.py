@@ -267,11 +267,13 @@ def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     # While the LED is off, a frame contains a single exposure, not the average of several.
     steps = list(pairwise(spectra))
     steps = [(a, b) for a, b in steps if not (a.flags | b.flags) & decode.LED_OFF] or steps
-    # Sequence numbers also count frames that were lost on the link.
-    frames = sum((b.sequence - a.sequence) % (1 << 16) for a, b in steps)
+    # If a number is missing between two spectra, a spectrum may be lost on the link; but replies and
+    # other frames have numbers, too.
+    whole = [(a, b) for a, b in steps if (b.sequence - a.sequence) % (1 << 16) == 1]
+    steps = whole or steps
     passed_us = sum((b.t_us - a.t_us) % (1 << 32) for a, b in steps)
-    rate_hz, most_hz = frames / passed_us * 1e6, 1 / reading_s
-    text = f"{rate_hz:.1f} frames a second of {most_hz:.1f} that exposure and average allow"
+    rate_hz, most_hz = len(steps) / passed_us * 1e6, 1 / reading_s
+    text = f"{rate_hz:.1f} readings a second of {most_hz:.1f} that exposure and average allow"
     slow = rate_hz < _SLOWEST * most_hz
     advice = ": set a longer exposure_us, or a bus clock of 400 kHz" if slow else ""
     return Finding("rate", not slow, text + advice)
