@@ -1,6 +1,7 @@
 """Flashes a virtual board with an empty file system through its serial port."""
 
 import io
+import re
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from mpremote.transport_serial import SerialTransport
 import spots
 from spots.cli import main
 from spots.deploy import flash as flashing
+from spots.deploy import prompt as prompts
 from spots.deploy.build import files_of
 from spots.deploy.doctor import examine_board
 from spots.deploy.prompt import Prompt
@@ -133,6 +135,31 @@ def test_a_late_answer_of_the_prompt_is_not_taken_for_the_answer_to_a_later_try(
             prompt.close()
 
 
+@pytest.mark.parametrize("form", ["{0}", "{0}, 'text'"])
+@pytest.mark.parametrize("operation", ["run", "write"])
+@pytest.mark.parametrize(
+    ("number", "sentence"),
+    [
+        (28, "the board has a full file system: remove"),
+        (30, "the board has a read-only file system: reset the board, and run"),
+        (5, "input/output error: replug the board, and run"),
+    ],
+)
+def test_an_error_of_the_boards_file_system_is_said_in_words(
+    empty, number, sentence, operation, form
+):
+    fails = f"raise OSError({form.format(number)})\n"
+    with virtual_board(empty) as port, Prompt(port) as prompt:
+        if operation == "write":  # as mpremote writes: it raises an OSError itself
+            prompt.run(f"def open(*arguments):\n {fails}")
+        arguments = ("a.txt", b"some") if operation == "write" else (fails,)
+        with pytest.raises(spots.SpotsError) as raised:
+            getattr(prompt, operation)(*arguments)
+    assert sentence in str(raised.value)
+    assert "disconnected" not in str(raised.value)
+    assert not re.search(r"\d", str(raised.value).replace(port, ""))
+
+
 def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
     write = Prompt.write
 
@@ -145,6 +172,12 @@ def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
     with virtual_board(empty) as port:
         assert "has a full file system" in refused(capsys, "flash", "virtual", "--port", port)
     assert "main.py" not in files_of(empty)
+
+
+def test_a_full_littlefs_has_no_negative_number_of_bytes(empty, capsys, monkeypatch):
+    monkeypatch.setattr(prompts, "_FACTS", prompts._FACTS.replace("_s[1] * _s[3]", "-40960"))
+    with virtual_board(empty) as port:
+        assert "has 0 bytes free" in refused(capsys, "flash", "virtual", "--port", port)
 
 
 def test_too_little_room_is_seen_before_anything_is_touched(empty, capsys, monkeypatch):

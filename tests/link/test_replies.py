@@ -76,3 +76,32 @@ def test_another_value_is_refused_unless_it_is_sound(name, key, value):
     sound = value in SOUND.get(key, [])
     with contextlib.nullcontext() if sound else pytest.raises(SpotsError):
         ask(name, {**GOOD[name], key: value})
+
+
+FULL = "the board has a full file system: remove some of your files from it"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("28", FULL),  # a MicroPython without the name of this error
+        ("[Errno 28] No space left on device", FULL),  # CircuitPython
+        ("OSError 28", FULL),
+        ("the flash cannot be written: error 28", f"the flash cannot be written: {FULL}"),
+        ("[Errno 30] Read-only filesystem", "the board has a read-only file system: reset"),
+        ("a value of 28 is too large", "a value of 28 is too large"),
+    ],
+)
+def test_a_refusal_says_an_error_of_the_operating_system_in_words(text, words):
+    refusing = Told({**GOOD, "save": {"error": text, "errno": 28}})
+    with Board(refusing) as board, pytest.raises(SpotsError) as raised:
+        board.command("save")
+    assert str(raised.value).startswith(f"the board refuses 'save': {words}")
+
+
+@pytest.mark.parametrize("text", ["(5)", "([Errno 5] EIO)"])
+def test_a_fault_of_the_bus_is_said_in_words(text):
+    reply = {**GOOD["get"], "fault": f"the I2C bus failed {text}: check the wiring"}
+    with Board(Told({**GOOD, "get": reply})) as board:
+        fault = board.command("get")["fault"]
+    assert fault == "the I2C bus failed (input/output error): check the wiring"

@@ -267,7 +267,7 @@ def _rate(spectra: list[Spectrum], reading_s: float) -> Finding:
     # While the LED is off, a frame contains a single exposure, not the average of several.
     steps = list(pairwise(spectra))
     steps = [(a, b) for a, b in steps if not (a.flags | b.flags) & decode.LED_OFF] or steps
-    # If a number is missing between two spectra, a spectrum may be lost on the link; but replies and
+    # If a number is missing between two spectra, a spectrum may be lost on the link. Replies and
     # other frames have numbers, too.
     whole = [(a, b) for a, b in steps if (b.sequence - a.sequence) % (1 << 16) == 1]
     steps = whole or steps

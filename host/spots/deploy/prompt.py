@@ -2,7 +2,6 @@
 
 import ast
 import contextlib
-import errno
 import hashlib
 import io
 import struct
@@ -12,6 +11,7 @@ from pathlib import PurePosixPath
 import serial
 
 from ..errors import SpotsError, missing
+from ..link.board_errors import AGAIN, in_words
 from ..link.serial_link import SerialLink
 
 _TIMEOUT_S = 10.0  # of each write to the port and each read from it
@@ -21,7 +21,6 @@ _ENTER_S = (2.0, 4.0, 8.0)
 _GARBLED = (SyntaxError, ValueError, TypeError)
 _CHUNK = 512  # bytes of a file in one transfer: a file may be larger than the board's memory
 _PATHS = 50  # number of paths in one program: a longer list may not fit into the board's memory
-_DISK_FULL = ("Errno 28]", "ENOSPC", "OSError: 28")  # in an error of a board with a full disk
 
 # Programs for the board.
 _SIZES = """
@@ -218,19 +217,18 @@ class Prompt:
         try:
             yield
         except self._failures as error:
-            output = getattr(error, "error_output", "")  # a refusal has the board's traceback
-            lines = (output if isinstance(output, str) else output.decode()).strip().splitlines()
-            reason = lines[-1] if lines else "no reason given"
-            is_full = getattr(error, "errno", None) == errno.ENOSPC
-            if is_full or any(sign in reason for sign in _DISK_FULL):
-                what = (
-                    "has a full file system: remove some of your files from it, and run this "
-                    "command again"
+            # For an error of the file system, mpremote raises an OSError instead of the refusal.
+            refusal = error if isinstance(error, self._refused) else error.__context__
+            replug = f": replug the board, and {AGAIN}"
+            what = "was disconnected" + replug
+            if isinstance(refusal, self._refused):
+                output = refusal.error_output  # the board's traceback
+                lines = (
+                    (output if isinstance(output, str) else output.decode()).strip().splitlines()
                 )
-            elif isinstance(error, self._refused):
-                what = f"refuses ({reason}): replug the board, and run this command again"
-            else:
-                what = "was disconnected: replug the board, and run this command again"
+                reason = lines[-1] if lines else "no reason given"
+                words = in_words(reason)
+                what = f"reports an error: {words}" + ("" if AGAIN in words else replug)
             raise SpotsError(f"the board on {self.port} {what}") from None
 
     def _enter(self, transport_type: type) -> dict:
@@ -246,7 +244,10 @@ class Prompt:
                     serial_port.timeout = _TIMEOUT_S
                     # A reply may belong to an earlier attempt: only the facts prove that the prompt
                     # is ready.
-                    return {**ast.literal_eval(self._transport.exec(_FACTS).decode())}
+                    facts = {**ast.literal_eval(self._transport.exec(_FACTS).decode())}
+                    if facts["free"] is not None:  # littlefs reports less than 0 if it is full
+                        facts["free"] = max(0, facts["free"])
+                    return facts
         raise SpotsError(
             f"no MicroPython prompt on {self.port}: install MicroPython on the board, or replug it"
         )

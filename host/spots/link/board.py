@@ -28,6 +28,7 @@ from ..errors import (
     SpotsError,
 )
 from ..plugins import entry_points
+from .board_errors import in_words
 from .clocksync import TRIPS, ClockSync, spread_s
 from .frames import Contact, Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
 from .readers import FrameIterator, FrameLog, Handle, Subscription
@@ -357,7 +358,8 @@ class Board(AbstractContextManager["Board"]):
                     "replug the board"
                 )
             if "error" in reply.content:
-                raise CommandError(f"the board refuses '{line}': {reply.content['error']}")
+                reason = in_words(str(reply.content["error"]))
+                raise CommandError(f"the board refuses '{line}': {reason}")
             content = self._validated(reply)
             number = content.get("sensor")
             # To a program that reads one strip only, this strip is sensor 0.
@@ -938,7 +940,9 @@ class Board(AbstractContextManager["Board"]):
         if not isinstance(frame, Text):
             self._take_reading(frame)
         elif "log" in frame.content:
-            self.log.append(frame.content)
+            text = frame.content.get("text")
+            words = {"text": in_words(text)} if isinstance(text, str) else {}
+            self.log.append(frame.content | words)
         else:
             if frame.content.get("re") == "sync":
                 self._clocks.answered(frame.t_us, self.now_s())

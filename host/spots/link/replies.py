@@ -7,6 +7,7 @@ import msgspec
 from spots_device.smux import CHANNELS
 
 from ..errors import printable
+from .board_errors import in_words
 
 # Longest JSON text from another machine. A board's reply has up to 640 bytes (`frame.TEXT_MAX`); a
 # published sample has less than twice that.
@@ -106,6 +107,7 @@ _HELLO.update(board="?", runtime="?", firmware="?")
 # A full scale of 0 is unknown: the sensor has not answered yet.
 _GET: dict[str, object] = dict.fromkeys(Get.__annotations__, 0)
 _GET.update(_SETTINGS, led="ldr", dark=[0] * CHANNELS, fault=None)
+_WORDED = "fault", "note"  # values that may contain an OSError of the board
 # By command: the type of its reply, and the defaults of missing keys. Replies to other commands are
 # not validated, because no program depends on them.
 _KINDS: dict[str, tuple[Any, dict[str, object]]] = {
@@ -155,7 +157,8 @@ def validated(name: str, reply: dict[str, Any]) -> dict[str, Any]:
     Returns
     -------
     dict
-        The reply with all known keys. Control characters in their values are escaped.
+        The reply with all known keys. In their values, control characters are escaped, and the
+        numbers of a board's errors are replaced by words.
 
     Raises
     ------
@@ -166,7 +169,9 @@ def validated(name: str, reply: dict[str, Any]) -> dict[str, Any]:
         return reply
     kind, defaults = _KINDS[name]
     known: dict[str, Any] = msgspec.convert({**defaults, **reply}, kind)
-    return {**reply, **{name: _shown(value) for name, value in known.items()}}
+    shown = {name: _shown(value) for name, value in known.items()}
+    worded = {name: in_words(shown[name]) for name in _WORDED if isinstance(shown.get(name), str)}
+    return {**reply, **shown, **worded}
 
 
 def _shown(value: Any) -> Any:
