@@ -71,6 +71,10 @@ def held(path: Path, wait_s: float = 0.0) -> Iterator[None]:
     wait_s : float
         Longest wait for another program that holds the lock, in s.
 
+    Yields
+    ------
+    None
+
     Raises
     ------
     InUseError
