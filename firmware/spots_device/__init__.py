@@ -6,3 +6,12 @@ loop. ``runtime`` contains the code that differs between MicroPython and Circuit
 
 __version__ = "0.2.0"
 PROTOCOL = 2
+
+
+def const(value):
+    """Return `value`: MicroPython's ``const``, which Python does not have.
+
+    The compilers of MicroPython and CircuitPython replace calls of ``const`` by their values, and
+    need no import for this. ``spots build`` removes this function and its imports.
+    """
+    return value

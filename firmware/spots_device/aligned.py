@@ -14,8 +14,7 @@ work for other strips. At the first start, the period is uncertain by 6 %. One s
 times are accurate to 20 us for exposures of 5 to 10 ms. Integers only; allocates nothing.
 """
 
-from micropython import const
-
+from . import const
 from .pacing import BRIEF_US, LATCH_US, LONG_US, Pacing
 
 _Q = const(8)  # fraction bits of times relative to `_end`

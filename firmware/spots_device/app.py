@@ -2,8 +2,7 @@
 
 import gc
 
-from micropython import const
-
+from . import const
 from .as7341 import SensorError
 from .calibration import CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader, Replies

@@ -17,9 +17,7 @@ buffer is the number of the first register. Both raise OSError if the chip does 
 
 from array import array
 
-from micropython import const
-
-from . import exposure
+from . import const, exposure
 from .kernel import unpack
 from .pacing import Pacing
 from .runtime.common import ADDRESS

@@ -41,14 +41,9 @@ the second finger's position is computed from earlier readings. A release is del
 Integers only; allocates nothing.
 """
 
-try:
-    from micropython import const
-except ImportError:
-    const = int  # on the host
-
-
 from array import array
 
+from . import const
 from .contact_state import (
     APART_UM,
     B_BEFORE,

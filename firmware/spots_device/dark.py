@@ -12,8 +12,7 @@ the mean restarts.
 
 from array import array
 
-from micropython import const
-
+from . import const
 from .decode import (
     AGE_STEP_US,
     AGE_US,

@@ -5,11 +5,7 @@ The functions store their estimates in it; contact.py decides which fingers touc
 Integers only; allocates nothing.
 """
 
-try:
-    from micropython import const
-except ImportError:
-    const = int  # on the host
-
+from . import const
 from .contact_state import (
     APART_UM,
     B_BOTH,

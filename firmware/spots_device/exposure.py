@@ -5,7 +5,7 @@ counts and full scale are both proportional to the exposure. So a shorter exposu
 saturation below 182 ms; a lower gain or a lower LED current does.
 """
 
-from micropython import const
+from . import const
 
 MIN_US = 1_000
 MAX_US = 1_000_000

@@ -7,8 +7,7 @@ halves, because a small int has 31 bits. Packing and sending allocate nothing.
 from array import array
 from struct import pack_into
 
-from micropython import const
-
+from . import const
 from .decode import (
     CRC_SIZE,
     DROPPED,

@@ -5,7 +5,8 @@ end of a touch releases the pressed action, even if the layer has changed since 
 only; allocates nothing. Times are in the ticks of contact.py (1.024 ms).
 """
 
-from .contact import ContactTracker, const, elapsed
+from . import const
+from .contact import ContactTracker, elapsed
 from .layout import (
     DOUBLE,
     FIRM,

@@ -7,11 +7,7 @@ allocates nothing.
 
 from array import array
 
-try:
-    from micropython import const
-except ImportError:
-    const = int  # on the host
-
+from . import const
 from .contact_state import (
     APART_UM,
     B_LAST,

@@ -19,7 +19,7 @@ poll gives a lower limit. Between two early polls, the polls approach the end in
 these limits soon differ by only one step. The error is half a step.
 """
 
-from micropython import const
+from . import const
 
 _RETRY_US = const(200)
 _WIDE_US = const(2_000)  # a wider bracket is not used if narrower ones are possible

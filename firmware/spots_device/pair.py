@@ -6,11 +6,7 @@ Boards with ``viper = true`` in board.toml get pair_viper.py instead of this fil
 identical results, in machine code. Integers only; allocates nothing.
 """
 
-try:
-    from micropython import const
-except ImportError:
-    const = int  # on the host
-
+from . import const
 from .contact_state import (
     APART_UM,
     B_BOTH,

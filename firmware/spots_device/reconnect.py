@@ -2,8 +2,7 @@
 
 import gc
 
-from micropython import const
-
+from . import const
 from .as7341 import SensorError
 
 _RETRY_US = const(100_000)

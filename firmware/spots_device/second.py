@@ -16,11 +16,7 @@ whether the first finger rests: several readings must give the same result. All 
 bits; allocates nothing.
 """
 
-try:
-    from micropython import const
-except ImportError:
-    const = int  # on the host
-
+from . import const
 from .contact_state import (
     APART_UM,
     EVEN,

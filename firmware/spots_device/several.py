@@ -11,8 +11,7 @@ such as ``set``, the stack of a Pico has no room for the processing of a sample.
 
 import gc
 
-from micropython import const
-
+from . import const
 from .aligned import FINE, AlignedPacing
 from .app import BoardApp
 from .as7341 import SensorError

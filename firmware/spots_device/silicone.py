@@ -10,12 +10,8 @@ its time constants. All integers fit 31 bits; `take` allocates nothing.
 
 from array import array
 
+from . import const
 from .decode import FLAGS, FORCE_MN, LED_OFF, POSITION_UM
-
-try:
-    from micropython import const
-except ImportError:
-    const = int  # on the host
 
 _PARTS = const(3)  # play operators, and parts of the creep
 _WEIGHTS_MAX = const((1 << 14) - 1)  # limit of the sum of weights, so that 65 N fits 31 bits

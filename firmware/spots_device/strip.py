@@ -5,8 +5,7 @@ sample of a requested dark frame, during a search for settings (command ``auto``
 restarts the sensor to correct the exposure (setting ``mains_hz``).
 """
 
-from micropython import const
-
+from . import const
 from .calibration import Conditions
 from .dark import Baseline, Dark
 from .decode import (

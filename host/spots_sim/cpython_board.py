@@ -16,11 +16,10 @@ import platform
 import runpy
 import sys
 import tempfile
-import threading
 import traceback
 from functools import partial
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Protocol
 
 import spots_device
@@ -38,7 +37,6 @@ _slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
 _MODULES = "app", "as7341", "several"
 
 _numbers = itertools.count()
-_loading = threading.Lock()  # guards `sys.modules` while it contains a substitute `micropython`
 
 
 class BoardPort(Protocol):
@@ -198,20 +196,11 @@ def _load(folder: Path) -> str:
         name, spots_device.__file__, submodule_search_locations=list(spots_device.__path__)
     )
     package = importlib.util.module_from_spec(spec)
-    micropython = ModuleType("micropython")
-    micropython.const = lambda value: value
-    with _loading:
-        there = sys.modules.get("micropython")
-        sys.modules |= {name: package, "micropython": micropython}
-        try:
-            spec.loader.exec_module(package)
-            for module in pkgutil.iter_modules(package.__path__):
-                if not (module.ispkg or module.name.endswith(VIPER)):
-                    importlib.import_module(f"{name}.{module.name}")
-        finally:
-            del sys.modules["micropython"]
-            if there:
-                sys.modules["micropython"] = there
+    sys.modules[name] = package
+    spec.loader.exec_module(package)
+    for module in pkgutil.iter_modules(package.__path__):
+        if not (module.ispkg or module.name.endswith(VIPER)):
+            importlib.import_module(f"{name}.{module.name}")
     settings = sys.modules[f"{name}.settings"]
     settings.open = lambda path, mode="r": open(folder / path, mode, encoding="utf-8")
     settings.os = SimpleNamespace(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 
+from spots.deploy.build import mpy_cross_command
 from spots.deploy.staging import device_of
 from spots.errors import SpotsError
 
@@ -16,7 +17,9 @@ _PORT = "SPOTS_VIRTUAL_PORT", ("pty", "socket")
 
 
 def is_cpython(board: str = "virtual") -> bool:
-    """Return whether the firmware runs in CPython: by default, only if MicroPython is missing.
+    """Return whether the firmware runs in CPython: by default, only if a tool is missing.
+
+    The tools are MicroPython, and mpy-cross, which compiles the firmware for it.
 
     Parameters
     ----------
@@ -30,7 +33,7 @@ def is_cpython(board: str = "virtual") -> bool:
     """
     if device_of(board).runtime != "micropython":
         return False
-    return (_wanted(*_RUNTIME) or _installed()) == "cpython"
+    return (_wanted(*_RUNTIME) or ("cpython" if _missing() else "micropython")) == "cpython"
 
 
 def is_socket() -> bool:
@@ -57,16 +60,18 @@ def headline(runtime: str = "") -> str:
     """
     if not is_cpython():
         return f"runtime: {runtime or 'micropython'}"
-    why = f"${_RUNTIME[0]} is set" if os.environ.get(_RUNTIME[0]) else "MicroPython is missing"
+    why = f"${_RUNTIME[0]} is set" if os.environ.get(_RUNTIME[0]) else f"{_missing()} is missing"
     return f"runtime: {runtime or 'cpython'} ({why})"
 
 
-def _installed() -> str:
-    try:
-        micropython_command()
-    except SpotsError:
-        return "cpython"
-    return "micropython"
+def _missing() -> str:
+    """Return the name of the first tool that is not installed; empty if there is every one."""
+    for name, command in (("MicroPython", micropython_command), ("mpy-cross", mpy_cross_command)):
+        try:
+            command()
+        except SpotsError:
+            return name
+    return ""
 
 
 def _wanted(name: str, values: tuple[str, str]) -> str | None:

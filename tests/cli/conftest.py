@@ -1,23 +1,33 @@
-"""Fixture: the unpacked wheel of the package, built one time for all processes of a test run."""
+"""Fixtures: the wheel of the package, and environments in which it is installed."""
 
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
 
+from environments import create
+
 REPOSITORY = Path(__file__).parents[2]
 
 
-def _unpacked_wheel(folder):
+def _build_wheel(folder):
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder)]
     subprocess.run([*build, str(REPOSITORY)], check=True, capture_output=True)
-    (wheel,) = folder.glob("*.whl")
-    zipfile.ZipFile(wheel).extractall(folder / "site")
 
 
 @pytest.fixture(scope="session")
-def installed(once):
-    """Folder with the unpacked content of the wheel."""
-    return once("wheel", _unpacked_wheel) / "site"
+def environment(once, shared_folder):
+    """Return a function that returns the folder of a fresh environment with the wheel installed.
+
+    All processes of a test run share the wheel and the environments.
+    """
+
+    def environment(*extras):
+        (wheel,) = once("wheel", _build_wheel).glob("*.whl")
+        folder = shared_folder / "-".join(("environment", *extras))
+        # pip writes the path of the folder into scripts, so the folder cannot be renamed.
+        once(f"{folder.name}-done", lambda done: (create(folder, wheel, extras), done.touch()))
+        return folder
+
+    return environment

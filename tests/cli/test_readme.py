@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.metadata
-import os
 import re
 import shlex
+import shutil
 import signal
 import subprocess
-import sys
 import threading
-from pathlib import Path
 
 import pytest
-from packaging.requirements import Requirement
 from test_documents import ROOT, blocks, shell_lines
+
+from environments import variables
 
 TIMEOUT_S = 120
 # Commands that do not end by themselves, and a text that each prints when it runs.
@@ -64,70 +62,20 @@ PRINTED = {
 }
 
 
-def _installed_by_make_demo():
-    """Return the names of the distributions that `make demo` installs, from the Makefile."""
+@pytest.fixture(scope="module")
+def newcomer(tmp_path_factory, environment):
+    """Working directory, and variables of an environment with the packages of `make demo`."""
     recipe = (ROOT / "Makefile").read_text(encoding="utf-8").split("\n.venv/demo:")[1]
     extras = ",".join(re.findall(r"'\.\[([a-z,]+)\]'", recipe.split("\n\n")[0]))
-    found, wanted = set(), [Requirement(f"spots-tactile[{extras}]")]
-    while wanted:
-        one = wanted.pop()
-        name = re.sub(r"[-_.]+", "-", one.name).lower()
-        key = name, tuple(sorted(one.extras))
-        if key in found:
-            continue
-        found.add(key)
-        try:
-            requires = importlib.metadata.requires(name) or []
-        except importlib.metadata.PackageNotFoundError:
-            continue  # a package for another system
-        wanted += [
-            need
-            for need in map(Requirement, requires)
-            if need.marker is None
-            or any(need.marker.evaluate({"extra": extra}) for extra in ("", *one.extras))
-        ]
-    return {name for name, _ in found}
-
-
-HIDE = """
-import sys
-class Hide:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {hidden!r}:
-            raise ModuleNotFoundError("No module named " + repr(name), name=name)
-sys.meta_path.insert(0, Hide())
-"""
-
-
-@pytest.fixture(scope="module")
-def newcomer(tmp_path_factory, installed):
-    """Working directory, and environment variables with which Python has only certain packages.
-
-    These are the wheel, and the packages that `make demo` installs.
-    """
-    folder = tmp_path_factory.mktemp("newcomer")
-    packages = _installed_by_make_demo()
-    hidden = {
-        module
-        for module, distributions in importlib.metadata.packages_distributions().items()
-        if not packages & {re.sub(r"[-_.]+", "-", one).lower() for one in distributions}
-    } - {"pip", "setuptools", "__pycache__"}
-    assert {"scipy", "matplotlib", "pytest"} <= hidden
-    assert not {"spots", "serial", "aiohttp"} & hidden
-    (folder / "sitecustomize.py").write_text(HIDE.format(hidden=hidden), encoding="utf-8")
-    environment = os.environ | {"BROWSER": "true"}
-    environment["PYTHONPATH"] = os.pathsep.join([str(folder), str(installed)])
-    environment["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    command = [sys.executable, "-c", "import spots; print(spots.__file__)"]
-    assert run(command, "", (folder, environment)).startswith(str(installed))
-    return folder, environment
+    return tmp_path_factory.mktemp("newcomer"), variables(environment(*extras.split(",")))
 
 
 def run(words, said, newcomer):
     """Run a command to its end, or send Ctrl-C when it has printed `said`; return its output."""
     folder, environment = newcomer
+    program = shutil.which(words[0], path=environment["PATH"])
     process = subprocess.Popen(
-        words,
+        [program, *words[1:]],
         cwd=folder,
         env=environment | {"PYTHONUNBUFFERED": "1"},
         stdin=subprocess.DEVNULL,
@@ -164,7 +112,7 @@ def test_a_line_of_the_readme_runs_after_make_demo(line, newcomer):
 
 @pytest.mark.parametrize("text", [text for kind, text in blocks("README.md") if kind == "python"])
 def test_a_program_of_the_readme_runs_after_make_demo(text, newcomer):
-    run([sys.executable, "-c", text], ENDLESS["python"], newcomer)
+    run(["python", "-c", text], ENDLESS["python"], newcomer)
 
 
 def steps():

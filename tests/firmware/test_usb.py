@@ -103,7 +103,6 @@ class Substitute:
         self.module = fresh(
             monkeypatch,
             "usb_micropython",
-            micropython={"const": lambda value: value},
             usb={"device": SimpleNamespace(get=lambda: self)},
             usb__device={"get": lambda: self},
             usb__device__hid={"HIDInterface": HIDInterface},
@@ -208,7 +207,6 @@ class Published:
         self.module = fresh(
             monkeypatch,
             "usb_micropython",
-            micropython={"const": lambda value: value},
             machine={"USBDevice": self.USBDevice, "idle": lambda: None},
         )
 
@@ -351,8 +349,7 @@ class Port:
 @pytest.fixture
 def serial(monkeypatch):
     """The firmware's `StdioSerial`, and the substitute `Port` that it uses."""
-    constants = {"const": lambda value: value}
-    module = fresh(monkeypatch, "micropython", micropython=constants, machine={})
+    module = fresh(monkeypatch, "micropython", micropython={}, machine={})
     port, turn = Port(), 1 << 30
     module.sys, module.select = port, port
     port.POLLIN, port.POLLOUT = 1, 4
@@ -454,9 +451,8 @@ def test_micropython_sends_after_minutes_without_a_frame(serial, minutes):
 
 
 def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypatch):
-    constants = {"const": lambda value: value}
     machine = {"USBDevice": None}
-    module = fresh(monkeypatch, "micropython", micropython=constants, machine=machine)
+    module = fresh(monkeypatch, "micropython", micropython={}, machine=machine)
     monkeypatch.setitem(sys.modules, "spots_device.runtime.usb_micropython", None)  # not installed
     for platform, version, why in (
         ("esp32", (1, 26, 1), "1.26 sends empty reports"),
@@ -482,8 +478,7 @@ class Pin:
 
 @pytest.mark.parametrize("level", [0, 1])
 def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
-    constants = {"const": lambda value: value}
-    module = fresh(monkeypatch, "micropython", micropython=constants, machine={"Pin": Pin})
+    module = fresh(monkeypatch, "micropython", micropython={}, machine={"Pin": Pin})
     usb = module.MachineUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Pin.made.number, Pin.made.level) == ("LED", 1 - level)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
@@ -693,7 +688,7 @@ def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
         adafruit_bus_device__i2c_device={"I2CDevice": None},
         board={"LED": "the red one"},
         digitalio={"DigitalInOut": Wire},
-        micropython={"const": lambda value: value},
+        micropython={},
     )
     usb = module.CircuitUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Wire.made.pin, Wire.made.value) == ("the red one", level == 0)

@@ -16,9 +16,8 @@ import storage
 import supervisor
 import usb_cdc
 from adafruit_bus_device.i2c_device import I2CDevice
-from micropython import const
 
-from .. import kernel
+from .. import const, kernel
 from ..as7341 import AS7341, SensorError
 from ..decode import (
     BRIGHTNESS,

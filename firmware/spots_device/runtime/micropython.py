@@ -8,8 +8,8 @@ from time import ticks_diff, ticks_us
 
 import machine
 import micropython
-from micropython import const
 
+from .. import const
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
 from .stay import must_stay
 

@@ -1,9 +1,9 @@
 """USB reports through MicroPython's library usb-device-hid, which the board must have."""
 
 import usb.device
-from micropython import const
 from usb.device.hid import HIDInterface
 
+from .. import const
 from ..hid import (
     CONSUMER_DESCRIPTOR,
     CONSUMER_SIZE,

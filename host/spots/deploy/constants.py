@@ -2,7 +2,8 @@
 
 On a board, the name of a constant takes 10 to 30 bytes of flash and heap in each module that uses
 it, and each look-up takes 2 us. MicroPython's own ``const`` works in one module only. The
-imports of ``const`` are removed: mpy-cross evaluates ``const(...)`` without an import.
+function ``const`` and its imports are removed: the compilers of MicroPython and CircuitPython
+evaluate ``const(...)`` without them.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from pathlib import Path
 from .source import Source
 
 _NAME = re.compile(r"[A-Z][A-Z0-9_]*")
-_CONST = "from micropython import const"
 
 
 def inline(package: Path) -> None:
@@ -58,7 +58,7 @@ class _Module(Source):
         self._once = {name for name, times in stored.items() if times == 1}
         self._removed: dict[ast.stmt, str] = {}
         for node in self.tree.body:
-            if isinstance(node, ast.Try) and ast.unparse(node.body) == _CONST:
+            if isinstance(node, ast.FunctionDef) and node.name == "const":
                 self._removed[node] = "pass"
             elif isinstance(node, ast.ImportFrom):
                 self._import(node, {})
