@@ -3,11 +3,23 @@
 from __future__ import annotations
 
 import contextlib
+import os
 
 from spots.cli import main
+from spots_device.store import Store
 from spots_sim.virtual import VIRTUAL, start_simulator
 
 DEADLINE_S = 20.0
+
+
+def store(folder, **parts):
+    """Store lines in a board's file system, by name of the part, such as ``settings1``."""
+    there = os.getcwd()
+    os.chdir(folder)
+    try:
+        Store().save(parts.items())
+    finally:
+        os.chdir(there)
 
 
 @contextlib.contextmanager

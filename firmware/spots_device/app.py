@@ -8,7 +8,8 @@ from .calibration import CalibrationSlot
 from .command import LINE_MAX, Commands, LineReader, Replies
 from .frame import Framer, Time32
 from .reconnect import Reconnect
-from .settings import BoardSettings, checksum, load_lines, save_lines
+from .settings import BoardSettings, checksum
+from .store import Store
 from .strip import Strip
 from .uses import Uses, check_layout
 
@@ -21,6 +22,7 @@ _CTRL_C = const(3)
 _COLLECT_EVERY = const(4)  # commands between two garbage collections
 _SKIPPED = const(3)  # the mean starts with this FIFO read; the reads before it may be late
 _COUNTED = const(16)  # least number of samples in the mean
+_BOOT_MAX = const(240)  # characters of all faults at the start, so that the reply fits a frame
 
 
 class Meter:
@@ -134,6 +136,7 @@ class BoardApp:
         self._answered = 0
         self._leave_until = None  # deadline in ticks
         self.framer = Framer(serial, self._time)
+        self.store = Store()
         self._attach(sensor, board, usb)
 
     def _attach(self, sensor, board, usb):
@@ -145,11 +148,10 @@ class BoardApp:
         self.settings = BoardSettings(board)
         self.replies = Replies(self.framer, self._time)
         self.calibration = CalibrationSlot()
+        self._unused = []  # sentences about stored parts that are invalid
         layout_lines = self._load()
         # The host reads the USB descriptors once, so the interfaces cannot change later.
         self.uses = Uses(self.settings, self.framer, self._time, usb, layout_lines)
-        if self.uses.fault:
-            self.replies.log("error", self.uses.fault)
         self.strip = Strip(
             self.index,
             self._uid,
@@ -168,6 +170,8 @@ class BoardApp:
         self.lose = self.reconnect.lose
         self._commands = Commands(self)
         self._sum()
+        for fault in self.boot_faults():
+            self.replies.log("error", fault)
 
     def run(self):
         """Run until the command ``reboot``.
@@ -415,7 +419,24 @@ class BoardApp:
         reply["decay"] = calibration and calibration.decay
         reply["relative_force"] = calibration and calibration.relative_force
         reply["layout"] = self._sums[1] if self.uses.layout_lines else None
+        reply["boot"] = self.boot_faults()
         return reply
+
+    def boot_faults(self):
+        """Return what went wrong at the start: sentences of 240 ASCII characters in total (list).
+
+        Nobody reads the log at the start, so the reply to ``hello`` contains these sentences. A
+        save makes those about stored files obsolete.
+        """
+        left = _BOOT_MAX
+        faults = []
+        for fault in [self.store.fault] + self._unused + [self.uses.fault]:
+            if fault and left:
+                # In JSON, other characters need more than one byte.
+                fault = "".join([c if " " <= c <= "~" and c not in '"\\' else "?" for c in fault])
+                faults.append(fault[:left])
+                left -= len(faults[-1])
+        return faults
 
     def state(self):
         """Return settings, counters and faults: the reply to ``get`` (dict)."""
@@ -441,10 +462,23 @@ class BoardApp:
         self.uses.release()
 
     def save(self):
-        """Write settings, calibration and layout to flash."""
-        save_lines(self._path("settings"), self.settings.lines())
-        save_lines(self._path("calibration"), self.calibration.lines)
-        save_lines(self._path("layout"), self.uses.layout_lines)
+        """Write settings, calibration and layout to flash; a power cut leaves the old or the new.
+
+        Raises
+        ------
+        OSError
+            If a file cannot be written. The stored state then remains as it is.
+        """
+        self.store.save(self.stored())
+        self._unused = []
+
+    def stored(self):
+        """Return name and lines of each part that ``save`` stores: a list of tuples."""
+        return [
+            (self._name("settings"), self.settings.lines()),
+            (self._name("calibration"), self.calibration.lines),
+            (self._name("layout"), self.uses.layout_lines),
+        ]
 
     def time_us(self):
         """Return the board's time in us modulo 2**32."""
@@ -457,18 +491,18 @@ class BoardApp:
         self._load_lines("calibration", self.calibration.use)
         return self._load_lines("layout", check_layout)
 
-    def _load_lines(self, name, check):
+    def _load_lines(self, part, check):
         try:
-            lines = load_lines(self._path(name))
+            lines = self.store.load(self._name(part))
             if lines:
                 check(lines)
             return lines
         except ValueError as error:
-            self.replies.log("error", "stored %s not used: %s" % (name, error))
+            self._unused.append("stored %s not used: %s" % (part, error))
             return []
 
-    def _path(self, name):
-        return name + ".txt"
+    def _name(self, part):
+        return part
 
     def _listen(self, byte):
         # At most one command and `LINE_MAX` bytes per pass, so a flood from the host cannot starve

@@ -337,7 +337,12 @@ class Commands:
         self._replies.finish("auto", reply)
 
     def _save(self, words):
-        self._app.save()
+        try:
+            self._app.save()
+        except OSError as error:
+            # The numbers are the same on all runtimes; the host has a sentence for each.
+            number = error.args[0] if error.args else None
+            return {"error": "the flash cannot be written: error %s" % number, "errno": number}
         return {}
 
     def _sync(self, words):

@@ -2,7 +2,7 @@
 
 Only a board whose configuration has ``SENSORS`` gets this module. Each strip has its own settings,
 calibration, dark frame, layout and commands. The files of strip 0 have the same names as on a board
-with one strip.
+with one strip; one save stores all strips.
 
 The start of a sensor takes 25 ms. During this time, the samples of the other strips wait in the
 FIFOs of their chips. They are processed after the start, not during the start: within a command
@@ -77,6 +77,7 @@ class StripApp(BoardApp):
         # A calibration belongs to its strip, so each strip has an id.
         self._uid = "%s-%d" % (main._uid, index)
         self.framer = main.port
+        self.store = main.store
         self._attach(main.open_sensor, None, None)
 
     @property
@@ -159,8 +160,8 @@ class StripApp(BoardApp):
     def _log(self, level, text):
         self.replies.send({"log": level, "text": text, "sensor": self.index})
 
-    def _path(self, name):
-        return BoardApp._path(self, name + (str(self.index) if self.index else ""))
+    def _name(self, part):
+        return part + (str(self.index) if self.index else "")
 
     def _release(self):
         # The strips share one keyboard, so a strip releases only its own keys.
@@ -248,9 +249,16 @@ class SeveralApp(StripApp):
             reply["sensor"] = index
         return reply
 
-    def save(self):
+    def stored(self):
+        parts = []
         for part in self.parts:
-            BoardApp.save(part)
+            parts += BoardApp.stored(part)
+        return parts
+
+    def save(self):
+        BoardApp.save(self)
+        for part in self._others:
+            part._unused = []
 
     def serve(self, longest_us):
         """Wait for the next sample of any strip, and process it; sleep for `longest_us` at most."""

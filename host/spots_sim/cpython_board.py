@@ -19,7 +19,7 @@ import tempfile
 import traceback
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 from typing import Protocol
 
 import spots_device
@@ -201,18 +201,33 @@ def _load(folder: Path) -> str:
     for module in pkgutil.iter_modules(package.__path__):
         if not (module.ispkg or module.name.endswith(VIPER)):
             importlib.import_module(f"{name}.{module.name}")
-    settings = sys.modules[f"{name}.settings"]
-    settings.open = lambda path, mode="r": open(folder / path, mode, encoding="utf-8")
-    settings.os = SimpleNamespace(
-        remove=lambda path: os.remove(folder / path),
-        rename=lambda old, new: os.rename(folder / old, folder / new),
-        stat=lambda path: os.stat(folder / path),
-    )
+    use_folder(sys.modules[f"{name}.store"], folder)
     # `gc.collect` would search the memory of the whole program, so samples would be lost.
     for module in [sys.modules[key] for key in sys.modules if key.startswith(f"{name}.")]:
         if hasattr(module, "gc"):
             module.gc = SimpleNamespace(collect=lambda: None)
     return name
+
+
+def use_folder(store: ModuleType, folder: Path) -> None:
+    """Make a copy of the firmware's module `store` use a folder as its file system.
+
+    Parameters
+    ----------
+    store : module
+        The copy.
+    folder : Path
+        The folder.
+    """
+    replaced: dict[str, object] = {
+        "open": lambda path, mode: open(folder / path, mode),
+        "os": SimpleNamespace(
+            remove=lambda path: os.remove(folder / path),
+            listdir=lambda: os.listdir(folder),
+            stat=lambda path: os.stat(folder / path),
+        ),
+    }
+    vars(store).update(replaced)
 
 
 class _Requests:

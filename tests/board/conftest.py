@@ -6,12 +6,13 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from boards import store
 
 from spots.deploy import flash
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Key, Spectrum, Touch
-from spots_device.settings import checksum, save_lines
+from spots_device.settings import checksum
 from spots_sim.kept_folder import FOLDER
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
@@ -30,7 +31,7 @@ class Rig:
         if calibration and not folder:
             self._own = tempfile.TemporaryDirectory(prefix="spots-")
             folder = Path(self._own.name)
-            save_lines(str(folder / "calibration.txt"), calibration)
+            store(folder, calibration=calibration)
         self.link = LockstepLink(sensor, scenario or self.held, seed, folder, **options)
         self.board = Board(self.link)
         if self._own:

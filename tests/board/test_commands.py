@@ -243,11 +243,24 @@ def test_what_was_saved_survives_a_reboot_and_what_was_not_does_not(rig, calibra
 
 
 def test_damaged_files_on_the_board_give_the_defaults(rig, tmp_path):
-    (tmp_path / "settings.txt").write_text("gain=3\ncrc 0000\n")
+    (tmp_path / "saved-a.txt").write_text("generation 1\ncrc 0000\n")
+    (tmp_path / "settings-a.txt").write_text("gain=3\n")
+    (tmp_path / "calibration-a.txt").write_bytes(b"\xff\x00")
+    made = rig(folder=tmp_path)
+    assert made.board.info["gain"] == 9
+    assert made.board.info["calibration"] is None
+    assert "the default settings are used" in made.board.info["boot"][0]
+    made.board.command("save")
+    assert made.board.command("hello")["boot"] == []
+
+
+def test_a_damaged_calibration_of_earlier_firmware_is_reported(rig, tmp_path):
+    settings = ["gain=7"]
+    (tmp_path / "settings.txt").write_text(f"gain=7\ncrc {checksum(settings)}\n")
     (tmp_path / "calibration.txt").write_bytes(b"\xff\x00")
     info = rig(folder=tmp_path).board.info
-    assert info["gain"] == 9
-    assert info["calibration"] is None
+    assert (info["gain"], info["calibration"]) == (7, None)
+    assert info["boot"] == ["stored calibration not used: calibration.txt is damaged: save again"]
 
 
 def test_a_request_that_is_interrupted_is_answered(rig):

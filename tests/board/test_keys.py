@@ -1,13 +1,13 @@
 """Touches become USB reports and KEY frames in a real MicroPython, also with a faulty USB host."""
 
 import pytest
+from boards import store
 
 import spots
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load
 from spots.link.frames import Key, Touch
 from spots_device.decode import DROPPED
-from spots_device.settings import save_lines
 
 # Middles of the ten zones from the sensor's end, and the HID usages of their keys 1 to 9 and 0.
 ZONES_MM = [85 * (i + 0.5) / 10 for i in range(10)]
@@ -40,8 +40,7 @@ def plugged(rig, calibration, tmp_path, board):
     """Return a function that starts a calibrated `Rig` with stored settings, such as ``keys=1``."""
 
     def make(*settings):
-        save_lines(str(tmp_path / "calibration.txt"), calibration)
-        save_lines(str(tmp_path / "settings.txt"), settings)
+        store(tmp_path, calibration=calibration, settings=list(settings))
         return rig(folder=tmp_path, board=board)
 
     return make

@@ -4,6 +4,7 @@ import contextlib
 
 import numpy as np
 import pytest
+from boards import store
 from sensors import replaced
 
 from spots.deploy.staging import stage
@@ -11,7 +12,6 @@ from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Decoder, Text, Touch
 from spots_device.decode import DROPPED
-from spots_device.settings import save_lines
 from spots_sim.lockstep import LockstepLink
 from spots_sim.scenario import Held, Press
 from spots_sim.vm import HEAP_BYTES
@@ -105,8 +105,7 @@ def test_readings_are_back_within_a_second_of_the_sensor(slow, absent_s, board):
 def test_a_keyboard_without_a_program_types_within_a_second_of_the_sensor(
     slow, calibration, tmp_path, absent_s
 ):
-    save_lines(str(tmp_path / "calibration.txt"), calibration)
-    save_lines(str(tmp_path / "settings.txt"), ["keys=1"])
+    store(tmp_path, calibration=calibration, settings=["keys=1"])
     made = slow(slows_down, folder=tmp_path, away=True)
     for times in (1, 2):
         made.plug.away = True

@@ -135,8 +135,8 @@ def test_each_strip_has_its_own_settings_files_and_calibration(tmp_path):
         first, second = board.command("hello"), board.command("hello sensor=1")
         assert (first["sensors"], first["sensor"], second["sensor"]) == (2, 0, 1)
         assert second["id"] == first["id"] + "-1"
-    assert "gain=9" in (folder / "settings.txt").read_text().split()
-    assert "gain=7" in (folder / "settings1.txt").read_text().split()
+    assert "gain=9" in (folder / "settings-a.txt").read_text().split()
+    assert "gain=7" in (folder / "settings1-a.txt").read_text().split()
 
 
 def test_a_command_for_a_strip_that_is_not_there_is_refused():

@@ -1,19 +1,23 @@
 """The firmware's application: commands, lack of memory, failed transfers, and a lost sensor."""
 
 import json
+from pathlib import Path
 
 import pytest
 from bench import canned
 
 from spots_device import app
 from spots_device import layout as layout_module
+from spots_device import store as store_module
 from spots_device.as7341 import AS7341
 from spots_device.calibration import Calibration
 from spots_device.decode import DARK_SAMPLES
 from spots_device.frame import TEXT_MAX
 from spots_device.layout import default_lines
+from spots_device.runtime.common import blink
 from spots_device.search import Search
-from spots_device.settings import LIMITS, checksum, save_lines
+from spots_device.settings import LIMITS, checksum
+from spots_device.store import Store
 
 LINES = """\
 board 00
@@ -168,7 +172,7 @@ def test_memory_that_ran_out_once_is_not_reported_for_ever(monkeypatch):
 
 
 def test_a_fault_of_usb_is_reported_only_to_who_wants_it():
-    save_lines("settings.txt", ["keys=1"])
+    Store().save([("settings", ["keys=1"])])
     board = Board(usb=Usb("this board has no USB today"), calibration=LINES)
     assert "no USB today" in board.command("keys on")["note"]
     assert "note" not in board.command("keys off")
@@ -254,18 +258,81 @@ def test_a_line_is_executed_whole_or_refused_whole(length):
     assert board.command("get")["average"] == average
 
 
-def test_the_longest_reply_fits_a_frame():
-    board = Board()
-    app = board.app
+def with_longest_settings(app):
     app.settings.values.update({name: limits[1] for name, limits in LIMITS.items()})
     app.settings.values["plan"] = ("CLEAR", "DARK", "NIR", "F1", "F2", "F3")
+    app.settings.values["led"] = "always"
+    return app
+
+
+def test_the_longest_reply_fits_a_frame():
+    app = with_longest_settings(Board(calibration=LINES).app)
+    app.uses.layout_lines = default_lines()
+    app.store.fault = "é" * 30
+    app._unused = ['"' * 30, "\\" * 20, "\n" * 150]
+    app.uses.fault = "this board has no room"
+    reply = app.identity()
+    assert sum(map(len, reply["boot"])) == 240
+    assert reply["boot"][-1] == "this board"
+    reply.update(re="hello", protocol=10, firmware="10.10.10", sensor=1, sensors=2)
+    reply.update(board="virtual_circuitpython", runtime="circuitpython 10.10.10", id="f" * 34)
+    reply.update(length_um=1_000_000, decay=1 << 28, relative_force=False)
+    assert TEXT_MAX - 50 < len(json.dumps(reply)) <= TEXT_MAX
+
+
+def test_the_longest_reply_to_get_fits_a_frame():
+    app = with_longest_settings(Board().app)
     reply = app.state()
     reply["dark"] = reply["rest"] = [DARK_SAMPLES * 65_535] * 6
     for name in ("missed", "retries", "dropped", "dropped_reports", "faults"):
         reply[name] = 1 << 30
     reply["fault"] = "the AS7341 has lost its settings; check its supply and wiring"
     reply["saturation"], reply["full_scale"], reply["re"] = "digital", 65_535, "get"
-    assert TEXT_MAX - 50 < len(json.dumps(reply)) <= TEXT_MAX
+    assert len(json.dumps(reply)) <= TEXT_MAX
+
+
+def test_damage_that_is_found_at_the_start_is_kept_for_hello_until_a_save():
+    Store().save([("settings", ["gain=7"]), ("calibration", ["nonsense"]), ("layout", ["jump"])])
+    Store().save([("settings", ["gain=5"])])
+    Path("settings-b.txt").write_bytes(b"gain=6\n")
+    board = Board()
+    boot = board.command("hello")["boot"]
+    assert [text[:20] for text in boot] == [
+        "settings-b.txt is da",
+        "stored calibration n",
+        "stored layout not us",
+    ]
+    assert board.command("hello")["boot"] == boot
+    assert (board.replies[0]["gain"], board.replies[0]["calibration"]) == (7, None)
+    board.command("save")
+    assert board.command("hello")["boot"] == []
+    assert Board().command("hello")["boot"] == []
+
+
+def test_interfaces_that_could_not_open_at_the_start_are_reported_by_hello():
+    Store().save([("settings", ["keys=1"])])
+    board = Board(usb=Usb("this board has no USB today"), calibration=LINES)
+    assert board.command("hello")["boot"] == ["this board has no USB today"]
+
+
+def test_the_board_blinks_ten_times_with_its_led():
+    shown, slept_ms = [], []
+    blink(shown.append, slept_ms.append)
+    assert shown == [2, 0] * 10  # bit 1 is caps lock
+    assert sum(slept_ms) == 2_000
+
+
+@pytest.mark.parametrize("number", [28, 30])
+def test_a_save_that_fails_has_the_number_of_the_error(monkeypatch, number):
+    board = Board()
+
+    def fail(*_):
+        raise OSError(number, "in words of this runtime")
+
+    monkeypatch.setattr(store_module, "open", fail, raising=False)
+    reply = board.command("save")
+    assert reply["errno"] == number
+    assert reply["error"] == f"the flash cannot be written: error {number}"
 
 
 def test_commands_leave_most_of_their_garbage_for_a_later_collection(monkeypatch):

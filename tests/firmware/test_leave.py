@@ -80,8 +80,7 @@ def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
     `Interrupts`.
     """
     monkeypatch.chdir(tmp_path)
-    if not (tmp_path / "settings.txt").exists():
-        app_module.save_lines("settings.txt", ["keys=1"])
+    app_module.Store().save([("settings", ["keys=1"])])
     usb, interrupts = Usb(), Interrupts(*at)
     app, _, _, _ = canned.app((), usb=usb)
     app.interrupt_at = interrupts.interrupt_at

@@ -16,6 +16,7 @@ from spots_device.as7341 import AS7341
 from spots_device.contact import TICKS
 from spots_device.decode import MISFIT, TOO_DARK, TOUCHING
 from spots_device.settings import checksum
+from spots_sim.cpython_board import use_folder
 
 # Largest number of command lines for a board: more lines test nothing new, and take time.
 LINES_MAX = 40
@@ -27,7 +28,7 @@ _LENGTH_UM = 85_000
 _STORE = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 
 
-def _own(name):
+def own(name):
     """Return a separate copy of a module of the firmware, which collects no garbage."""
     spec = importlib.util.find_spec(f"spots_device.{name}")
     module = importlib.util.module_from_spec(spec)
@@ -41,9 +42,11 @@ def _own_app():
 
     It stores files in a folder of its own. Neither it nor the modules that it uses collect garbage.
     """
-    module, command = _own("app"), _own("command")
-    module.BoardApp._path = lambda self, name: f"{_STORE.name}/{name}"
-    module.Commands, module.Reconnect = command.Commands, _own("reconnect").Reconnect
+    module, command = own("app"), own("command")
+    store = own("store")
+    use_folder(store, Path(_STORE.name))
+    module.Store = store.Store
+    module.Commands, module.Reconnect = command.Commands, own("reconnect").Reconnect
     return module
 
 

@@ -47,6 +47,7 @@ from spots_device.layout import Layout, LayoutError
 from spots_device.views import Decoded
 from spots_sim import files
 from spots_sim import mechanism as linkage
+from spots_sim.cpython_board import use_folder
 from spots_sim.faults import BoardFaults, of_scenario
 from spots_sim.optics import Optics
 from spots_sim.scenario import Scenario
@@ -55,6 +56,8 @@ from test_frames import encoded
 _TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 FOLDER = Path(_TEMPORARY.name)
 _SEALED = b"="
+_store = desk.own("store")
+use_folder(_store, FOLDER)
 _SOME_TIMES_S = (0.0, 0.3, 12.5, 1e6)
 
 
@@ -156,18 +159,24 @@ def layout_lines(data: bytes) -> None:
 
 
 def settings_file(data: bytes) -> None:
-    """Settings file on a board: read completely, or refused with an error."""
+    """File of a save on a board: read completely, or refused with an error."""
     lines = data.split(b"\n")
     if data.startswith(_SEALED):
         lines[0] = lines[0][1:]
         with contextlib.suppress(UnicodeDecodeError):
             texts = [line for line in data[1:].decode().split("\n") if line]
             lines = [*data[1:].split(b"\n"), b"crc " + settings.checksum(texts).encode(), b""]
-    path = str(_file("settings.txt", b"\n".join(lines)))
+    for name in ("settings.txt", "saved-a.txt"):
+        path = _file(name, b"\n".join(lines))
+        _load_settings()
+        path.unlink()
+
+
+def _load_settings() -> None:
     fresh = settings.BoardSettings(SimpleNamespace(LED_MAX_MA=100))
     before = dict(fresh.values)
     try:
-        fresh.change(settings.load_lines(path))
+        fresh.change(_store.Store().load("settings"))
     except ValueError:
         assert fresh.values == before
         return

@@ -32,8 +32,9 @@ from ..decode import (
     TIME_HIGH,
     TIME_LOW,
 )
-from ..settings import BoardSettings, load_lines
-from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
+from ..settings import BoardSettings
+from ..store import Store
+from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, blink, free_bus, is_held, run
 from .stay import must_stay
 
 # `ticks_diff` adds half a period. With a period of 2**30 us, the sum would not fit a small integer,
@@ -430,7 +431,8 @@ def boot():
     if board_config.USB_HID:
         from .usb_circuitpython import enable
 
-        enable(_is_stored(board_config, "keys"), _is_stored(board_config, "gamepad"))
+        store = Store()
+        enable(*[_is_stored(store, board_config, name) for name in ("keys", "gamepad")])
 
 
 def main():
@@ -464,6 +466,8 @@ def main():
         sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)
     app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
+    if usb and usb._led is not None and app.boot_faults():
+        blink(usb._show_leds, _sleep_ms)
     if app.sensors == 1:
         app.ticks_us, app.sleep_us = clock.ticks_early_us, clock.sleep_early_us
     # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt `app._leave`, which
@@ -514,12 +518,12 @@ def _sleep_ms(ms):
     time.sleep(ms / 1000)
 
 
-def _is_stored(board_config, name):
+def _is_stored(store, board_config, name):
     """Return whether `name` is on in the stored settings of at least one strip."""
     for i in range(len(getattr(board_config, "SENSORS", " "))):
         settings = BoardSettings(board_config)
         try:
-            settings.change(load_lines("settings%s.txt" % (i or "")))
+            settings.change(store.load("settings%s" % (i or "")))
         except ValueError:
             pass  # the application reports this error
         if settings.values[name]:

@@ -14,6 +14,8 @@ _RECOVERY_CLOCKS = 9
 # Time to press the button after a reset; a press during the reset starts the chip's bootloader.
 _SAFE_BOOT_MS = 500
 _SAFE_BOOT_STEP_MS = 20
+_BLINKS = 10
+_BLINK_MS = 100  # half a period
 
 
 def free_bus(scl, sda, is_high, put):
@@ -55,6 +57,22 @@ def is_held(pressed, sleep_ms):
             return True
         sleep_ms(_SAFE_BOOT_STEP_MS)
     return False
+
+
+def blink(show_leds, sleep_ms):
+    """Blink for two seconds with the LED that shows caps lock: something went wrong at the start.
+
+    Parameters
+    ----------
+    show_leds : callable
+        ``show_leds(leds)`` shows the LEDs of a keyboard, bits of HID's LED page.
+    sleep_ms : callable
+        ``sleep_ms(ms)`` waits.
+    """
+    for _ in range(_BLINKS):
+        for leds in (CAPS_LOCK, 0):
+            show_leds(leds)
+            sleep_ms(_BLINK_MS)
 
 
 def run(app, watchdog, traceback_of, sleep_ms, reset):

@@ -10,7 +10,7 @@ import machine
 import micropython
 
 from .. import const
-from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, free_bus, is_held, run
+from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, blink, free_bus, is_held, run
 from .stay import must_stay
 
 _I2C_TIMEOUT_US = const(50_000)
@@ -234,6 +234,8 @@ def main():
 
         sensor = _open_sensor(board_config, time)
     app = BoardApp(board_config, runtime, uid, sensor, time, StdioSerial(), usb)
+    if usb and usb._led is not None and app.boot_faults():
+        blink(usb._show_leds, time.sleep_ms)
     app.interrupt_at = micropython.kbd_intr
     run(app, _watchdog, _traceback, time.sleep_ms, machine.reset)
 

@@ -28,11 +28,11 @@ from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
 _OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
 _PART = ".part"  # suffix of a file while it is written
 # Files that the user's commands stored on the board. `flash` leaves them, `erase` removes them.
-USER_FILES = tuple(
-    f"{name}{strip}.txt{end}"
+USER_FILES = tuple(f"saved-{end}.txt" for end in "ab") + tuple(
+    f"{name}{strip}{end}"
     for name in ("settings", "calibration", "layout")
     for strip in ("", *range(1, STRIPS_MAX))
-    for end in ("", ".old", ".new")
+    for end in ("-a.txt", "-b.txt", ".txt", ".txt.old", ".txt.new")  # the last three: before 0.3
 )
 
 

@@ -7,7 +7,7 @@ import gc
 import json
 
 import canned
-from spots_device.settings import save_lines
+from spots_device.store import Store
 
 _RETURNS = 3
 
@@ -27,8 +27,7 @@ class Absent:
 
 with open("given.json") as file:
     lines = json.load(file)["calibration"]
-save_lines("settings.txt", ["keys=1"])
-save_lines("calibration.txt", lines)
+Store().save([("settings", ["keys=1"])])
 app, bus, clock, _ = canned.app(lines)
 lines = None
 sensor = app.strip.sensor

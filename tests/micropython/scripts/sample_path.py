@@ -15,7 +15,7 @@ from locked import locked
 
 import canned
 from spots_device.calibration import Calibration
-from spots_device.settings import save_lines
+from spots_device.store import Store
 
 _ASTATUS = 0x94
 _ASAT = 0x80
@@ -120,8 +120,7 @@ with open("given.json") as file:
     given = json.load(file)
 port = Port(given["port_bytes"])
 usb = Usb(given["port_bytes"] // 4)
-save_lines("settings.txt", given["uses"])
-save_lines("layout.txt", given["layout"])
+Store().save([("settings", given["uses"]), ("layout", given["layout"])])
 app, bus, clock, _ = canned.app((), port, usb)
 strip = app.strip
 calibrations = []
