@@ -13,6 +13,7 @@ import contextlib
 import signal
 import sys
 import threading
+import time
 import weakref
 from collections.abc import Iterator
 
@@ -21,17 +22,19 @@ from .errors import SpotsError
 # Console events of Windows. Windows ends the process when their handler returns, or after 5 s.
 _CONSOLE_EVENTS = (2, 5, 6)  # close, logoff, shutdown
 _CONSOLE_S = 4.5
+_END_S = 2.0  # time after a signal in which `ended_cleanly` ignores further ones
 
 
-def _numbers(*names: str) -> list[int]:
+def numbers(*names: str) -> list[int]:
+    """Return the numbers of the signals `names` that this operating system has."""
     return [getattr(signal, name) for name in names if hasattr(signal, name)]
 
 
 # Signals that end, stop and continue a process. Each system has some of them.
-_ENDING = _numbers("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGBREAK")
-_STOPPING = _numbers("SIGTSTP", "SIGTTIN", "SIGTTOU")
+_ENDING = numbers("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGBREAK")
+_STOPPING = numbers("SIGTSTP", "SIGTTIN", "SIGTTOU")
 # SIGSTOP cannot be handled: outputs release their keys when the process continues.
-_CONTINUING = _numbers("SIGCONT")
+_CONTINUING = numbers("SIGCONT")
 
 
 class _Section:
@@ -158,6 +161,45 @@ def _end_by(number: int) -> None:
         sys.stdout.flush()
     signal.signal(number, signal.SIG_DFL)
     signal.raise_signal(number)
+
+
+@contextlib.contextmanager
+def ended_cleanly() -> Iterator[None]:
+    """Run a block which SIGTERM and SIGHUP end by SystemExit, so that its files are completed.
+
+    Without this block, these signals end the process at once: ``systemctl stop`` and a closed
+    terminal would leave a recording without its end mark. After the block, the process ends by the
+    signal. In another thread than the main thread, do nothing: Python delivers signals only there.
+
+    Yields
+    ------
+    None
+    """
+    handled: list[int] = []
+    if threading.current_thread() is threading.main_thread():
+        # Signals with another handler, or ignored signals (nohup), are not changed.
+        known = numbers("SIGTERM", "SIGHUP", "SIGBREAK")
+        handled = [one for one in known if signal.getsignal(one) == signal.SIG_DFL]
+    ended: list[tuple[int, float]] = []
+
+    def end(number: int, frame: object) -> None:
+        # A second signal at the same time (a service manager may send both) must not disturb the
+        # end. A later one must have an effect: Python ignores an exception of a signal handler that
+        # interrupts a finalizer.
+        now_s = time.monotonic()
+        if not ended or now_s >= ended[-1][1] + _END_S:
+            ended.append((number, now_s))
+            raise SystemExit(128 + number)
+
+    for one in handled:
+        signal.signal(one, end)
+    try:
+        yield
+    finally:
+        for one in handled:
+            signal.signal(one, signal.SIG_DFL)
+        if ended and sys.platform != "win32":
+            _end_by(ended[-1][0])
 
 
 @contextlib.contextmanager

@@ -14,7 +14,7 @@ import pytest
 
 from spots.outputs import devices
 from spots.outputs.devices import PrintedKeyboard
-from spots.signals import on_console_event, released_by_signals
+from spots.signals import ended_cleanly, on_console_event, released_by_signals
 
 DEADLINE_S = 60
 if sys.platform == "win32":
@@ -343,3 +343,51 @@ def test_a_continue_after_an_ending_signal_does_not_cut_the_end_in_two(start):
     process.send_signal(signal.SIGCONT)
     assert process.stdout.readline() == b"cleaned up\n"
     assert process.wait(DEADLINE_S) == -signal.SIGTERM
+
+
+# Program that writes a line when its block ends, and whose end takes some time.
+ENDS = """
+import time
+from spots.signals import ended_cleanly
+with ended_cleanly():
+    try:
+        print("ready", flush=True)
+        while True:
+            time.sleep(0.01)
+    finally:
+        time.sleep(0.3)
+        print("ended", flush=True)
+"""
+
+
+@pytest.mark.parametrize("first", [signal.SIGTERM, signal.SIGHUP])
+def test_a_command_ends_by_its_own_steps_and_then_by_the_signal(first):
+    process = subprocess.Popen([sys.executable, "-c", ENDS], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(first)
+    time.sleep(0.1)
+    for number in (signal.SIGHUP, signal.SIGTERM):  # must not disturb the end
+        process.send_signal(number)
+    assert process.communicate(timeout=DEADLINE_S) == ("ended\n", None)
+    assert process.returncode == -first
+
+
+def test_ignored_signals_stay_ignored_and_other_threads_are_left_alone():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with ended_cleanly():
+            assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+            assert signal.getsignal(signal.SIGTERM) not in (signal.SIG_IGN, signal.SIG_DFL)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    found = []
+
+    def in_thread():
+        with ended_cleanly():
+            found.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=in_thread)
+    thread.start()
+    thread.join()
+    assert found == [signal.SIG_DFL]

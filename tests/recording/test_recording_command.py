@@ -57,7 +57,8 @@ def test_record_then_replay_shows_what_monitor_shows(fast, tmp_path, capsys):
     assert cli.main(["monitor", "--port", f"recording:{path}", "--seconds", "0.1"]) == 0
 
 
-def test_ctrl_c_ends_a_recording_of_the_virtual_board_cleanly(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_recording_of_the_virtual_board_cleanly(tmp_path, number):
     path = tmp_path / "run.spots"
     command = [sys.executable, "-m", "spots", "record", str(path), "--port", "virtual"]
     behind, front = pty.openpty()
@@ -66,8 +67,8 @@ def test_ctrl_c_ends_a_recording_of_the_virtual_board_cleanly(tmp_path):
     shown = b""
     while shown.count(b" frames") < 4:
         shown += os.read(behind, 1000)
-    process.send_signal(signal.SIGINT)
-    assert process.wait() == 0
+    process.send_signal(number)
+    assert process.wait() == (0 if number == signal.SIGINT else -number)
     shown += os.read(behind, 1000)
     os.close(behind)
     assert b"Traceback" not in shown

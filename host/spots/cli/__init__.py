@@ -8,6 +8,7 @@ from spots_device import __version__
 
 from ..errors import SpotsError
 from ..plugins import entry_points
+from ..signals import ended_cleanly
 from . import applications, boards, look, recordings, remote
 from .glyphs import never_fail
 from .parser import Parser, add_commands
@@ -53,7 +54,8 @@ def _run(arguments: list[str] | None) -> int:
     if getattr(options, "zenoh_config", None):
         os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name
     try:
-        options.run(options)
+        with ended_cleanly():
+            options.run(options)
     except SpotsError as error:
         print(f"spots: {error}", file=sys.stderr)
         return 2

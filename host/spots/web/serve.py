@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from .. import signals
 from ..errors import SpotsError, missing
 from ..keyboard.layout import load
 from ..link.ports import offered
@@ -194,7 +195,7 @@ def serve(
 
     async def main():
         async with Server(state, address, port, orders, hosts) as server:
-            ended = _ended_by_sigterm()
+            ended = _ended_by_signal()
             for reader in readers:
                 reader.start()
             print(f"the web UI is at {server.url} (Ctrl-C ends it)", flush=True)
@@ -209,10 +210,12 @@ def serve(
             reader.stop()
 
 
-def _ended_by_sigterm() -> asyncio.Event:
+def _ended_by_signal() -> asyncio.Event:
     ended = asyncio.Event()
     with suppress(NotImplementedError, RuntimeError):  # Windows, or not the main thread
-        asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
+        for number in signals.numbers("SIGTERM", "SIGHUP"):
+            if signal.getsignal(number) != signal.SIG_IGN:  # as nohup sets it
+                asyncio.get_running_loop().add_signal_handler(number, ended.set)
     return ended
 
 
