@@ -13,10 +13,11 @@ from serial.tools.list_ports_common import ListPortInfo
 
 import spots
 from plugs import Hub
+from spots.cli import main
 from spots.errors import PortLostError, RefusedError
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load
-from spots.link import serial_link
+from spots.link import connect, serial_link
 from spots.link import timeouts as absence
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, REFUSED
@@ -323,3 +324,83 @@ def test_on_windows_reading_does_not_set_up_the_port_anew(monkeypatch):
     port.close()
     os.close(behind)
     os.close(front)
+
+
+def test_a_board_that_stays_unplugged_is_reported_as_unplugged(hub):
+    with spots.Board(SerialLink(hub.plugs[0].name)) as board:
+        board.patience_s = 0.1
+        board.touches()
+        hub.unplug()
+        with pytest.raises(PortLostError, match=r"was disconnected: plug .*unplugged for 0 s"):
+            list(board.touches())
+
+
+def test_a_moved_board_is_still_found_after_several_failed_writes(hub):
+    first = hub.plugs[0]
+    first.socket = "1-1:1.0"
+    link = SerialLink(first.name)
+    hub.unplug()
+    with pytest.raises(PortLostError):
+        link.read(DEADLINE_S)
+    link.close_port()
+    first.socket = "1-7:1.0"
+    hub.replug()
+    with pytest.raises(PortLostError):
+        link.write(b"hello\n")
+    link.reopen()
+    assert link.name == first.name
+    link.close()
+
+
+def test_record_waits_for_a_board_at_the_start_and_while_it_is_unplugged(
+    hub, monkeypatch, capsys, tmp_path
+):
+    hub.unplug()
+    del hub.plugs[1:]
+    path, links = tmp_path / "run.spots", []
+    monkeypatch.setattr(connect, "_LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr(absence, "PATIENCE_S", 0.0)
+
+    def stopping(port):
+        links.append(Stopping(SerialLink(port)))
+        return links[-1]
+
+    monkeypatch.setattr(connect, "SerialLink", stopping)
+    said, codes = [], []
+
+    def has_said(text):
+        said.append(capsys.readouterr().err)
+        return text in "".join(said)
+
+    thread = in_thread(lambda: codes.append(main(["record", str(path), "--wait"])))
+    try:
+        until(lambda: has_said("waiting for a board: no board found"))
+        for cycle in range(2):
+            hub.replug()
+            size = path.stat().st_size if path.exists() else 0
+            until(lambda size=size: path.exists() and path.stat().st_size > size + 10_000)
+            if cycle == 0:
+                hub.unplug()
+                until(lambda: not links[-1]._link._connected)
+                time.sleep(0.05)
+    finally:
+        for link in links:
+            link.stopped = True
+        thread.join(DEADLINE_S)
+    assert codes == [0]
+    assert len(said) - said.count("") <= 3  # each reason once
+    with spots.open_recording(path, speed=float("inf")) as recording:
+        assert list(recording.touches())
+    assert has_said("lost 0")
+
+
+@pytest.mark.parametrize("port", ["virtual:x", "recording:no such file"])
+def test_a_port_that_no_waiting_helps_is_refused_at_once(capsys, tmp_path, port):
+    assert main(["record", str(tmp_path / "a.spots"), "--wait", "--port", port]) == 2
+
+
+def test_a_recording_that_exists_is_refused_before_the_wait(hub, capsys, tmp_path):
+    hub.unplug()
+    (tmp_path / "a.spots").write_bytes(b"")
+    assert main(["record", str(tmp_path / "a.spots"), "--wait"]) == 2
+    assert "a.spots exists" in capsys.readouterr().err

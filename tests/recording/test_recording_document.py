@@ -1,11 +1,15 @@
 """docs/recording.md: its statements about the file format are correct."""
 
+import configparser
 import re
+import shlex
+import subprocess
 from pathlib import Path
 
 import msgspec
 from bench import recording as bench
 
+from spots import cli
 from spots.link.frames import Decoder, Note, note
 from spots.recording.arrays import _TABLES
 from spots.recording.header import Header
@@ -49,3 +53,19 @@ def test_the_times_are_ratios_to_plain_decoding(tmp_path, monkeypatch):
     ratios = bench._times(tmp_path)
     assert set(ratios) > {"record", "read", "replay", "export mcap"}
     assert all(ratio > 0 for ratio in ratios.values())
+
+
+def test_the_unit_for_systemd_runs_a_command_that_exists():
+    (text,) = re.findall(r"```ini\n(.*?)```", DOCUMENT, re.DOTALL)
+    unit = configparser.ConfigParser(interpolation=None)
+    unit.optionxform = str
+    unit.read_string(text)
+    assert set(unit.sections()) == {"Unit", "Service", "Install"}
+    shell, option, script = shlex.split(unit["Service"]["ExecStart"].replace("%%", "%"))
+    assert (shell, option) == ("/bin/sh", "-c")
+    begin, program, command = script.split(None, 2)
+    assert (begin, program.rpartition("/")[2]) == ("exec", "spots")
+    echoed = subprocess.run([shell, option, f"echo {command}"], capture_output=True, text=True)
+    options = cli._parser().parse_args(echoed.stdout.split())
+    assert options.wait
+    assert re.fullmatch(r"run-\d{8}-\d{6}\.spots", options.file)

@@ -105,6 +105,7 @@ COMMANDS = keys, keyboard, wearable, controller, twin
 def _add_output(parser: Parser, instead: str) -> None:
     parser.flag("--dry-run", instead)
     arguments.add_port(parser)
+    arguments.add_wait(parser)
     arguments.add_seconds(parser)
 
 

@@ -34,6 +34,12 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--zenoh-config", metavar="FILE", help=text)
 
 
+def add_wait(parser: argparse.ArgumentParser) -> None:
+    """Add the option for a board that may be unplugged; `open_board` reads it."""
+    text = "wait for the board without limit: at the start, and while it is unplugged"
+    parser.add_argument("--wait", action="store_true", help=text)
+
+
 def add_layout(parser: argparse.ArgumentParser) -> None:
     """Add the option for the key layout."""
     text = "key layout: a .toml file, or a name such as mini; digits if not given"

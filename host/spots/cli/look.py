@@ -21,6 +21,7 @@ def monitor(parser: Parser):
       spots monitor --seconds 10
     """
     arguments.add_port(parser)
+    arguments.add_wait(parser)
     arguments.add_seconds(parser)
     return _monitor
 

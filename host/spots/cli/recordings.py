@@ -2,8 +2,10 @@
 
 import argparse
 import json
+import os
 from pathlib import Path
 
+from ..atomic import exists
 from ..errors import printable
 from . import arguments
 from .parser import Parser
@@ -20,6 +22,7 @@ def record(parser: Parser):
     """
     parser.option("file", "FILE.spots", "a new file")
     arguments.add_port(parser)
+    arguments.add_wait(parser)
     arguments.add_seconds(parser, "stop after this time in seconds; Ctrl-C stops, too")
     parser.option(
         "--rotate-mb",
@@ -88,6 +91,8 @@ def _record(options: argparse.Namespace) -> None:
 
     rotate_bytes = options.rotate_mb and round(1e6 * options.rotate_mb)
     # Before a board is opened, so that an invalid file is reported first.
+    if os.path.lexists(options.file):
+        raise exists(Path(options.file))
     calibration = options.calibration and list(load(Path(options.calibration)).lines)
     with arguments.open_board(options) as board:
         record(board, options.file, options.seconds, rotate_bytes, calibration)

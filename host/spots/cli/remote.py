@@ -13,6 +13,7 @@ def publish(parser: Parser):
       spots publish
     """
     arguments.add_port(parser)
+    arguments.add_wait(parser)
     arguments.add_seconds(parser)
     return calls("spots.remote.publish:publish_command")
 

@@ -855,7 +855,11 @@ class Board(AbstractContextManager["Board"]):
             self.info = info
             self._take_settings(self.info)
         except SpotsError as error:
-            if loss.unplugged_for_s(self.now_s()) >= self.patience_s:
+            if (lost_s := loss.unplugged_for_s(self.now_s())) >= self.patience_s:
+                if isinstance(error, PortLostError):
+                    raise PortLostError(
+                        f"{error}; it has been unplugged for {lost_s:.0f} s"
+                    ) from None
                 raise
             if loss.look_later(self.now_s(), isinstance(error, RefusedError)):
                 self.log.append({"log": "error", "text": str(error)})

@@ -1,5 +1,8 @@
 """Finds and opens a board, and uploads a calibration to it."""
 
+import math
+import sys
+import time
 from argparse import Namespace
 from collections.abc import Sequence
 from os import PathLike, fspath
@@ -10,8 +13,11 @@ from spots_device.settings import checksum  # pyright: ignore[reportUnknownVaria
 
 from ..errors import SpotsError
 from .board import Board, of_sensor
-from .ports import known, scheme
+from .ports import known, scheme, scheme_name
 from .serial_link import SerialLink, usb_boards, usb_ports
+
+_LOOK_EVERY_S = 1.0  # time between two attempts with the option ``wait``
+_WAITED_FOR = "", "zenoh"  # schemes of ports whose boards come and go; empty for a serial port
 
 
 def open(
@@ -78,8 +84,28 @@ def _opened(port: str) -> Board:
 
 
 def open_named(options: Namespace) -> Board:
-    """Open a board with a command's options ``port``, ``sensor``, ``scenario`` and ``seed``."""
-    return open(options.port, sensor=options.sensor, scenario=options.scenario, seed=options.seed)
+    """Open a board with a command's options ``port``, ``sensor``, ``scenario`` and ``seed``.
+
+    With the option ``wait``, retry until a serial or published board is there, and print each new
+    reason on stderr. The board may then be unplugged for any time.
+    """
+    simulated = {"sensor": options.sensor, "scenario": options.scenario, "seed": options.seed}
+    if not getattr(options, "wait", False):
+        return open(options.port, **simulated)
+    reason = ""
+    while True:
+        try:
+            board = open(options.port, **simulated)
+        except SpotsError as error:
+            if scheme_name(options.port) not in _WAITED_FOR:
+                raise
+            if str(error) != reason:
+                reason = str(error)
+                print(f"spots: waiting for a board: {reason}", file=sys.stderr, flush=True)
+            time.sleep(_LOOK_EVERY_S)
+        else:
+            board.patience_s = math.inf
+            return board
 
 
 def find() -> tuple[list[Board], list[str]]:

@@ -95,6 +95,7 @@ class SerialLink(Link):
         self._serial: Any = None
         self._is_url = "://" in port
         self._turn = 0
+        self._was_open = self._connected = False
         self._device = usb_device(port)
         self._open()
 
@@ -122,7 +123,7 @@ class SerialLink(Link):
             )
         if any(port.device == self.name for port in usb_ports()):
             raise RefusedError(f"another device is on {self.name}: plug the board in again")
-        raise SpotsError(_lost(self.name))
+        raise PortLostError(_lost(self.name))
 
     def _open(self) -> None:
         try:
@@ -137,7 +138,10 @@ class SerialLink(Link):
             self._serial.reset_input_buffer()
         except (*_FAILURES, ValueError) as error:
             self.close()
+            if self._was_open and _is_missing(error):
+                raise PortLostError(_lost(self.name)) from None
             raise SpotsError(_why_not(self.name, error)) from None
+        self._was_open = self._connected = True
 
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.
@@ -183,8 +187,9 @@ class SerialLink(Link):
             self._serial.close()
 
     def _lost(self) -> PortLostError:
-        if self._device is not None:
+        if self._device is not None and self._connected:
             self._device.lost(self.name)
+        self._connected = False
         return PortLostError(_lost(self.name))
 
 
@@ -274,12 +279,19 @@ def _socket(port: Any) -> str:
     return (getattr(port, "location", None) or "").partition(":")[0]  # without the interface
 
 
+def _is_missing(error: Exception) -> bool:
+    """Return whether a port cannot be opened because it does not exist."""
+    text = str(error).lower()
+    missing = getattr(error, "errno", None) == errno.ENOENT
+    return missing or "no such file" in text or "cannot find" in text
+
+
 def _why_not(port: str, error: Exception) -> str:
     """Return the message for a port that cannot be opened: the reason and a remedy."""
+    if _is_missing(error):
+        return no_port(port)
     number = getattr(error, "errno", None)
     text = str(error).lower()
-    if number == errno.ENOENT or "no such file" in text or "cannot find" in text:
-        return no_port(port)
     if number == errno.EISDIR:
         return f"{port} is a directory, not a serial port: 'spots ports' lists the ports"
     # Windows denies access to a port that is open in another program.
