@@ -291,6 +291,27 @@ def stray(at, times, off_um):
     return type("One", (Stray,), {"at": at, "times": times, "off_um": off_um})
 
 
+@pytest.mark.parametrize(
+    ("presser", "force_N", "says"),
+    [
+        (stray(1, 1, 8000.0), None, "the press at 42.5 mm was .* mm away from its mark"),
+        (StagePresser, 50.0, r"50 N is not a force of this calibration: press with a force from"),
+        (
+            StagePresser,
+            0.4,
+            r"the press at \d+\.\d mm gave .* times the light of 0\.4 N: check the",
+        ),
+    ],
+)
+def test_a_bad_rezero_is_refused(made, sensor, tmp_path, presser, force_N, says):
+    with Drifted(sensor, made, tmp_path / "a.toml", presser) as strip:
+        if force_N and force_N < 1:
+            press = strip.stage.press
+            strip.stage.press = lambda place_um, force_mN: press(place_um, 6000.0)
+        with pytest.raises(SpotsError, match=says):
+            rezero(strip.bench, made, force_mN=force_N and 1000 * force_N)
+
+
 @pytest.mark.parametrize("at", [0, 1, 2])
 def test_a_press_that_disagrees_is_asked_for_again(made, rezeroed, sensor, tmp_path, at):
     with Drifted(sensor, made, tmp_path / "a.toml", stray(at, 1, 3000.0)) as strip:

@@ -203,3 +203,20 @@ def test_calibrations_on_another_drive_are_named_whole(files, monkeypatch):
     strips = files.resolve() / "strips"
     named = [(strips / name).as_posix() for name in ("a.toml", "b.toml")]
     assert [joint.calibration for joint in arm.joint] == named
+
+
+@pytest.mark.parametrize(
+    ("every", "says"),
+    [(1, "times the error that is expected; nothing"), (3, "13 of 40 points do not fit, the")],
+)
+def test_a_linkage_that_misses_the_points_is_not_written(files, capsys, every, says):
+    rows = list(csv.reader((files / "points.csv").open(newline="")))
+    for row in rows[1::every]:
+        row[1] = float(row[1]) + math.sin(9 * float(row[2]))
+    with open(files / "points.csv", "w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    assert calibrate(files, "--out", str(files / "arm.toml")) == 2
+    error = capsys.readouterr().err
+    assert says in error
+    assert error.count("\n") == 1
+    assert not (files / "arm.toml").exists()

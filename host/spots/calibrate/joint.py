@@ -12,6 +12,8 @@ from .calibration_file import Joint, Marks
 from .session import Point
 
 ANGLES_MIN = 4  # least number of angles in each direction
+# Largest distance of an angle from the straight line, as a share of the joint's travel.
+_OFF_MAX = 0.05
 _LEAST_UM = 0.1  # lower limit of standard deviations, because readings are in whole um
 
 
@@ -33,7 +35,7 @@ def fit_joint(points: list[Point]) -> Joint:
     ------
     SpotsError
         If there are too few points, if two points of one direction have equal angles, or if the
-        position does not rise or fall steadily with the angle.
+        position does not rise or fall steadily with the angle, or is far from a straight line.
     """
     ways = [[p for p in points if p.direction == way] for way in (1, -1)]
     if min(len(way) for way in ways) < ANGLES_MIN:
@@ -59,6 +61,14 @@ def fit_joint(points: list[Point]) -> Joint:
     error = np.polyval(np.polyfit(position[learn], angle[learn], 1), position) - angle
     slope, zero = np.polyfit(position, angle, 1)
     residual = slope * position + zero - angle
+    # A constant difference between the directions is the backlash.
+    off = np.abs(residual - np.where(up, residual[up].mean(), residual[~up].mean()))
+    if off.max() > _OFF_MAX * np.ptp(angle):
+        raise SpotsError(
+            f"the angle {angle[np.argmax(off)]:g} differs by {off.max():.2g} degrees from a "
+            "straight line through all angles: check this angle, and that the indenter slides "
+            "along the strip; then begin another session"
+        )
     ends_um = position.min(), position.max()
     # The light decreases exponentially along the strip, so the noise grows exponentially.
     growth = np.polyfit(position, np.log(np.maximum(sigma, _LEAST_UM)), 1)

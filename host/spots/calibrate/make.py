@@ -19,6 +19,14 @@ from .presses import FIRM_MN, MARKS, Noise, Presses
 from .session import Session, presses
 from .silicone import fit_session
 
+# Limits of the rms errors at the presses, above which a calibration is refused: of the positions in
+# um, and of the forces as a share of their rms. A stage reaches 10 um and 2 %; a person who reads
+# a ruler to 0.5 mm and a scale to 5 % reaches 300 um and 4 %.
+_STAGE_MAX = 500.0, 0.1
+_HAND_MAX = 1200.0, 0.2
+_UNFIT = "the calibration does not fit its presses, and was not stored"
+_TOUCHES = 0.5  # least share of the presses that the calibration must read as touches
+
 
 def make(session: Session, say: Callable[[str], None] = print) -> file.CalibrationFile:
     """Compute a calibration from the presses of a session.
@@ -40,7 +48,7 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     Raises
     ------
     SpotsError
-        If the presses do not give a calibration.
+        If the presses do not give a calibration, or do not fit the calibration that they give.
     """
     surface = misfit = noise = None
     if hand := session.of("hand"):
@@ -57,30 +65,37 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
             along[strain_ppm] = presses(at_strain)
     noise = noise or Noise.of(*along.values(), pressed)
     lines = fit(along, pressed, noise, session.conditions, misfit)
+    _validate(lines)
     if surface and not surface.taken.force_mN.any():
         lines.append("relative")
     elif surface and (compensated := fit_session(hand, lines, surface.sizes.force_share)):
         lines.append(compensated.line)
+        _validate(lines)
         say(str(compensated))
-    try:
-        Calibration(lines)
-    except CalibrationError as error:
-        raise SpotsError(
-            f"these presses give no calibration ({error}): take more presses"
-        ) from None
     marks = presses(session.of("mark"))
     if surface:
         at_um = np.array(MARKS) * session.length_um
         marks = surface.presses(at_um, np.full(len(MARKS), FIRM_MN))
         along[0], pressed = surface.taken, surface.taken.keep(surface.taken.force_mN > 0)
+    limits = _HAND_MAX if surface else _STAGE_MAX
     return file.CalibrationFile(
         date=file.now(),
         **session.conditions._asdict(),
         lines=tuple(lines),
-        residuals=[_residual(lines, strain, at, pressed) for strain, at in along.items()],
+        residuals=[_residual(session, lines, at, along[at], pressed, *limits) for at in along],
         marks=_marks(marks),
         **_joint(session, say),
     )
+
+
+def _validate(lines: list[str]) -> None:
+    try:
+        Calibration(lines)
+    except CalibrationError as error:
+        raise SpotsError(
+            f"these presses give no calibration ({error}): check the length of the strip and the "
+            "positions of the presses, or take more presses"
+        ) from None
 
 
 def _marks(pressed: Presses) -> file.Marks | None:
@@ -105,7 +120,20 @@ def _joint(session: Session, say: Callable[[str], None]) -> dict:
         return {}
 
 
-def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses) -> file.Residual:
+def _residual(
+    session: Session,
+    lines,
+    strain_ppm: int,
+    along: Presses,
+    pressed: Presses,
+    limit_um: float,
+    limit_share: float,
+) -> file.Residual:
+    """Return the errors of the board's positions and forces at the presses of one strain.
+
+    Raises SpotsError if the rms errors are above `limit_um`, or above the share `limit_share` of
+    the forces.
+    """
     decode = Decoded()
     decode.calibration = Calibration(lines, strain_ppm)
 
@@ -117,17 +145,39 @@ def _residual(lines, strain_ppm: int, along: Presses, pressed: Presses) -> file.
         return np.array(rows, dtype=float)
 
     at_um, force_mN = decoded(along).T
-    position = (at_um - along.position_um)[force_mN >= decode.calibration.touch_on_mN]
-    found = file.Residual(
-        strain_ppm=strain_ppm, position_rms_um=_rms(position), presses=len(position)
-    )
+    touches = force_mN >= decode.calibration.touch_on_mN
+    if touches.mean() < _TOUCHES:
+        raise SpotsError(
+            f"{_UNFIT}: only {touches.sum()} of {len(touches)} presses are read as touches; begin "
+            "another session, and press more firmly"
+        )
+    touched = along.keep(touches)
+    off_um = at_um[touches] - touched.position_um
+    found = file.Residual(strain_ppm=strain_ppm, position_rms_um=_rms(off_um), presses=len(off_um))
+    if found.position_rms_um > limit_um:
+        rms = f"positions by {found.position_rms_um / 1000:.2g} mm rms instead of at most"
+        raise _unfit(session, f"{rms} {limit_um / 1000:.2g} mm", touched, off_um)
     if strain_ppm or not len(pressed.force_mN):
         return found
     lit = pressed.lit_everywhere()
-    return replace(
-        found,
-        force_rms_mN=_rms(decoded(lit)[:, 1] - lit.force_mN),
-        presses=len(position) + len(pressed.force_mN),
+    off_mN = decoded(lit)[:, 1] - lit.force_mN
+    share = _rms(off_mN) / _rms(lit.force_mN)
+    if share > limit_share:
+        by = f"forces by {share:.0%} instead of at most {limit_share:.0%}"
+        raise _unfit(session, by, lit, off_mN)
+    return replace(found, force_rms_mN=_rms(off_mN), presses=found.presses + len(pressed.force_mN))
+
+
+def _unfit(session: Session, errors: str, taken: Presses, off: np.ndarray) -> SpotsError:
+    """Return the error for a calibration that does not fit its presses; name the worst press."""
+    worst = int(np.argmax(np.abs(off)))
+    at = taken.position_um[worst], taken.force_mN[worst]
+    places = [(p.place_um, p.force_mN) for p in session.points]
+    line = len(places) - places[::-1].index(at)
+    return SpotsError(
+        f"{_UNFIT}: it differs from the {errors}; check the length of the strip, and the press at "
+        f"{session.points[line - 1]}, which fits worst: remove line {line} of {session.path} to "
+        "repeat it, or begin another session with --session"
     )
 
 

@@ -29,6 +29,7 @@ from .shift import shifted
 from .steps import DARK_S
 
 _STRAY_UM = 1500.0  # largest distance from the other presses at a mark; a person achieves 300 um
+_LIGHT_MAX = 1.0  # log2; a strip whose light has halved or doubled needs a new calibration
 _STRAY_SHARE = 0.5  # largest distance from the mark, as a share of the distance to the next mark
 _STRAYS = 5  # largest number of repeated presses of a mark
 
@@ -93,6 +94,12 @@ def rezero(
     reason = table.mismatch(reader.conditions)
     if reason is not None:
         raise SpotsError(f"{bench.path}: {reason}")
+    low_mN, high_mN = table.forces_mN[0], table.forces_mN[-1]
+    if force_mN is not None and not low_mN <= force_mN <= high_mN:
+        raise SpotsError(
+            f"{force_mN / 1000:g} N is not a force of this calibration: press with a force from "
+            f"{low_mN / 1000:.2g} to {high_mN / 1000:.2g} N, and give it with --force-N"
+        )
     bench.guide.say("taking dark frames: touch nothing")
     reader.set_up(dark_s=DARK_S)
     at = slice(1, 2) if quick else slice(None)
@@ -112,6 +119,7 @@ def rezero(
         then, now = np.interp(then_now_mN, table.forces_mN, table.brightnesses) / ONE_Q20
         longer = reader.conditions.exposure_us / table.conditions.exposure_us
         shifts -= now - then + np.log2(longer)
+        _check_light(shifts.mean(axis=1), place_um, force_mN)
     if angles_deg[0] is None and len(shifts) == len(marks.logs):
         shifts = _straightened(place_um, logs, shifts)
     done = file.Rezero(
@@ -157,6 +165,20 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
         raise
 
 
+def _check_light(off: np.ndarray, place_um, force_mN: float) -> None:
+    """Raise an error if presses with a known force gave far more or less light than expected.
+
+    `off` is log2 of the light divided by the expected light, for each mark at `place_um`.
+    """
+    worst = int(np.argmax(np.abs(off)))
+    if abs(off[worst]) > _LIGHT_MAX:
+        raise SpotsError(
+            f"the press at {place_um[worst] / 1000:.1f} mm gave {2 ** off[worst]:.2g} times the "
+            f"light of {force_mN / 1000:g} N: check the scale and --force-N, or leave out "
+            "--force-N; nothing was saved"
+        )
+
+
 def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     """Return the shifts of three marks, corrected for presses that missed their mark.
 
@@ -168,6 +190,13 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     slopes = slopes.T - slopes.mean(axis=0)[:, None]
     off_um = (shifts * slopes).sum(axis=1) / (slopes**2).sum(axis=1)
     straight_um = polynomial.polyval(place_um, polynomial.polyfit(place_um, off_um, 1))
+    errors_um = np.abs(straight_um - off_um)
+    if errors_um.max() > _STRAY_UM:
+        raise SpotsError(
+            f"the press at {place_um[np.argmax(errors_um)] / 1000:.1f} mm was "
+            f"{errors_um.max() / 1000:.1f} mm away from its mark: draw the marks on the strip and "
+            "start the re-zero again; nothing was saved"
+        )
     return shifts + (straight_um - off_um)[:, None] * slopes
 
 

@@ -25,6 +25,7 @@ from .presses import Presses
 from .spectra import Reading
 
 _SAME_UM, _SAME_SHARE = 1.0, 1e-3  # limits for the same press: position, share of the force
+_SAME_LENGTH_UM = 100.0  # resolution of a ruler
 Six = Annotated[tuple[float, ...], msgspec.Meta(min_length=6, max_length=6)]
 Seven = Annotated[tuple[float, ...], msgspec.Meta(min_length=7, max_length=7)]
 
@@ -286,14 +287,27 @@ class Session:
         """Whether the channels can still change: all presses until now were made to choose them."""
         return all(p.kind == "choose" for p in self.points)
 
-    def check(self, present: Conditions) -> None:
-        """Check that the present board and settings are those of the session.
+    def check(self, present: Conditions, length_um: float | None = None) -> None:
+        """Check that the present board, settings and strip are those of the session.
+
+        Parameters
+        ----------
+        present : Conditions
+            Present board and settings.
+        length_um : float, optional
+            Length of the strip at rest in um; not checked if not given.
 
         Raises
         ------
         SpotsError
-            If the session has another board or other settings.
+            If the session has another board, other settings, or a strip of another length.
         """
+        made_um = self.length_um
+        if None not in (made_um, length_um) and abs(made_um - length_um) > _SAME_LENGTH_UM:
+            raise SpotsError(
+                f"the session {self.path} belongs to a strip of {made_um / 1000:g} mm, not of "
+                f"{length_um / 1000:g} mm: correct the length, or name another file with --session"
+            )
         made = self.conditions
         if made is None:
             return

@@ -9,7 +9,6 @@ fitted. See `spots_device.silicone`.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +32,7 @@ _NOISE_MN = 20.0  # standard deviation of the mean force error in one second: ga
 _CREEP_MS = 60_000  # creep is reported for a hold of this duration
 _FULL_MN = 10_000.0  # hysteresis is reported as a percentage of this force
 _SURE = 3.0  # least ratio of an effect to its standard deviation
+_OFF_MAX = 0.2  # largest mean error of the compensated forces in a session, as a share
 _SHARE_MIN = 0.005  # relative error of the force table, even if the forces are exact
 
 
@@ -86,6 +86,11 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
     Compensated or None
         The compensation; None if no press has two forces, or if the presses have too few readings,
         or show neither hysteresis nor creep.
+
+    Raises
+    ------
+    SpotsError
+        If the compensated forces are far from those that the person read.
     """
     if not any(len(p.holds) > 1 for p in points):
         return None
@@ -100,10 +105,20 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
                     force_mN = held_mN
             decode.update_mean(counts)
             rows.append((time_s, force_mN, decode.force_mN, i))
-    with suppress(SpotsError):  # sessions of older versions have too few readings
-        found = fit_silicone(*np.array(rows).T, force_share=max(force_share, _SHARE_MIN))
-        return found if found.line else None
-    return None
+    recorded = np.array(rows).T
+    try:
+        found = fit_silicone(*recorded, force_share=max(force_share, _SHARE_MIN))
+    except SpotsError:  # sessions of older versions have too few readings
+        return None
+    off = found.after_mN / np.nanmean(recorded[1])
+    if off > _OFF_MAX:
+        raise SpotsError(
+            f"the forces of the presses with two forces differ from the compensated ones by "
+            f"{off:.0%} instead of at most {_OFF_MAX:.0%}, and nothing was stored: check the "
+            "second force of these presses (then_mN in the session file), remove the line of a "
+            "wrong one to repeat it, or begin another session with --session"
+        )
+    return found if found.line else None
 
 
 def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> Compensated:

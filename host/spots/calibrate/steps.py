@@ -96,7 +96,7 @@ def calibrate(
 
 
 def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, options) -> None:
-    session.check(bench.reader.conditions)
+    session.check(bench.reader.conditions, bench.length_um if kind != "joint" else None)
     steps = _Steps(bench, session)
     if kind == "joint":
         return steps.joint(count)

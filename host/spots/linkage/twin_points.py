@@ -22,6 +22,8 @@ from .twin_source import Source
 # Columns of a table of points: position, angles of the joints, standard errors of the angles.
 COLUMNS = ("x_mm", "y_mm", "joint1_deg", "joint2_deg", "sigma1_deg", "sigma2_deg")
 LASTS_S = 1.0  # duration of the measurement of a point
+_MISFIT_MAX = 5.0  # multiple of the expected error, above which a linkage is not stored
+_OUTLIERS_MAX = 0.2  # largest share of points that may not fit
 _LEAST = 3  # least number of angles of each joint
 
 
@@ -75,6 +77,20 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
         known = drawn.found(found, names)
     except SpotsError as error:
         raise SpotsError(f"{points}: {error}") from None
+    check = (
+        "nothing was written: check the lengths and gains in the linkage file and the positions of "
+        "the points, or give their error with --place-sigma-mm"
+    )
+    if found.misfit > _MISFIT_MAX:
+        raise SpotsError(
+            f"{points}: the fitted linkage misses the points by {found.residual_rms_mm:.3g} mm "
+            f"rms, {found.misfit:.0f} times the error that is expected; {check}"
+        )
+    if len(found.outliers) > _OUTLIERS_MAX * len(lines):
+        raise SpotsError(
+            f"{points}: {len(found.outliers)} of {len(lines)} points do not fit, the first in line "
+            f"{lines[found.outliers[0]]}; {check}"
+        )
     found = replace(found, outliers=tuple(lines[i] for i in found.outliers))
     number = f"a point's number is its line in {printable(str(points))}"
     report = f"from {len(lines)} points; {number}\n{found.report()}"

@@ -1,0 +1,127 @@
+"""A calibration that does not fit its presses is refused, and neither file nor board changes."""
+
+import msgspec
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from spots import SpotsError, cli
+from spots.calibrate.joint import fit_joint
+from spots.calibrate.make import make
+from spots.calibrate.session import Session
+
+
+def run(*arguments):
+    return cli.main(["calibrate", *map(str, arguments), "--port", "virtual"])
+
+
+@pytest.fixture(scope="module")
+def staged(tmp_path_factory):
+    """Session file of a stage: positions, forces, a strain and a joint."""
+    path = tmp_path_factory.mktemp("staged") / "a.jsonl"
+    for words in (["position"], ["force"], ["strain", "--strain-percent", 5], ["joint"]):
+        assert run(*words, "--session", path) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def pressed(tmp_path_factory):
+    """Session file of presses by hand, with a scale."""
+    path = tmp_path_factory.mktemp("pressed") / "a.jsonl"
+    assert run("--session", path, "--places", 20) == 0
+    return path
+
+
+def changed(path, tmp_path, change):
+    """Write a session whose points are changed by ``change(number, point)``; return its path."""
+    counts: dict[str, int] = {}
+    lines = []
+    for point in Session(path).points:
+        number = counts[point.kind] = counts.get(point.kind, -1) + 1
+        lines.append(msgspec.json.encode(replace(point, **change(number, point))) + b"\n")
+    out = tmp_path / "b.jsonl"
+    out.write_bytes(b"".join(lines))
+    return out
+
+
+def moved(kind, number, um):
+    """Return a change that moves one press, or all presses from a number on if it is negative."""
+
+    def change(at, point):
+        found = point.kind == kind and (at == number or at >= -number > 0)
+        return {"place_um": point.place_um + um} if found else {}
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("session", "change", "says"),
+    [
+        ("staged", moved("position", 8, 4000.0), r"0\.\d+ mm rms .*the press at 46\.5 mm with 6 N"),
+        ("staged", moved("strain", 8, -4000.0), r"\d mm rms .*the press at 40\.6 mm with 6 N"),
+        ("pressed", moved("hand", -10, 3000.0), r"\d mm rms .*line \d+ of .*b\.jsonl to repeat"),
+        ("pressed", moved("hand", 8, 9000.0), r"\d mm rms .*the press at \d+\.\d mm"),
+    ],
+)
+def test_wrong_positions_are_refused(session, change, says, request, tmp_path):
+    path = changed(request.getfixturevalue(session), tmp_path, change)
+    with pytest.raises(SpotsError, match=r"does not fit its presses, and was not stored.*" + says):
+        make(Session(path), say=lambda text: None)
+
+
+def test_positions_that_give_no_table_are_refused(pressed, tmp_path):
+    path = changed(pressed, tmp_path, moved("hand", -10, 9000.0))
+    with pytest.raises(SpotsError, match=r"check the (length|positions) of"):
+        make(Session(path), say=lambda text: None)
+
+
+def test_wrong_forces_are_refused(pressed, tmp_path):
+    rng = np.random.default_rng(2)
+
+    def change(number, point):
+        return {"force_mN": point.force_mN * float(rng.choice([0.6, 1.0, 1.6]))}
+
+    path = changed(pressed, tmp_path, change)
+    with pytest.raises(SpotsError, match=r"forces by \d+% instead of at most"):
+        make(Session(path), say=lambda text: None)
+
+
+def test_wrong_second_forces_are_refused(pressed, tmp_path):
+    def change(number, point):
+        return {"then_mN": 9500.0 - point.then_mN} if point.then_mN else {}
+
+    path = changed(pressed, tmp_path, change)
+    with pytest.raises(SpotsError, match=r"presses with two forces differ .* by \d+%"):
+        make(Session(path), say=lambda text: None)
+
+
+def test_a_wrong_angle_is_refused(staged, tmp_path):
+    def change(number, point):
+        wrong = point.kind == "joint" and number == 5
+        return {"angle_deg": point.angle_deg + 10.0} if wrong else {}
+
+    turned = Session(changed(staged, tmp_path, change)).of("joint")
+    with pytest.raises(SpotsError, match=r"the angle \d+(\.\d+)? differs by .* degrees from a str"):
+        fit_joint(turned)
+
+
+def test_a_refused_fit_changes_no_file(staged, tmp_path, capsys):
+    path = changed(staged, tmp_path, moved("position", 8, 4000.0))
+    out = path.with_suffix(".toml")
+    out.write_text("of before")
+    assert run("force", "--session", path) == 2
+    errors = capsys.readouterr().err
+    assert errors.startswith("spots: the calibration does not fit its presses")
+    assert errors.count("\n") == 1
+    assert out.read_text() == "of before"
+
+
+@pytest.mark.parametrize("session", ["staged", "pressed"])
+def test_a_length_that_contradicts_the_session_is_refused_before_a_press(
+    session, request, tmp_path, capsys
+):
+    path = changed(request.getfixturevalue(session), tmp_path, lambda number, point: {})
+    kind = ["position"] if session == "staged" else []
+    assert run(*kind, "--session", path, "--length-mm", 40, "--places", 50) == 2
+    assert "belongs to a strip of 85 mm, not of 40 mm" in capsys.readouterr().err
+    assert len(Session(path).points) == len(Session(request.getfixturevalue(session)).points)
