@@ -151,6 +151,31 @@ def not_written(path: Path, error: OSError) -> SpotsError:
     return SpotsError(f"cannot write {path}: {reason}; name another file or folder")
 
 
+def check_writable(path: Path, append: bool = False) -> None:
+    """Check that a file can be created or replaced, before work whose result goes into the file.
+
+    Parameters
+    ----------
+    path : Path
+        Name of the file. File and folder are unchanged.
+    append : bool
+        Whether the file will be appended to instead of replaced.
+
+    Raises
+    ------
+    SpotsError
+        If the file cannot be written.
+    """
+    try:
+        if _replaced_mode(path, new=False) is not None and append:
+            open(path, "ab").close()
+            return
+        with tempfile.NamedTemporaryFile(prefix=_PREFIX, suffix=_SUFFIX, dir=path.parent):
+            pass
+    except OSError as error:
+        raise not_written(path, error) from None
+
+
 def exists(path: Path) -> SpotsError:
     """Return the error for a file that must be new but exists."""
     return SpotsError(f"{path} exists: choose another name or remove it")

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from ..atomic import check_writable
 from ..errors import SpotsError
 from ..link.connect import open
 from ..link.ports import offered
@@ -40,6 +41,8 @@ def calibrate_command(options: argparse.Namespace) -> None:
             f"the calibration would replace the session {session.path}: name another file with "
             "--out"
         )
+    check_writable(session.path, append=True)
+    check_writable(out)
     with opened(options, session, out) as bench:
         calibrate(bench, session, kind, count, options.strain_percent, options)
 

@@ -18,6 +18,7 @@ from numpy.polynomial import polynomial
 from spots_device.calibration import Calibration
 from spots_device.log2 import ONE as ONE_Q20
 
+from ..atomic import check_writable
 from ..errors import SpotsError
 from ..link.connect import upload
 from . import calibration_file as file
@@ -38,6 +39,7 @@ def rezero_command(options: argparse.Namespace) -> None:
     """Run ``spots rezero`` with the options that `cli` parsed."""
     path = Path(options.calibration)
     made = file.load(path)
+    check_writable(path)
     force_mN = options.force_N and 1000 * options.force_N
     with opened(options, made, path) as bench:
         new = rezero(bench, made, options.presses, options.quick, force_mN, options.joint)

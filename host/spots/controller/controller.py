@@ -2,12 +2,14 @@
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol
 
 import msgspec
 from rich.live import Live
 from rich.panel import Panel
 
+from ..atomic import check_writable
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
@@ -22,6 +24,7 @@ from .controller_setup import set_up
 from .gamepad_engine import Controller
 from .stick import picture
 
+_NEW = "controller.toml"  # settings file of ``--calibrate``, if none is named
 _TICK_S = 0.005  # largest delay of a state that a timeout changes
 _READINGS_BRIDGED = 1.5  # least `release_ms`, as a multiple of the time between two readings
 
@@ -29,9 +32,11 @@ _READINGS_BRIDGED = 1.5  # least `release_ms`, as a multiple of the time between
 def controller_command(options: argparse.Namespace) -> None:
     """Run ``spots controller`` with the options that `cli` parsed."""
     settings = None if options.calibrate else load(options.settings or DEFAULT)
+    if settings is None:
+        check_writable(Path(options.settings or _NEW))
     with released_by_signals(), open_named(options) as board:
         if settings is None:
-            set_up(board, options.settings or "controller.toml")
+            set_up(board, options.settings or _NEW)
             return
         controller = controller_for(board, settings)
         if board.info["gamepad"] and not options.dry_run:

@@ -6,6 +6,7 @@ import math
 from contextlib import suppress
 from pathlib import Path
 
+from ..atomic import check_writable
 from ..errors import SpotsError, printable
 from ..link.ports import offered
 from ..terminal.view import Pace, drawn
@@ -52,6 +53,8 @@ def twin_command(options: argparse.Namespace) -> None:
         sigma_mm = options.place_sigma_mm
         print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
     elif boards:
+        if options.measure:
+            check_writable(Path(options.measure), append=True)
         with opened(options.linkage, ports, options.record) as source:
             if options.measure:
                 _measure(source, Path(options.measure), options.linkage)
