@@ -13,6 +13,7 @@ import re
 import zlib
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
@@ -24,7 +25,17 @@ from ..bounded import read_text
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.connect import upload
-from .session import Six
+from .session import (
+    Degrees,
+    ExposureUs,
+    ForceMN,
+    Gain,
+    LedMA,
+    PlaceUm,
+    Plan,
+    Ppm,
+    Sigma,
+)
 
 VERSION = 1
 _END = "[end]\n"
@@ -40,6 +51,12 @@ _COMMENTS = {
     "marks": "# log2 of the counts of presses that 'spots rezero' repeats.",
     "joint_marks": "# log2 of the counts at three angles, which 'spots rezero --joint' repeats.",
 }
+
+
+_Logs = Annotated[
+    tuple[Annotated[float, msgspec.Meta(ge=-100, le=100)], ...],
+    msgspec.Meta(min_length=6, max_length=6),
+]
 
 
 class Residual(toml.Strict, kw_only=True):
@@ -59,10 +76,10 @@ class Residual(toml.Strict, kw_only=True):
         both.
     """
 
-    strain_ppm: int
-    position_rms_um: float
-    force_rms_mN: float | None = None
-    presses: int
+    strain_ppm: Ppm
+    position_rms_um: Sigma
+    force_rms_mN: Sigma | None = None
+    presses: Annotated[int, msgspec.Meta(ge=0, le=1_000_000)]
 
 
 class Joint(toml.Strict, kw_only=True):
@@ -89,14 +106,14 @@ class Joint(toml.Strict, kw_only=True):
         deviation is linear in the position. None in files of older versions.
     """
 
-    zero_deg: float
-    deg_per_um: float
-    r2: float
-    resolution_deg: float
-    accuracy_deg: float
-    backlash_deg: float
-    low: tuple[float, float] | None = None
-    high: tuple[float, float] | None = None
+    zero_deg: Degrees
+    deg_per_um: Degrees
+    r2: Annotated[float, msgspec.Meta(le=1)]
+    resolution_deg: Sigma
+    accuracy_deg: Sigma
+    backlash_deg: Sigma
+    low: tuple[PlaceUm, Sigma] | None = None
+    high: tuple[PlaceUm, Sigma] | None = None
 
 
 class Marks(toml.Strict, kw_only=True):
@@ -114,10 +131,14 @@ class Marks(toml.Strict, kw_only=True):
         Angles of the joint at the marks, in degrees; None for marks that a person presses.
     """
 
-    place_um: tuple[float, float, float]
-    force_mN: float
-    logs: tuple[Six, Six, Six]
-    angle_deg: tuple[float, float, float] | None = None
+    place_um: tuple[PlaceUm, PlaceUm, PlaceUm]
+    force_mN: ForceMN
+    logs: tuple[_Logs, _Logs, _Logs]
+    angle_deg: tuple[Degrees, Degrees, Degrees] | None = None
+
+    def __post_init__(self):
+        if not self.place_um[0] < self.place_um[1] < self.place_um[2]:
+            raise ValueError("the places of the marks must ascend")
 
 
 class Rezero(toml.Strict, kw_only=True):
@@ -137,8 +158,8 @@ class Rezero(toml.Strict, kw_only=True):
     """
 
     date: datetime
-    place_um: tuple[float, ...]
-    shifts: tuple[Six, ...]
+    place_um: tuple[PlaceUm, ...]
+    shifts: tuple[_Logs, ...]
     drift: str
 
 
@@ -170,10 +191,10 @@ class CalibrationFile(toml.Strict, kw_only=True):
 
     date: datetime
     board: str
-    plan: tuple[str, ...]
-    gain: int
-    exposure_us: int
-    led_mA: int
+    plan: Plan
+    gain: Gain
+    exposure_us: ExposureUs
+    led_mA: LedMA
     lines: tuple[str, ...]
     original: tuple[str, ...] = ()
     residuals: list[Residual] = []

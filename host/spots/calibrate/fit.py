@@ -159,6 +159,11 @@ class Curves:
 
 
 def _statement(name: str, values) -> str:
+    if not np.isfinite(values := np.asarray(values, float)).all():
+        raise SpotsError(
+            "these presses give no calibration: check their positions and forces, or begin another "
+            "session"
+        )
     return " ".join([name, *(str(round(float(value))) for value in values)])
 
 

@@ -50,6 +50,16 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
     SpotsError
         If the presses do not give a calibration, or do not fit the calibration that they give.
     """
+    try:
+        return _made(session, say)
+    except np.linalg.LinAlgError:
+        raise SpotsError(
+            f"the presses in {session.path} contradict each other: check their positions and "
+            "forces, remove the lines of wrong ones, or begin another session with --session"
+        ) from None
+
+
+def _made(session: Session, say: Callable[[str], None]) -> file.CalibrationFile:
     surface = misfit = noise = None
     if hand := session.of("hand"):
         surface, firm, pressed = material(session, session.length_um)
@@ -101,6 +111,11 @@ def _validate(lines: list[str]) -> None:
 def _marks(pressed: Presses) -> file.Marks | None:
     if len(pressed.force_mN) < len(MARKS):
         return None
+    if not (np.diff(pressed.position_um) > 0).all():
+        raise SpotsError(
+            "two marks of this session have the same position: remove the lines of its presses of "
+            "the kind mark, and start the session again"
+        )
     return file.Marks(
         place_um=tuple(pressed.position_um.tolist()),
         force_mN=float(pressed.force_mN[0]),

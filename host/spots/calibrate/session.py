@@ -26,8 +26,32 @@ from .spectra import Reading
 
 _SAME_UM, _SAME_SHARE = 1.0, 1e-3  # limits for the same press: position, share of the force
 _SAME_LENGTH_UM = 100.0  # resolution of a ruler
-Six = Annotated[tuple[float, ...], msgspec.Meta(min_length=6, max_length=6)]
-Seven = Annotated[tuple[float, ...], msgspec.Meta(min_length=7, max_length=7)]
+
+
+def ranged(low: float, high: float) -> msgspec.Meta:
+    """Return the limits of a number in a file, which also exclude infinite numbers."""
+    return msgspec.Meta(ge=low, le=high)
+
+
+# Limits of the numbers in session files and calibration files: each is beyond what can be measured.
+PlaceUm = Annotated[float, ranged(-1e5, 2e6)]  # a strip has at most 1 m, stretched by 50 %
+ForceMN = Annotated[float, ranged(0, 1e6)]
+Ppm = Annotated[int, ranged(0, 1_000_000)]
+Degrees = Annotated[float, ranged(-1e5, 1e5)]
+Sigma = Annotated[float, ranged(0, 1e9)]
+LengthUm = Annotated[float, ranged(1, 1e6)]
+Seconds = Annotated[float, ranged(0, 1e12)]
+_BEYOND_UM = 1000.0  # largest distance of a press beyond an end of the strip
+_LEAST_MN = 0.1  # a smaller force was not typed by a person, nor set by a stage
+_Count = Annotated[float, ranged(-1e6, 1e6)]
+_Number = Annotated[float, ranged(-1e12, 1e12)]
+_Counts = Annotated[tuple[_Count, ...], msgspec.Meta(min_length=6, max_length=6)]
+_Six = Annotated[tuple[_Number, ...], msgspec.Meta(min_length=6, max_length=6)]
+_Seven = Annotated[tuple[_Number, ...], msgspec.Meta(min_length=7, max_length=7)]
+Plan = Annotated[tuple[str, ...], msgspec.Meta(min_length=6, max_length=6)]
+Gain = Annotated[int, ranged(0, 10)]
+ExposureUs = Annotated[int, ranged(1, 10_000_000)]
+LedMA = Annotated[int, ranged(0, 1000)]
 
 
 class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -59,13 +83,13 @@ class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """
 
     kind: Literal["choose", "position", "force", "strain", "joint", "mark", "hand"]
-    place_um: float
-    force_mN: float
-    strain_ppm: int = 0
-    angle_deg: float | None = None
-    direction: int = 0
-    then_mN: float = 0.0
-    hold_s: float = 0.0
+    place_um: PlaceUm
+    force_mN: ForceMN
+    strain_ppm: Ppm = 0
+    angle_deg: Degrees | None = None
+    direction: Literal[-1, 0, 1] = 0
+    then_mN: ForceMN = 0.0
+    hold_s: Seconds = 0.0
 
     def __str__(self) -> str:
         if self.angle_deg is not None:
@@ -98,20 +122,33 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Start and end of the time in which each force was steady, in s by the same clock.
     """
 
-    counts: Six
-    variance: Six
+    counts: _Counts
+    variance: _Six
     saturated: bool
-    position_um: float | None = None
-    position_sigma_um: float | None = None
-    length_um: float | None = None
+    position_um: PlaceUm | None = None
+    position_sigma_um: Sigma | None = None
+    length_um: LengthUm | None = None
     board: str
-    plan: tuple[str, ...]
-    gain: int
-    exposure_us: int
-    led_mA: int
+    plan: Plan
+    gain: Gain
+    exposure_us: ExposureUs
+    led_mA: LedMA
     time: str
-    trace: tuple[Seven, ...] = ()
-    holds: tuple[tuple[float, float], ...] = ()
+    trace: tuple[_Seven, ...] = ()
+    holds: tuple[tuple[Seconds, Seconds], ...] = ()
+
+    def __post_init__(self):
+        # msgspec reports a ValueError as a wrong value of the file.
+        if self.kind == "joint":
+            if None in (self.angle_deg, self.position_um, self.position_sigma_um):
+                raise ValueError("a joint needs angle_deg, position_um and position_sigma_um")
+        elif self.kind != "choose" and min(self.counts) <= 0:
+            raise ValueError("the counts of a press must be above 0")
+        if 0 < self.force_mN < _LEAST_MN:
+            raise ValueError("force_mN is too small for a press")
+        longest_um = (self.length_um or np.inf) * (1 + self.strain_ppm * 1e-6)
+        if not -_BEYOND_UM <= self.place_um <= longest_um + _BEYOND_UM:
+            raise ValueError("place_um is not on the strip")
 
     @property
     def conditions(self) -> Conditions:
