@@ -339,12 +339,6 @@ class Session:
         SpotsError
             If the session has another board, other settings, or a strip of another length.
         """
-        made_um = self.length_um
-        if None not in (made_um, length_um) and abs(made_um - length_um) > _SAME_LENGTH_UM:
-            raise SpotsError(
-                f"the session {self.path} belongs to a strip of {made_um / 1000:g} mm, not of "
-                f"{length_um / 1000:g} mm: correct the length, or name another file with --session"
-            )
         made = self.conditions
         if made is None:
             return
@@ -359,6 +353,12 @@ class Session:
             raise SpotsError(
                 f"the session {self.path} was made at other settings: restore them with "
                 f"'spots command set {settings(made)}', or name another file with --session"
+            )
+        made_um = self.length_um
+        if None not in (made_um, length_um) and abs(made_um - length_um) > _SAME_LENGTH_UM:
+            raise SpotsError(
+                f"the session {self.path} belongs to a strip of {made_um / 1000:g} mm, not of "
+                f"{length_um / 1000:g} mm: correct the length, or name another file with --session"
             )
 
 
