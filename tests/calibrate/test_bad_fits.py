@@ -49,7 +49,9 @@ def moved(kind, number, um):
 
     def change(at, point):
         found = point.kind == kind and (at == number or at >= -number > 0)
-        return {"place_um": point.place_um + um} if found else {}
+        end_um = 85_000.0 * (1 + point.strain_ppm * 1e-6)
+        place_um = min(max(point.place_um + um, 0.0), end_um)
+        return {"place_um": place_um} if found else {}
 
     return change
 

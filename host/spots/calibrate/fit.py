@@ -158,12 +158,17 @@ class Curves:
         return np.stack([curve.deriv()(x_um) for curve in self._curves], axis=-1)
 
 
-def _statement(name: str, values) -> str:
-    if not np.isfinite(values := np.asarray(values, float)).all():
+def _finite(values: np.ndarray) -> np.ndarray:
+    if not np.isfinite(values).all():
         raise SpotsError(
             "these presses give no calibration: check their positions and forces, or begin another "
             "session"
         )
+    return values
+
+
+def _statement(name: str, values) -> str:
+    values = _finite(np.asarray(values, float))
     return " ".join([name, *(str(round(float(value))) for value in values)])
 
 
@@ -179,7 +184,7 @@ def _part_at(curve: Curves, parts, x_um: float):
 
 def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
     # The rounded weights must add up exactly: the largest one absorbs the sum of rounding errors.
-    rounded = np.round(weights * ONE_Q13).astype(int)
+    rounded = np.round(_finite(weights) * ONE_Q13).astype(int)
     rounded[np.argmax(np.abs(rounded))] += total - rounded.sum()
     return rounded
 

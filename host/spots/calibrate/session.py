@@ -28,30 +28,30 @@ _SAME_UM, _SAME_SHARE = 1.0, 1e-3  # limits for the same press: position, share 
 _SAME_LENGTH_UM = 100.0  # resolution of a ruler
 
 
-def ranged(low: float, high: float) -> msgspec.Meta:
+def _ranged(low: float, high: float) -> msgspec.Meta:
     """Return the limits of a number in a file, which also exclude infinite numbers."""
     return msgspec.Meta(ge=low, le=high)
 
 
 # Limits of the numbers in session files and calibration files: each is beyond what can be measured.
-PlaceUm = Annotated[float, ranged(-1e5, 2e6)]  # a strip has at most 1 m, stretched by 50 %
-ForceMN = Annotated[float, ranged(0, 1e6)]
-Ppm = Annotated[int, ranged(0, 1_000_000)]
-Degrees = Annotated[float, ranged(-1e5, 1e5)]
-Sigma = Annotated[float, ranged(0, 1e9)]
-LengthUm = Annotated[float, ranged(1, 1e6)]
-Seconds = Annotated[float, ranged(0, 1e12)]
+PlaceUm = Annotated[float, _ranged(-1e5, 2e6)]  # a strip has at most 1 m, stretched by 50 %
+ForceMN = Annotated[float, _ranged(0, 1e6)]
+Ppm = Annotated[int, _ranged(0, 1_000_000)]
+Degrees = Annotated[float, _ranged(-1e5, 1e5)]
+Sigma = Annotated[float, _ranged(0, 1e9)]
+LengthUm = Annotated[float, _ranged(1, 1e6)]
+Seconds = Annotated[float, _ranged(0, 1e12)]
 _BEYOND_UM = 1000.0  # largest distance of a press beyond an end of the strip
 _LEAST_MN = 0.1  # a smaller force was not typed by a person, nor set by a stage
-_Count = Annotated[float, ranged(-1e6, 1e6)]
-_Number = Annotated[float, ranged(-1e12, 1e12)]
+_Count = Annotated[float, _ranged(-1e6, 1e6)]
+_Number = Annotated[float, _ranged(-1e12, 1e12)]
 _Counts = Annotated[tuple[_Count, ...], msgspec.Meta(min_length=6, max_length=6)]
 _Six = Annotated[tuple[_Number, ...], msgspec.Meta(min_length=6, max_length=6)]
 _Seven = Annotated[tuple[_Number, ...], msgspec.Meta(min_length=7, max_length=7)]
 Plan = Annotated[tuple[str, ...], msgspec.Meta(min_length=6, max_length=6)]
-Gain = Annotated[int, ranged(0, 10)]
-ExposureUs = Annotated[int, ranged(1, 10_000_000)]
-LedMA = Annotated[int, ranged(0, 1000)]
+Gain = Annotated[int, _ranged(0, 10)]
+ExposureUs = Annotated[int, _ranged(1, 10_000_000)]
+LedMA = Annotated[int, _ranged(0, 1000)]
 
 
 class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
