@@ -10,7 +10,7 @@ from pathlib import Path
 import spots
 from spots.calibrate import calibration_file as file
 from spots.link.connect import prepare
-from spots_sim.linkage_demo import endless
+from spots_sim.demo.linkage_demo import endless
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument(

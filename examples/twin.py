@@ -7,7 +7,7 @@ import argparse
 
 import spots
 from spots.linkage.twin_source import opened
-from spots_sim.linkage_demo import driven, endless
+from spots_sim.demo.linkage_demo import driven, endless
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument(

@@ -6,8 +6,8 @@ import contextlib
 import os
 
 from spots.cli import main
-from spots_device.store import Store
-from spots_sim.virtual import VIRTUAL, start_simulator
+from spots_device.board.store import Store
+from spots_sim.demo.virtual import VIRTUAL, start_simulator
 
 DEADLINE_S = 20.0
 

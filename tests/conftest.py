@@ -15,9 +15,9 @@ import pytest
 from hypothesis import settings
 
 from spots.deploy.build import build
-from spots_sim.files import SensorFile, load
-from spots_sim.kept_folder import FOLDER
-from spots_sim.stage import calibrate
+from spots_sim.board.kept_folder import FOLDER
+from spots_sim.person.stage import calibrate
+from spots_sim.strip.files import SensorFile, load
 
 # No deadline for an example: a machine under load is slow.
 settings.register_profile("spots", deadline=None, derandomize=bool(os.environ.get("CI")))

@@ -15,7 +15,7 @@ from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import arrays
 from spots.recording.header import Clock, Header, encoded
 from spots.recording.recording import Recording
-from spots_device import decode
+from spots_device.reading import decode
 
 _TABLES = {Touch: "touches", Spectrum: "spectra", Key: "keys", Contact: "contacts"}
 _COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "complete")

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from spots_sim.vm import micropython_command
+from spots_sim.board.vm import micropython_command
 
 
 @functools.cache

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 from spots import atomic
-from spots_sim.demo import demo
-from spots_sim.typing_speed import added, typed
+from spots_sim.demo.demo import demo
+from spots_sim.demo.typing_speed import added, typed
 
 # Name of the column; sensor file; whether the calibration was corrected after the change of the
 # strip (re-zero); whether the LED is warm at the start.
@@ -33,7 +33,7 @@ up. The last column is measured after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
 10 ms. The statistics of these touches are from publications, which
-[typist.py](../host/spots_sim/typist.py) cites. "Errors" are wrong, missed and extra keys; "no
+[typist.py](../host/spots_sim/person/typist.py) cites. "Errors" are wrong, missed and extra keys; "no
 finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The
 latency is the time from the start of a touch to the report of the correct key. For each of its
 percentiles p50 and p99, the table shows the largest value of all seeds. In the rows `controller`,
@@ -42,7 +42,7 @@ the simulated fingers of the demo move the axes of the game controller for {seco
 measure the column "imperfect strip, re-zeroed":
 
 ```sh
-python -m spots_sim.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm
+python -m spots_sim.demo.typing_speed {speeds} --seeds {seeds} --sensor real --rezero --warm
 spots demo --use controller --fast --json --seconds {seconds:g} --sensor real --rezero --warm
 ```
 

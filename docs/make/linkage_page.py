@@ -10,11 +10,23 @@ from pathlib import Path
 from spots import atomic
 from spots.linkage.fivebar import Linkage
 from spots.linkage.twin_points import LASTS_S
-from spots_sim import maps
-from spots_sim.figures import folder, require
-from spots_sim.files import LinkageFile, PathFile, SensorFile, load
-from spots_sim.mechanism import Mechanism
-from spots_sim.survey import CALIBRATION_PLACES, PLACE_SIGMA_MM, PathRun, Survey, follow, survey
+from spots_sim.measure import maps
+from spots_sim.measure.figures import folder, require
+from spots_sim.measure.survey import (
+    CALIBRATION_PLACES,
+    PLACE_SIGMA_MM,
+    PathRun,
+    Survey,
+    follow,
+    survey,
+)
+from spots_sim.person.mechanism import Mechanism
+from spots_sim.strip.files import (
+    LinkageFile,
+    PathFile,
+    SensorFile,
+    load,
+)
 
 # Name in the tables; sensor file; options of `simulated_linkage.Simulation` for the change of the
 # strips that the sensor file describes.

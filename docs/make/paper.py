@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 
 from spots import atomic
-from spots_sim import figures
-from spots_sim.family import LENGTHS_MM, departure_um, family
-from spots_sim.files import SensorFile, load
-from spots_sim.measurements import Run, characterize
-from spots_sim.rezeroed import Hand
+from spots_sim.measure import figures
+from spots_sim.measure.family import LENGTHS_MM, departure_um, family
+from spots_sim.measure.measurements import Run, characterize
+from spots_sim.measure.rezeroed import Hand
+from spots_sim.strip.files import SensorFile, load
 
 EXPOSURES_US = (10_000, 100_000)
 _SEED = 0

@@ -23,16 +23,22 @@ from spots.terminal.view import StripView
 from spots.wearable import wearable_view
 from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping
-from spots_device.light import LEDS
-from spots_sim import typing_view
-from spots_sim.demo import open_fast
-from spots_sim.demo_applications import NoGamepad
-from spots_sim.files import LinkageFile, PathFile, ScenarioFile, SensorFile, load
-from spots_sim.mechanism import guided
-from spots_sim.scenario import Scenario
-from spots_sim.score import Score
-from spots_sim.simulated_linkage import START_S, Simulation
-from spots_sim.typist import TypedText
+from spots_device.board.light import LEDS
+from spots_sim.demo import typing_view
+from spots_sim.demo.demo import open_fast
+from spots_sim.demo.demo_applications import NoGamepad
+from spots_sim.measure.score import Score
+from spots_sim.measure.simulated_linkage import START_S, Simulation
+from spots_sim.person.mechanism import guided
+from spots_sim.person.typist import TypedText
+from spots_sim.strip.files import (
+    LinkageFile,
+    PathFile,
+    ScenarioFile,
+    SensorFile,
+    load,
+)
+from spots_sim.strip.scenario import Scenario
 
 _HERE = Path(__file__).parents[1]
 

@@ -18,12 +18,12 @@ from spots.web.editors import LayoutEditor, SettingsEditor
 from spots.web.serve import Server
 from spots.web.state import PageState
 from spots.web.twin_feed import driven_readers
-from spots_sim.files import SensorFile
-from spots_sim.files import load as load_file
-from spots_sim.linkage_demo import endless
-from spots_sim.lockstep import LockstepLink
-from spots_sim.paced import PacedLink
-from spots_sim.scenario import Held, Press
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.board.paced import PacedLink
+from spots_sim.demo.linkage_demo import endless
+from spots_sim.strip.files import SensorFile
+from spots_sim.strip.files import load as load_file
+from spots_sim.strip.scenario import Held, Press
 
 _HERE = Path(__file__).parents[1]
 sys.path.append(str(_HERE.parent / "tests" / "web"))

@@ -2,7 +2,7 @@
 
 from array import array
 
-from .decode import (
+from .reading.decode import (
     BOUNDS,
     FLOOR,
     FLOOR_SAMPLES,
@@ -14,9 +14,9 @@ from .decode import (
     Decode,
     columns_of,
 )
-from .frame import TOUCH, Framer
-from .kernel import estimate, touch
-from .smux import CHANNELS
+from .reading.frame import TOUCH, Framer
+from .reading.kernel import estimate, touch
+from .sensor.smux import CHANNELS
 
 _FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
 _MEAN_SAMPLES = 64  # mean counts are multiplied by this number before they are rounded

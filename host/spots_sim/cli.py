@@ -193,11 +193,11 @@ def _design(options: argparse.Namespace) -> None:
             with_or_without = "without" if options.measure_dye else "with"
             raise SpotsError(f"give {name} only {with_or_without} --measure-dye")
     if options.measure_dye:
-        from .dye_dose import measure_dye_command
+        from spots_make.dye_dose import measure_dye_command
 
         measure_dye_command(options)
         return
-    from .design import design_command
+    from spots_make.design import design_command
 
     design_command(options)
 
@@ -214,7 +214,7 @@ def _add_change(parser: argparse.ArgumentParser) -> None:
 
 
 def _demo(options: argparse.Namespace) -> None:
-    from .files import changed
+    from .strip.files import changed
 
     _check(options)
     with changed(options.sensor, options.change) as options.sensor:
@@ -222,16 +222,16 @@ def _demo(options: argparse.Namespace) -> None:
 
 
 def _demonstrate(options: argparse.Namespace) -> None:
-    from . import browser
+    from .demo import browser
 
     plain = options.seconds is options.use is None and not (options.json or options.fast)
     if options.page or (plain and browser.opens()):
-        from .demo import show_page
+        from .demo.demo import show_page
 
         scenario = options.scenario or "demo"
         show_page(options.use, options.sensor, scenario, options.seed, options.layout)
         return
-    from .demo import KEYBOARD, demo
+    from .demo.demo import KEYBOARD, demo
 
     seconds = options.seconds
     scored = options.use == KEYBOARD and options.json  # such a run ends with its scenario
@@ -256,7 +256,7 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     """Raise SpotsError for options of the demo that do not fit together."""
-    from .demo import FIVEBAR, KEYBOARD
+    from .demo.demo import FIVEBAR, KEYBOARD
 
     if options.layout and options.use != KEYBOARD:
         raise SpotsError("--layout needs a keyboard: add --use keyboard")
@@ -279,8 +279,8 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _characterize(options: argparse.Namespace) -> None:
-    from .characterize import measure
-    from .rezeroed import Hand
+    from .measure.characterize import measure
+    from .measure.rezeroed import Hand
 
     measure(
         options.sensor,

@@ -23,9 +23,9 @@ def run() -> dict:
     SpotsError
         If Adafruit's driver, MicroPython or mpy-cross is not installed.
     """
-    from spots_sim.files import SensorFile, load
-    from spots_sim.stage import calibrate
-    from spots_sim.vm import micropython_command
+    from spots_sim.board.vm import micropython_command
+    from spots_sim.person.stage import calibrate
+    from spots_sim.strip.files import SensorFile, load
 
     from . import arrays, driver, firmware, host, linkage, space
     from .adafruit import published

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from types import ModuleType
 
 from spots.errors import SpotsError
-from spots_sim.bus import I2CBus
-from spots_sim.busio import I2C, simulated_time
+from spots_sim.chip.bus import I2CBus
+from spots_sim.chip.busio import I2C, simulated_time
 
 # Simulated time before the first transfer. A board needs longer to start Python than the chip needs
 # to wake up.
@@ -38,7 +38,7 @@ def driver_on(bus: I2CBus, driver: type | None = None) -> Iterator:
 
     Parameters
     ----------
-    bus : spots_sim.bus.I2CBus
+    bus : spots_sim.chip.bus.I2CBus
         Bus with the simulated chip.
     driver : type, optional
         Class derived from the published one, to use instead of the published one.

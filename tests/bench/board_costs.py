@@ -15,11 +15,12 @@ from array import array
 import board_config
 import machine
 
-from spots_device import app as app_module
-from spots_device import command, evidence
-from spots_device.as7341 import AS7341
+from spots_device.board import app as app_module
+from spots_device.board import command
+from spots_device.fingers import evidence
+from spots_device.reading.silicone import Compensation
 from spots_device.runtime.micropython import MachineBus, StdioSerial
-from spots_device.silicone import Compensation
+from spots_device.sensor.as7341 import AS7341
 
 ticks, diff = time.ticks_us, time.ticks_diff
 _CLEAR = bytes((0x93, 0x08))

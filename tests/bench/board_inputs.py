@@ -11,10 +11,15 @@ import numpy as np
 
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots_sim.files import Finger, ScenarioFile, SensorFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
-from spots_sim.stage import calibrate, set_as_calibrated
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import calibrate, set_as_calibrated
+from spots_sim.strip.files import (
+    Finger,
+    ScenarioFile,
+    SensorFile,
+    load,
+)
+from spots_sim.strip.scenario import Scenario
 
 _SECONDS = 6.0
 _FORCE_MN = 3000.0

@@ -4,8 +4,8 @@ The substitutes allocate nothing, so the firmware allocates all memory that is a
 sample. The benchmark and tests use this module.
 """
 
-from spots_device.app import BoardApp
-from spots_device.as7341 import AS7341
+from spots_device.board.app import BoardApp
+from spots_device.sensor.as7341 import AS7341
 
 _AINT = 0x08
 _SP_EN = 0x02

@@ -19,13 +19,13 @@ from msgspec import structs
 
 from spots.errors import SpotsError
 from spots.link.board import Board
-from spots_device import exposure
-from spots_sim.bus import BusCost, I2CBus, SimulatedClock
-from spots_sim.chip import AS7341
-from spots_sim.files import SensorFile
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press
-from spots_sim.world import chip
+from spots_device.sensor import exposure
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.chip.as7341 import AS7341
+from spots_sim.chip.bus import BusCost, I2CBus, SimulatedClock
+from spots_sim.strip.files import SensorFile
+from spots_sim.strip.scenario import Held, Press
+from spots_sim.strip.world import chip
 
 from .adafruit import driver_on
 

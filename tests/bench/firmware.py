@@ -21,8 +21,8 @@ import spots_device
 from spots.deploy.staging import use_viper
 from spots.errors import SpotsError
 from spots.link.frames import Decoder
-from spots_sim.files import SensorFile
-from spots_sim.vm import micropython_command
+from spots_sim.board.vm import micropython_command
+from spots_sim.strip.files import SensorFile
 
 from .presses import counts_of_presses
 

@@ -9,7 +9,7 @@ import json
 import math
 import struct
 
-from spots_device.calibration import ONE_Q13, Calibration
+from spots_device.reading.calibration import ONE_Q13, Calibration
 
 _STATUS = 0x93
 _CLEAR = b"\x93\x08"
@@ -23,7 +23,7 @@ class FloatPath:
     Parameters
     ----------
     lines : sequence of str
-        Lines of the calibration, see `spots_device.calibration`.
+        Lines of the calibration, see `spots_device.reading.calibration`.
     dark : sequence of float
         Dark counts of the six channels.
     bus, clock, serial : object

@@ -12,9 +12,9 @@ import time
 
 import canned
 from floats import FloatPath
-from spots_device.app import BoardApp
-from spots_device.decode import READ, SEND
-from spots_device.kernel import process
+from spots_device.board.app import BoardApp
+from spots_device.reading.decode import READ, SEND
+from spots_device.reading.kernel import process
 
 try:
     from spots_device_viper.app import BoardApp as ViperApp

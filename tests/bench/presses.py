@@ -9,9 +9,9 @@ import numpy as np
 from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.frames import Spectrum
-from spots_sim.files import SensorFile
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import SensorFile
+from spots_sim.strip.scenario import Held, Press
 
 _PLACES = 16
 _FORCES_MN = (1500.0, 4000.0)

@@ -20,7 +20,7 @@ from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
 from spots_device import PROTOCOL
-from spots_device.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
+from spots_device.reading.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
 from spots_device.views import TouchFramer
 
 _READINGS = 5000

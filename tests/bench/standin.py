@@ -9,7 +9,7 @@ import json
 import time
 
 from spots_device import PROTOCOL
-from spots_device.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
+from spots_device.reading.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
 from spots_device.views import TouchFramer
 
 CLOSING_UM = -1

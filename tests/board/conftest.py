@@ -12,10 +12,10 @@ from spots.deploy import flash
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Key, Spectrum, Touch
-from spots_device.settings import checksum
-from spots_sim.kept_folder import FOLDER
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press
+from spots_device.board.settings import checksum
+from spots_sim.board.kept_folder import FOLDER
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.scenario import Held, Press
 
 
 class Rig:

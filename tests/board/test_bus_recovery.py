@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 
 from spots.link.frames import Touch
-from spots_sim.faults import Faults
-from spots_sim.files import BusFaults, ClockFaults, FaultsFile, Moments, PowerFaults
+from spots_sim.board.faults import Faults
+from spots_sim.strip.files import (
+    BusFaults,
+    ClockFaults,
+    FaultsFile,
+    Moments,
+    PowerFaults,
+)
 
 BOARDS = ["virtual", "virtual_circuitpython"]
 PLACE_UM = 42_000

@@ -12,11 +12,11 @@ from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.serial_link import SerialLink
-from spots_device.settings import checksum
-from spots_sim.files import ScenarioFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
-from spots_sim.stage import calibrate
+from spots_device.board.settings import checksum
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import calibrate
+from spots_sim.strip.files import ScenarioFile, load
+from spots_sim.strip.scenario import Scenario
 
 BOARD = "virtual_circuitpython"
 
@@ -170,7 +170,7 @@ def test_ctrl_c_on_the_console_stops_the_application_and_its_led(start):
 
 def test_a_watchdog_and_ctrl_c_under_it(start, tmp_path):
     (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
-    app = tmp_path / "spots_device" / "app.py"
+    app = tmp_path / "spots_device" / "board" / "app.py"
     hanging = app.read_text().replace("self.uses.use_layout(lines)", "while True: pass")
     app.write_text(hanging)
     runtime = tmp_path / "spots_device" / "runtime" / "common.py"
@@ -198,13 +198,13 @@ def test_the_button_leaves_the_drive_to_the_host_and_the_prompt_to_people(
     until(link, b">>> ")
     link.write(b"import storage, sys\r")
     until(link, b">>> ")
-    link.write(b"print(storage.getmount('/').readonly, 'spots_device.app' in sys.modules)\r")
+    link.write(b"print(storage.getmount('/').readonly, 'spots_device.board.app' in sys.modules)\r")
     until(link, b"\nTrue False")
     link.close()
 
 
 def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
-    path = tmp_path / "spots_device" / "app.py"
+    path = tmp_path / "spots_device" / "board" / "app.py"
     broken = path.read_text().replace(
         "    def time_us(self):\n", "    def time_us(self):\n        self.nonsense()\n"
     )

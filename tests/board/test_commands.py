@@ -5,10 +5,10 @@ import pytest
 from spots import SpotsError
 from spots.link.board import Board
 from spots.link.connect import upload
-from spots_device.settings import checksum
-from spots_sim.link_wrapper import LinkWrapper
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held
+from spots_device.board.settings import checksum
+from spots_sim.board.link_wrapper import LinkWrapper
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.scenario import Held
 
 
 def test_hello_tells_who_it_is(rig):

@@ -11,11 +11,17 @@ import pytest
 from spots.errors import SpotsError
 from spots.link.contact_finder import ContactFinder
 from spots.link.frames import Contact, Key, Touch
-from spots_device.decode import LED_OFF, MISFIT, TOUCHING
-from spots_device.fingers import CONFIRMED, DOWN, NEVER_ALONE, PROVISIONAL, UP
-from spots_sim.demo import open_fast
-from spots_sim.files import Ambient, Finger, ScenarioFile
-from spots_sim.scenario import Scenario
+from spots_device.fingers.contacts import (
+    CONFIRMED,
+    DOWN,
+    NEVER_ALONE,
+    PROVISIONAL,
+    UP,
+)
+from spots_device.reading.decode import LED_OFF, MISFIT, TOUCHING
+from spots_sim.demo.demo import open_fast
+from spots_sim.strip.files import Ambient, Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
 
 LENGTH_UM = 85_000
 

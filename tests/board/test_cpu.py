@@ -9,10 +9,10 @@ import pytest
 from spots.deploy.doctor import examine_board
 from spots.errors import SpotsError
 from spots.link.connect import upload
-from spots_device.decode import DROPPED
-from spots_sim.files import Finger, ScenarioFile
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Scenario
+from spots_device.reading.decode import DROPPED
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Held, Scenario
 
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {

@@ -16,8 +16,8 @@ import spots
 from spots.cli import main
 from spots.link.connect import upload
 from spots.link.frames import Touch
-from spots_sim import vm
-from spots_sim.cpython_realtime import SocketPort
+from spots_sim.board import vm
+from spots_sim.board.cpython_realtime import SocketPort
 from test_realtime import TAPS
 
 TIMEOUT_S = 120
@@ -236,7 +236,7 @@ def test_an_unknown_runtime_is_one_sentence(capsys, monkeypatch):
 @pytest.mark.parametrize(("sensor", "code"), [("default", 0), ("nope", 2)])
 def test_it_ends_with_whoever_started_it(sensor, code):
     run = subprocess.run(
-        [sys.executable, "-m", "spots_sim.cpython_realtime", sensor, "demo", "0", "1"],
+        [sys.executable, "-m", "spots_sim.board.cpython_realtime", sensor, "demo", "0", "1"],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         timeout=TIMEOUT_S,

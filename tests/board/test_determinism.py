@@ -12,11 +12,11 @@ from spots.cli import main
 from spots.deploy.staging import stage, use_viper
 from spots.link.board import Board
 from spots.link.connect import upload
-from spots_sim import vm
-from spots_sim.files import ScenarioFile, load
-from spots_sim.kept_folder import FOLDER
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
+from spots_sim.board import vm
+from spots_sim.board.kept_folder import FOLDER
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import ScenarioFile, load
+from spots_sim.strip.scenario import Scenario
 
 
 def figures(capsys, *arguments):
@@ -76,5 +76,5 @@ def test_shared_firmware_changes_no_byte_of_the_stream(
             touches = list(made.touches(seconds=3))
             assert any(touch.touching for touch in touches)
             streams.append(b"".join(sent))
-    assert (tmp_path / "spots_device" / "app.py").exists()
+    assert (tmp_path / "spots_device" / "board" / "app.py").exists()
     assert streams[0] == streams[1]

@@ -10,9 +10,9 @@ from spots.cli import main
 from spots.deploy.doctor import examine_board
 from spots.deploy.staging import stage
 from spots.link.connect import upload
-from spots_sim.change import Change
-from spots_sim.files import SensorFile, load
-from spots_sim.stage import NEAR_UM, Stage, calibrate
+from spots_sim.person.stage import NEAR_UM, Stage, calibrate
+from spots_sim.strip.change import Change
+from spots_sim.strip.files import SensorFile, load
 
 UNWIRED = {"irradiance_uW_cm2_per_mA": 1e-9}
 

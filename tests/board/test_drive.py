@@ -14,7 +14,7 @@ from spots.deploy import drive, nofollow, place
 from spots.deploy.build import files_of
 from spots.deploy.staging import device_of
 from spots.link import serial_link as link
-from spots_sim import virtual
+from spots_sim.demo import virtual
 
 ABOUT = "Adafruit CircuitPython {} on 2026-01-01; Some board\nBoard ID:{}\nUID:0123AB\n"
 RIGHT = "9.2.1", "adafruit_qtpy_rp2040"

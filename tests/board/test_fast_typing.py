@@ -1,18 +1,18 @@
 """Fast typing with overlapping touches (rollover): share of wrong keys, and latency of keys.
 
-`python -m spots_sim.typing_speed 40 60 80 100` measures the same with ten times as many touches.
+`python -m spots_sim.demo.typing_speed 40 60 80 100` measures the same with ten times as many touches.
 """
 
 import numpy as np
 import pytest
 
 from spots.calibrate.shift import shifted
-from spots_sim.demo import open_fast
-from spots_sim.demo_applications import type_on_board
-from spots_sim.files import Finger, ScenarioFile
-from spots_sim.scenario import Scenario
-from spots_sim.stage import calibrate
-from spots_sim.typing_speed import added, typed
+from spots_sim.demo.demo import open_fast
+from spots_sim.demo.demo_applications import type_on_board
+from spots_sim.demo.typing_speed import added, typed
+from spots_sim.person.stage import calibrate
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
 
 # Limits by words a minute: errors in percent of the touches, keys without a finger, and 99th
 # percentile of the latency in ms. Forty runs with other noise (other seeds) are within the limits,

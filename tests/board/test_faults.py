@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spots import SpotsError
-from spots_device import decode
+from spots_device.reading import decode
 
 
 class Cut:

@@ -9,10 +9,16 @@ import pytest
 
 from spots.link.board import Board
 from spots.link.frames import Spectrum
-from spots_device.decode import DROPPED
-from spots_sim.chip import AS7341, DIODES, GAIN, ChipNoise, Quirks
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held
+from spots_device.reading.decode import DROPPED
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.chip.as7341 import (
+    AS7341,
+    DIODES,
+    GAIN,
+    ChipNoise,
+    Quirks,
+)
+from spots_sim.strip.scenario import Held
 
 BOARDS = ["virtual", "virtual_circuitpython"]
 SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)

@@ -53,16 +53,16 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, built, capsys):
     (empty / "calibration.txt").write_text("mine too\n")
     (empty / "notes.py").write_text("the user's own")
     (empty / "spots_device").mkdir()
-    (empty / "spots_device" / "app.py").write_text("an older version")
+    (empty / "spots_device" / "board" / "app.py").write_text("an older version")
     (empty / "spots_device" / "log2.mpy.part").write_text("half")
     (empty / "spots_device" / "hers.py").write_text("the user's own")
     wanted = files_of(built("virtual"))
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
         said = capsys.readouterr().out
-        assert "remove spots_device/app.py" in said
+        assert "remove spots_device/board/app.py" in said
         assert "mip install" not in said  # the virtual board contains a substitute for the library
-        assert (empty / "spots_device" / "app.py").exists()
+        assert (empty / "spots_device" / "board" / "app.py").exists()
         assert main(["flash", "virtual", "--port", port]) == 0
         said = capsys.readouterr().out
         assert f"{len(wanted)} files copied" in said
@@ -164,7 +164,7 @@ def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
     write = Prompt.write
 
     def full(prompt, path, data):
-        if path == "spots_device/app.mpy":
+        if path == "spots_device/board/app.mpy":
             prompt.run("raise OSError(28)")
         write(prompt, path, data)
 

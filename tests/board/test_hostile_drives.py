@@ -45,13 +45,13 @@ PLACES = (
     "code.py",
     "boot.py",
     "board_config.py",
-    "spots_device/app.py",
+    "spots_device/board/app.py",
     "spots_device/runtime/__init__.py",
-    "spots_device/kernel.mpy",
+    "spots_device/reading/kernel.mpy",
     "spots.sha256",
     "spots.sha256.part",
     "code.py.part",
-    "spots_device/app.py.part",
+    "spots_device/board/app.py.part",
     "boot_out.txt",
     "settings.txt",
     "calibration.txt.old",
@@ -374,9 +374,9 @@ def test_a_plain_drive_is_flashed_twice_and_erased(tmp_path, built, monkeypatch,
 @pytest.mark.parametrize("changed", [{"st_file_attributes": stat.FILE_ATTRIBUTE_REPARSE_POINT}])
 def test_a_reparse_point_of_windows_is_refused(tmp_path, monkeypatch, changed):
     monkeypatch.setattr(nofollow, "_BY_HANDLE", False)
-    put(tmp_path / "spots_device" / "app.py", b"")
+    put(tmp_path / "spots_device" / "board" / "app.py", b"")
     tree = nofollow.Tree(str(tmp_path))
-    assert tree.files(["spots_device/app.py"]) == {"spots_device/app.py": 0}
+    assert tree.files(["spots_device/board/app.py"]) == {"spots_device/board/app.py": 0}
     lstat = os.lstat
 
     def junction(path, **options):
@@ -386,11 +386,11 @@ def test_a_reparse_point_of_windows_is_refused(tmp_path, monkeypatch, changed):
 
     monkeypatch.setattr(os, "lstat", junction)
     with pytest.raises(SpotsError, match=r"spots_device on .* but for example a symbolic link"):
-        tree.files(["spots_device/app.py"])
+        tree.files(["spots_device/board/app.py"])
 
 
 def test_what_is_mounted_on_the_drive_is_outside_it(tmp_path, monkeypatch):
-    put(tmp_path / "spots_device" / "app.py", b"")
+    put(tmp_path / "spots_device" / "board" / "app.py", b"")
     tree = nofollow.Tree(str(tmp_path))
     inode, fstat = (tmp_path / "spots_device").stat().st_ino, os.fstat
 
@@ -402,6 +402,6 @@ def test_what_is_mounted_on_the_drive_is_outside_it(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fstat", mounted)
     with pytest.raises(SpotsError, match=r"spots_device on .* but for example a symbolic link"):
-        tree.remove("spots_device/app.py")
+        tree.remove("spots_device/board/app.py")
     tree.close()
-    assert (tmp_path / "spots_device" / "app.py").exists()
+    assert (tmp_path / "spots_device" / "board" / "app.py").exists()

@@ -7,7 +7,7 @@ import spots
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load
 from spots.link.frames import Key, Touch
-from spots_device.decode import DROPPED
+from spots_device.reading.decode import DROPPED
 
 # Middles of the ten zones from the sensor's end, and the HID usages of their keys 1 to 9 and 0.
 ZONES_MM = [85 * (i + 0.5) / 10 for i in range(10)]
@@ -201,7 +201,9 @@ def held(made):
 def test_no_key_outlives_a_crash(plugged, tmp_path):
     made = plugged("keys=1")
     changed(
-        tmp_path / "spots_device" / "app.py", "def time_us(self):", "def time_us(self, missing):"
+        tmp_path / "spots_device" / "board" / "app.py",
+        "def time_us(self):",
+        "def time_us(self, missing):",
     )
     made.board.command("reboot")
     held(made)

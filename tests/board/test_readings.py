@@ -9,10 +9,15 @@ from sensors import replaced
 
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots_device import decode
-from spots_sim.files import Ambient, Finger, ScenarioFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Pose, Scenario
+from spots_device.reading import decode
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import (
+    Ambient,
+    Finger,
+    ScenarioFile,
+    load,
+)
+from spots_sim.strip.scenario import Pose, Scenario
 
 
 @pytest.mark.parametrize("position_mm", [5.0, 42.5, 80.0])

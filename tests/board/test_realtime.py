@@ -16,9 +16,9 @@ import spots
 from spots.cli import main
 from spots.link.frames import Text
 from spots.link.serial_link import SerialLink
-from spots_device.decode import DROPPED
-from spots_sim.realtime import Console
-from spots_sim.virtual import open_virtual
+from spots_device.reading.decode import DROPPED
+from spots_sim.board.realtime import Console
+from spots_sim.demo.virtual import open_virtual
 
 
 def test_open_read_close_and_open_again():
@@ -166,7 +166,7 @@ STATES = {
 }
 STARTER = """
 import os, select, sys, time
-from spots_sim.virtual import start_simulator
+from spots_sim.demo.virtual import start_simulator
 
 def until(wanted, asked=b""):
     heard = b""
@@ -234,7 +234,7 @@ def test_nothing_of_a_virtual_board_outlives_its_parent(state, killed, copied):
         assert starter.stdout.readline() == "ready\n"
         alive = processes()
         others = under(starter.pid, alive)
-        (simulator,) = (n for n in others if "spots_sim.realtime" in alive[n][1])
+        (simulator,) = (n for n in others if "spots_sim.board.realtime" in alive[n][1])
         ours = under(simulator, alive)
         (machine,) = (n for n in ours if "heapsize" in alive[n][1])
         if state == "stopped":

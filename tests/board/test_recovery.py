@@ -15,7 +15,7 @@ from spots.cli import main
 from spots.deploy.doctor import examine
 from spots.deploy.staging import stage
 from spots.link.serial_link import SerialLink
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
 
 PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 
@@ -144,7 +144,7 @@ def test_the_button_skips_the_application(start, tmp_path, monkeypatch):
     link = SerialLink(start())
     link.write(b"\r")  # requests a new prompt: the output at the start may be lost
     until(link, b">>> ")
-    link.write(b"import sys; print('spots_device.app' in sys.modules)\r")
+    link.write(b"import sys; print('spots_device.board.app' in sys.modules)\r")
     until(link, b"\nFalse")
     link.close()
 
@@ -157,7 +157,7 @@ def test_a_button_that_is_not_held_skips_nothing(start, tmp_path):
 
 
 def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
-    path = tmp_path / "spots_device" / "app.py"
+    path = tmp_path / "spots_device" / "board" / "app.py"
     broken = path.read_text().replace(
         "    def time_us(self):\n", "    def time_us(self):\n        self.nonsense()\n"
     )
@@ -218,8 +218,11 @@ def test_a_watchdog_starts_a_board_that_hangs(watched):
 def test_ctrl_c_under_a_watchdog_leads_to_a_prompt_that_lasts(watched, tmp_path):
     port = watched()
     link = interrupted(port)
-    assert ask(link, "import time; time.sleep(3); print('spots_device.app')") == "spots_device.app"
-    assert ask(link, "import sys; print('spots_device.app' in sys.modules)") == "False"
+    assert (
+        ask(link, "import time; time.sleep(3); print('spots_device.board.app')")
+        == "spots_device.board.app"
+    )
+    assert ask(link, "import sys; print('spots_device.board.app' in sys.modules)") == "False"
     assert not (tmp_path / "stay").exists()
     link.write(b"import machine\nmachine.reset()\x04")
     link.close()

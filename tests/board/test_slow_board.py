@@ -11,10 +11,10 @@ from spots.deploy.staging import stage
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Decoder, Text, Touch
-from spots_device.decode import DROPPED
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press
-from spots_sim.vm import HEAP_BYTES
+from spots_device.reading.decode import DROPPED
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.board.vm import HEAP_BYTES
+from spots_sim.strip.scenario import Held, Press
 
 BACK_S = 1.0
 ABSENT_S = [0.3, 2.0, 60.0]
@@ -223,7 +223,7 @@ def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
         slow = f"(time.sleep_ms(300), {write})[1]"
         path.write_text(path.read_text().replace(write, slow))
 
-    monkeypatch.setattr("spots_sim.vm.stage", staged)
+    monkeypatch.setattr("spots_sim.board.vm.stage", staged)
     with Board(LockstepLink(sensor, Held())) as board:
         upload(board, calibration)
         assert board.command("get")["dropped"] > len(calibration)  # a slow write may lose bytes

@@ -8,10 +8,15 @@ from spots.cli import main
 from spots.errors import SpotsError
 from spots.link.connect import upload
 from spots.link.frames import Touch
-from spots_device import decode
-from spots_device.decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, NOT_CALIBRATED
-from spots_sim.files import SensorFile, load
-from spots_sim.stage import Stage, calibrate
+from spots_device.reading import decode
+from spots_device.reading.decode import (
+    DARK_SAMPLES,
+    DARK_SUBTRACTED,
+    LED_OFF,
+    NOT_CALIBRATED,
+)
+from spots_sim.person.stage import Stage, calibrate
+from spots_sim.strip.files import SensorFile, load
 
 BOARDS = ["virtual", "virtual_circuitpython"]
 KINDS = ["gpio", "always"]

@@ -15,16 +15,16 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.terminal.monitor import watch
-from spots_device.decode import DROPPED
-from spots_device.layout import KEYBOARD, action
-from spots_device.settings import checksum
-from spots_sim.bus import I2CBus, MultiplexedBus
-from spots_sim.chip import STEP_US
-from spots_sim.files import ScenarioFile, SensorFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press, Scenario
-from spots_sim.stage import calibrate, strip_lines
-from spots_sim.virtual import start_simulator
+from spots_device.board.settings import checksum
+from spots_device.keys.layout import KEYBOARD, action
+from spots_device.reading.decode import DROPPED
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.chip.as7341 import STEP_US
+from spots_sim.chip.bus import I2CBus, MultiplexedBus
+from spots_sim.demo.virtual import start_simulator
+from spots_sim.person.stage import calibrate, strip_lines
+from spots_sim.strip.files import ScenarioFile, SensorFile, load
+from spots_sim.strip.scenario import Held, Press, Scenario
 
 SENSOR = load(SensorFile, "default")
 BOARDS = ["virtual", "virtual_circuitpython"]

@@ -17,11 +17,11 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
-from spots_sim.files import Ambient, Finger, ScenarioFile
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
-from spots_sim.stage import Stage
-from spots_sim.typist import TypedText, Typist
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import Stage
+from spots_sim.person.typist import TypedText, Typist
+from spots_sim.strip.files import Ambient, Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
 
 START_S = 3.0
 SETTLED_S = 0.6

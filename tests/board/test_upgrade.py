@@ -14,7 +14,7 @@ from spots.deploy import flash, place
 from spots.deploy.build import build, files_of
 from spots.deploy.staging import device_of
 from spots.link.frames import Spectrum, Touch
-from spots_sim.virtual import virtual_board
+from spots_sim.demo.virtual import virtual_board
 
 DATA = Path(__file__).parents[1] / "data" / "0.1.0"
 BOARDS = ("virtual", "virtual_circuitpython")

@@ -9,14 +9,20 @@ from sensors import replaced
 
 from spots.calibrate.presses import Noise, Presses
 from spots.cli import main
-from spots_sim import figures
-from spots_sim.bound import Bound
-from spots_sim.files import DATA, SensorFile, load
-from spots_sim.measurements import Run, _joint, _position, characterize, crb_ratio
-from spots_sim.pair import OnePair
-from spots_sim.rig import Rig
-from spots_sim.silicone import Silicone
-from spots_sim.stage import Stage
+from spots_sim.measure import figures
+from spots_sim.measure.bound import Bound
+from spots_sim.measure.measurements import (
+    Run,
+    _joint,
+    _position,
+    characterize,
+    crb_ratio,
+)
+from spots_sim.measure.pair import OnePair
+from spots_sim.measure.rig import Rig
+from spots_sim.person.stage import Stage
+from spots_sim.strip.files import DATA, SensorFile, load
+from spots_sim.strip.silicone import Silicone
 
 SENSORS = sorted(path.stem for path in (DATA / "sensors").glob("*.toml"))
 # Strips that differ most from the default strip, each in another way. `spots characterize` prints
@@ -178,7 +184,7 @@ def test_json_is_one_object(capsys, monkeypatch):
         run.summary = {"exposure_us": arguments[2], "average": arguments[3]}
         return run
 
-    monkeypatch.setattr("spots_sim.characterize.characterize", fake)
+    monkeypatch.setattr("spots_sim.measure.characterize.characterize", fake)
     line = ["characterize", "--exposure-us", "20000", "--average", "2", "--json"]
     assert main(line) == 0
     output = capsys.readouterr()
@@ -208,7 +214,7 @@ def test_without_matplotlib_nothing_is_measured(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(figures, "find_spec", lambda name: None)
     measured = []
     monkeypatch.setattr(
-        "spots_sim.characterize.characterize", lambda *words: measured.append(words)
+        "spots_sim.measure.characterize.characterize", lambda *words: measured.append(words)
     )
     assert main(["characterize", "--out", str(tmp_path / "figures")]) == 2
     assert not measured

@@ -9,8 +9,8 @@ import pytest
 from spots import SpotsError
 from spots.calibrate.choose import DIODES, choose, passes
 from spots.calibrate.presses import FIRM_MN, FULL_MN, Presses
-from spots_sim.bound import Bound
-from spots_sim.stage import Stage
+from spots_sim.measure.bound import Bound
+from spots_sim.person.stage import Stage
 
 USUAL = ("F3", "F4", "F5", "F6", "F7", "F8")
 BLUE = ("F1", "F2", "F3", "F4", "F5", "F6")

@@ -6,10 +6,10 @@ from spots.calibrate.dark import take_dark
 from spots.cli import main
 from spots.errors import SpotsError
 from spots.link.board import Board
-from spots_device.decode import DARK_SAMPLES
-from spots_sim.files import SensorFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press
+from spots_device.reading.decode import DARK_SAMPLES
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import SensorFile, load
+from spots_sim.strip.scenario import Held, Press
 
 
 class Person:

@@ -11,13 +11,13 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
-from spots_device.calibration import Calibration
-from spots_sim.files import Ambient, Finger, ScenarioFile
-from spots_sim.lockstep import LockstepLink
-from spots_sim.measurements import _threshold_mN
-from spots_sim.rig import Rig
-from spots_sim.scenario import Scenario
-from spots_sim.typist import TypedText
+from spots_device.reading.calibration import Calibration
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.measure.measurements import _threshold_mN
+from spots_sim.measure.rig import Rig
+from spots_sim.person.typist import TypedText
+from spots_sim.strip.files import Ambient, Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
 
 DIGITS = "1234567890"
 START_S, PERIOD_S, HELD_S, RISE_S = 3.0, 0.3, 0.15, 0.02

@@ -7,10 +7,10 @@ import pytest
 from sensors import replaced
 
 from spots.cli import main
-from spots_sim import design
-from spots_sim.files import SensorFile, load
-from spots_sim.measurements import FORCE_MN, PLACES
-from spots_sim.rig import Rig
+from spots_make import design
+from spots_sim.measure.measurements import FORCE_MN, PLACES
+from spots_sim.measure.rig import Rig
+from spots_sim.strip.files import SensorFile, load
 
 
 def command(capsys, length_mm, resolution_um, rate_hz, *options):

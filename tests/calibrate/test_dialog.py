@@ -11,8 +11,8 @@ from spots.calibrate import steps
 from spots.calibrate.bench import Bench
 from spots.calibrate.dialog import UndoError
 from spots.calibrate.session import Session
-from spots_sim.stage import Stage
-from spots_sim.stage_presser import StagePresser
+from spots_sim.person.stage import Stage
+from spots_sim.person.stage_presser import StagePresser
 
 OPTIONS = argparse.Namespace(plan="F3,F4,F5,F6,F7,F8", keep_settings=True)
 

@@ -13,13 +13,18 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
-from spots_sim.change import NAMES, Change
-from spots_sim.files import ChangeInTime, Finger, ScenarioFile, SensorFile
-from spots_sim.files import load as load_file
-from spots_sim.lockstep import LockstepLink
-from spots_sim.rezeroed import recalibrated
-from spots_sim.scenario import Scenario
-from spots_sim.typist import TypedText
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.measure.rezeroed import recalibrated
+from spots_sim.person.typist import TypedText
+from spots_sim.strip.change import NAMES, Change
+from spots_sim.strip.files import (
+    ChangeInTime,
+    Finger,
+    ScenarioFile,
+    SensorFile,
+)
+from spots_sim.strip.files import load as load_file
+from spots_sim.strip.scenario import Scenario
 
 DIGITS, FORCE_MN = "1234567890", 2000
 TEXT = "50284917630918273645"

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from make.paper import document, rows
 
-from spots_sim import figures
-from spots_sim.family import Response, departure_um, family
-from spots_sim.measurements import BENDS_DEG, STRAINS_PERCENT, Run
+from spots_sim.measure import figures
+from spots_sim.measure.family import Response, departure_um, family
+from spots_sim.measure.measurements import BENDS_DEG, STRAINS_PERCENT, Run
 
 NAMES = {"position", "resolution", "dye_and_length", "force", "strain", "bending", "joint"}
 

@@ -7,7 +7,7 @@ import pytest
 
 from spots import SpotsError
 from spots.calibrate import calibration_file as file
-from spots_device.calibration import Calibration
+from spots_device.reading.calibration import Calibration
 
 RESIDUALS = [
     file.Residual(strain_ppm=0, position_rms_um=5.7, force_rms_mN=42.8, presses=65),

@@ -1,7 +1,7 @@
 """Hysteresis and creep are fitted to a recording, and the board corrects forces for them.
 
 The compensation consists of play operators and exponentials. So that this is a real test, most
-tests use the material `power`, which follows other laws, see `spots_sim.silicone`.
+tests use the material `power`, which follows other laws, see `spots_sim.strip.silicone`.
 """
 
 import numpy as np
@@ -10,13 +10,18 @@ from msgspec import structs
 
 from spots import SpotsError
 from spots.calibrate.silicone import fit_silicone
-from spots_device.calibration import Calibration
-from spots_device.decode import FLAGS, FORCE_MN, POSITION_UM
-from spots_sim.identity import board_id
-from spots_sim.loading import SESSION, loaded, points, record
-from spots_sim.scenario import Press
-from spots_sim.silicone import Memory, Silicone
-from spots_sim.world import coupling
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.decode import FLAGS, FORCE_MN, POSITION_UM
+from spots_sim.board.identity import board_id
+from spots_sim.person.loading import (
+    SESSION,
+    loaded,
+    points,
+    record,
+)
+from spots_sim.strip.scenario import Press
+from spots_sim.strip.silicone import Memory, Silicone
+from spots_sim.strip.world import coupling
 
 EFFECTS = {
     "creep_percent": 5.2,

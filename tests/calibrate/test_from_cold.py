@@ -1,12 +1,12 @@
-"""The sensor file `real`, an imperfect strip, from a cold LED on; see `spots_sim.from_cold`."""
+"""The sensor file `real`, an imperfect strip, from a cold LED on; see `spots_sim.demo.from_cold`."""
 
 import numpy as np
 import pytest
 from sensors import replaced
 
-from spots_sim.bound import Bound
-from spots_sim.files import SensorFile, load
-from spots_sim.from_cold import joint, typing
+from spots_sim.demo.from_cold import joint, typing
+from spots_sim.measure.bound import Bound
+from spots_sim.strip.files import SensorFile, load
 
 
 @pytest.fixture(scope="module")

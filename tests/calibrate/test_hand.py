@@ -17,12 +17,12 @@ from spots.calibrate.guide import Guide
 from spots.calibrate.presser import Presser
 from spots.calibrate.session import Session, settings
 from spots.calibrate.typed import typed
-from spots_device.calibration import Calibration
+from spots_device.reading.calibration import Calibration
 from spots_device.views import Decoded
-from spots_sim.files import SensorFile, load
-from spots_sim.person import Habits, Person, follow
-from spots_sim.stage import Stage
-from spots_sim.stage_presser import StagePresser
+from spots_sim.person.person import Habits, Person, follow
+from spots_sim.person.stage import Stage
+from spots_sim.person.stage_presser import StagePresser
+from spots_sim.strip.files import SensorFile, load
 
 PLAN = "F3,F4,F5,F6,F7,F8"
 # A third of the samples of 10 ms, for tests of what a session says.

@@ -11,10 +11,10 @@ from spots.calibrate.bench import Bench, TooDarkError
 from spots.calibrate.hand import _LOADS, _LOADS_FROM, _load
 from spots.calibrate.session import Session
 from spots.calibrate.steps import COUNTS
-from spots_sim.loading import record
-from spots_sim.person import Habits
-from spots_sim.silicone import Silicone
-from spots_sim.stage import Stage
+from spots_sim.person.loading import record
+from spots_sim.person.person import Habits
+from spots_sim.person.stage import Stage
+from spots_sim.strip.silicone import Silicone
 from test_hand import LONG, Room, calibrate, errors_um
 
 FINE = COUNTS["fine"][0]

@@ -13,7 +13,7 @@ import numpy as np
 
 from spots.calibrate import calibration_file as file
 from spots.calibrate.session import Session
-from spots_sim.person import Habits, Person, line_of
+from spots_sim.person.person import Habits, Person, line_of
 
 _ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 # The framed picture of a session, or a question below it.

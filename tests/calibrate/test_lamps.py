@@ -18,15 +18,25 @@ from spots.link import lamps
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots.link.frames import Touch
-from spots_sim import stage as stage_module
-from spots_sim.demo import demo
-from spots_sim.files import DATA, SensorFile, Surroundings, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.measurements import PLACES, Run, _position
-from spots_sim.rig import Rig
-from spots_sim.scenario import Held, Press
-from spots_sim.stage import NEAR_UM, WARM_S, Stage, calibrate
-from spots_sim.stage_presser import StagePresser
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.demo.demo import demo
+from spots_sim.measure.measurements import PLACES, Run, _position
+from spots_sim.measure.rig import Rig
+from spots_sim.person import stage as stage_module
+from spots_sim.person.stage import (
+    NEAR_UM,
+    WARM_S,
+    Stage,
+    calibrate,
+)
+from spots_sim.person.stage_presser import StagePresser
+from spots_sim.strip.files import (
+    DATA,
+    SensorFile,
+    Surroundings,
+    load,
+)
+from spots_sim.strip.scenario import Held, Press
 
 SETTINGS = "exposure_us", "average", "gain", "led_mA", "led", "mains_hz", "plan"
 

@@ -5,13 +5,18 @@ import pytest
 from msgspec import structs
 
 from spots import SpotsError
-from spots_device.calibration import Calibration
-from spots_sim import measurements
-from spots_sim.files import SensorFile, load
-from spots_sim.measurements import Run, _force, _position, characterize
-from spots_sim.pair import OnePair
-from spots_sim.rig import Rig
-from spots_sim.stage import calibrate
+from spots_device.reading.calibration import Calibration
+from spots_sim.measure import measurements
+from spots_sim.measure.measurements import (
+    Run,
+    _force,
+    _position,
+    characterize,
+)
+from spots_sim.measure.pair import OnePair
+from spots_sim.measure.rig import Rig
+from spots_sim.person.stage import calibrate
+from spots_sim.strip.files import SensorFile, load
 
 
 def test_a_brown_dye_under_a_narrow_green_phosphor_is_calibrated(sensor):

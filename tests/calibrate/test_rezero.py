@@ -26,18 +26,18 @@ from spots.calibrate.spectra import SpectrumReader
 from spots.calibrate.steps import DARK_S
 from spots.link.connect import upload
 from spots.link.frames import Touch
-from spots_device.calibration import Calibration
-from spots_device.settings import checksum
-from spots_sim.bound import Bound
-from spots_sim.change import NONE, Change
-from spots_sim.files import DATA, SensorFile, load
-from spots_sim.measurements import PLACES, Run, _position
-from spots_sim.optics import Optics
-from spots_sim.rezeroed import NO_HAND, Hand, age
-from spots_sim.rig import Rig
-from spots_sim.scenario import Press
-from spots_sim.stage import Stage
-from spots_sim.stage_presser import StagePresser
+from spots_device.board.settings import checksum
+from spots_device.reading.calibration import Calibration
+from spots_sim.measure.bound import Bound
+from spots_sim.measure.measurements import PLACES, Run, _position
+from spots_sim.measure.rezeroed import NO_HAND, Hand, age
+from spots_sim.measure.rig import Rig
+from spots_sim.person.stage import Stage
+from spots_sim.person.stage_presser import StagePresser
+from spots_sim.strip.change import NONE, Change
+from spots_sim.strip.files import DATA, SensorFile, load
+from spots_sim.strip.optics import Optics
+from spots_sim.strip.scenario import Press
 
 PLAN = "F3,F4,F5,F6,F7,F8"
 DRIFT = Change(die_nm=-1.0, phosphor_nm=1.0, dye_percent=-2.0)

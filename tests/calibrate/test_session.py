@@ -29,15 +29,15 @@ from spots.calibrate.presses import FULL_MN
 from spots.calibrate.session import Session, Wanted, settings
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
-from spots_device.calibration import Calibration, Conditions
-from spots_device.decode import DARK_SAMPLES
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
+from spots_device.reading.calibration import Calibration, Conditions
+from spots_device.reading.decode import DARK_SAMPLES
 from spots_device.views import Decoded
-from spots_sim.bound import Bound
-from spots_sim.files import DATA
-from spots_sim.scenario import Press
-from spots_sim.stage import Stage
-from spots_sim.stage_presser import StagePresser
+from spots_sim.measure.bound import Bound
+from spots_sim.person.stage import Stage
+from spots_sim.person.stage_presser import StagePresser
+from spots_sim.strip.files import DATA
+from spots_sim.strip.scenario import Press
 
 STRAIN_PPM = 100_000
 

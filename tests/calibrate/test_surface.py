@@ -5,8 +5,8 @@ import pytest
 
 from spots.calibrate.presses import Noise, Presses
 from spots.calibrate.surface import fitted
-from spots_sim.bound import Bound
-from spots_sim.files import SensorFile, load
+from spots_sim.measure.bound import Bound
+from spots_sim.strip.files import SensorFile, load
 
 PLAN = "F3", "F4", "F5", "F6", "F7", "F8"
 

@@ -13,9 +13,9 @@ from spots.calibrate.bench import BadPressError, Bench
 from spots.calibrate.guide import Guide
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
-from spots_sim.scenario import Press
-from spots_sim.stage import Stage
-from spots_sim.stage_presser import StagePresser
+from spots_sim.person.stage import Stage
+from spots_sim.person.stage_presser import StagePresser
+from spots_sim.strip.scenario import Press
 
 DARK_FIRST = [0, 1, 1, 1, 1, 1]
 PRESS = Press(40.0, 3000.0, 4.0)

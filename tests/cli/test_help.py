@@ -10,8 +10,8 @@ import pytest
 
 import spots
 from spots.cli import glyphs, main
-from spots_device.command import Commands
-from spots_device.settings import LIMITS
+from spots_device.board.command import Commands
+from spots_device.board.settings import LIMITS
 
 NAME = re.compile(r"^    ([a-z]+)\b", re.MULTILINE)
 

@@ -16,8 +16,8 @@ from spots import open as open_board
 from spots.cli import main
 from spots.link import connect, ports
 from spots.link import serial_link as link
-from spots_sim import vm
-from spots_sim.runtimes import headline
+from spots_sim.board import vm
+from spots_sim.board.runtimes import headline
 from test_frames import encoded
 
 

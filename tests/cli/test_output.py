@@ -11,7 +11,7 @@ import pytest
 
 import spots
 from spots import SpotsError, cli
-from spots_sim import virtual
+from spots_sim.demo import virtual
 
 FULL = Path("/dev/full")
 # Commands with short output; the last one prints with rich.
@@ -88,7 +88,7 @@ def test_there_is_no_room_for_an_output_without_a_buffer():
     ],
 )
 def test_options_of_the_demo_that_do_not_go_together(arguments, words, monkeypatch, capsys):
-    for shows in ("spots_sim.demo.demo", "spots_sim.demo.show_page"):
+    for shows in ("spots_sim.demo.demo.demo", "spots_sim.demo.demo.show_page"):
         monkeypatch.setattr(shows, lambda *_: pytest.fail("shown before"))
     assert cli.main(["demo", *arguments]) == 2
     told = capsys.readouterr().err
@@ -119,7 +119,7 @@ def test_a_virtual_board_that_is_interrupted_as_it_starts_ends_quietly(monkeypat
 @pytest.mark.parametrize(("sensor", "code"), [("default", 0), ("nope", 2)])
 def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed):
     run = subprocess.run(
-        [sys.executable, "-m", "spots_sim.realtime", sensor, "demo", "0", "virtual", "", "1"],
+        [sys.executable, "-m", "spots_sim.board.realtime", sensor, "demo", "0", "virtual", "", "1"],
         stdin=subprocess.DEVNULL,
         stdout=closed,
         stderr=subprocess.PIPE,

@@ -17,7 +17,7 @@ from spots.controller import controller_settings
 from spots.keyboard import layout
 from spots.linkage import mounted, twin_points
 from spots.wearable import wearable
-from spots_sim import files
+from spots_sim.strip import files
 
 OPTIONS = ["nan", "inf", "-inf", "1e999", "", "x", "9" * 400, "0x10", "1,200"]
 # As JSON and as TOML; `NaN` and `null` are wrong syntax in one of them.

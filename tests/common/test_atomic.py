@@ -14,7 +14,7 @@ from reels import record
 from spots import SpotsError, atomic
 from spots.cli import main
 from spots.deploy import build
-from spots_sim import figures
+from spots_sim.measure import figures
 from test_frames import stream
 
 # Script that waits in the middle of a write, at the sync to disk, where the test interrupts it.

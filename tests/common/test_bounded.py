@@ -12,7 +12,7 @@ from spots.cli import main
 from spots.deploy import staging as stage
 from spots.link import connect
 from spots.linkage import mounted
-from spots_sim import virtual
+from spots_sim.demo import virtual
 
 # Memory that a command may use; to read the file completely would need more.
 MEMORY_BYTES = 256 << 20

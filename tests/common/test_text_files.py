@@ -11,8 +11,8 @@ from spots.controller import controller_settings
 from spots.keyboard import layout
 from spots.linkage import mounted, twin_points
 from spots.wearable import wearable
-from spots_device.calibration import Calibration
-from spots_sim import files
+from spots_device.reading.calibration import Calibration
+from spots_sim.strip import files
 
 DRAWN = """bar_mm = [100, 100, 100, 100]
 base_mm = 80

@@ -10,7 +10,7 @@ from spots.deploy import staging
 from spots.keyboard import layout
 from spots.linkage import mounted
 from spots.wearable import wearable
-from spots_sim import files
+from spots_sim.strip import files
 
 LAYER = 'name = "x"\n[[layer]]\nname = "a"\nkeys = '
 SLIPS = [

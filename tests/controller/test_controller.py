@@ -17,8 +17,8 @@ from spots.controller.controller_settings import (
 from spots.controller.gamepad_engine import Controller
 from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, State
-from spots_device.contact import TWO_FIT
-from spots_device.decode import (
+from spots_device.fingers.tracker import TWO_FIT
+from spots_device.reading.decode import (
     DROPPED,
     LED_OFF,
     MISFIT,

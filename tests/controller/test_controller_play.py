@@ -29,13 +29,13 @@ from spots.link.frames import Touch
 from spots.outputs.devices import AXIS_MAX, REST, PrintedGamepad, State
 from spots.outputs.uinput import UInputGamepad
 from spots.terminal import view
-from spots_device.decode import TOO_DARK, TOUCHING
-from spots_sim import demo, demo_applications, virtual
-from spots_sim.anchored import sliding
-from spots_sim.controller_score import ControllerScore
-from spots_sim.files import Finger, ScenarioFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press, Scenario
+from spots_device.reading.decode import TOO_DARK, TOUCHING
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.demo import demo, demo_applications, virtual
+from spots_sim.demo.anchored import sliding
+from spots_sim.measure.controller_score import ControllerScore
+from spots_sim.strip.files import Finger, ScenarioFile, load
+from spots_sim.strip.scenario import Held, Press, Scenario
 
 LENGTH_UM = 85_000
 

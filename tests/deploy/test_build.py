@@ -14,12 +14,12 @@ import spots_device
 from spots import SpotsError
 from spots.cli import main
 from spots.deploy import build as builder
-from spots.deploy import staging as staging
+from spots.deploy import staging
 from spots.deploy.build import ARCHITECTURES, build, files_of, mpy_header
 from spots.deploy.constants import inline
 from spots.deploy.names import shorten
 from spots.deploy.staging import board_names, device_of, stage
-from spots_sim.vm import micropython_command
+from spots_sim.board.vm import micropython_command
 
 VIPER = ("kernel", "locate", "pair", "steady")
 MACHINE_CODE = {f"spots_device/{name}.mpy" for name in VIPER}
@@ -38,7 +38,7 @@ def test_every_board_gets_what_its_runtime_takes(board, built):
     assert "main.py" in files
     assert "spots_device/runtime/micropython.mpy" in files
     assert all(path.endswith(".mpy") for path in modules)
-    assert "spots_device/kernel.mpy" in files
+    assert "spots_device/reading/kernel.mpy" in files
     assert not any(path.endswith("_viper.mpy") for path in modules)
     for path in modules:
         header = mpy_header(files[path])
@@ -51,7 +51,7 @@ def test_circuitpython_looks_up_no_name_of_a_constant(built):
     files = files_of(built("qtpy_rp2040"))
     names = {
         node.id
-        for node in ast.walk(ast.parse(files["spots_device/kernel.py"]))
+        for node in ast.walk(ast.parse(files["spots_device/reading/kernel.py"]))
         if isinstance(node, ast.Name)
     }
     assert "_take_logs" in names

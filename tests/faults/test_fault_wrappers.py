@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from spots.errors import SpotsError
-from spots_sim import files
-from spots_sim.bus import I2CBus, SimulatedClock
-from spots_sim.faults import BoardFaults, Faults, FaultyBus, FaultyLink, of_scenario
-from spots_sim.files import (
+from spots_sim.board.faults import (
+    BoardFaults,
+    Faults,
+    FaultyBus,
+    FaultyLink,
+    of_scenario,
+)
+from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.strip import files
+from spots_sim.strip.files import (
     Bursts,
     BusFaults,
     ClockFaults,
@@ -19,8 +25,8 @@ from spots_sim.files import (
     SerialFaults,
     load,
 )
-from spots_sim.scenario import Held, Scenario
-from spots_sim.world import chip
+from spots_sim.strip.scenario import Held, Scenario
+from spots_sim.strip.world import chip
 
 ADDRESS = 0x39
 
@@ -298,7 +304,7 @@ def test_the_strip_moves_in_straight_lines_and_the_short_form_stays():
 
 
 def test_a_leak_is_light_without_a_finger(sensor):
-    from spots_sim.world import World
+    from spots_sim.strip.world import World
 
     leaky = ScenarioFile(seconds=4.0, leak=[(0.0, 0.0, 30.0), (4.0, 0.04, 30.0)])
     world = World(sensor, Scenario(leaky), np.random.default_rng(0))

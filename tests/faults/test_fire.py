@@ -12,8 +12,8 @@ from soak.soak import broken_promises
 from fault_streams import encoded, frames
 from spots.cli import main
 from spots.errors import SpotsError
-from spots_sim.files import DATA, ScenarioFile, load
-from spots_sim.virtual import open_virtual
+from spots_sim.demo.virtual import open_virtual
+from spots_sim.strip.files import DATA, ScenarioFile, load
 
 
 def run(capsys, *arguments, command=main):
@@ -84,7 +84,7 @@ def test_damage_on_the_way_does_not_change_what_the_board_sends(capsys, quiet_fi
         "damaged"
     ]
     damaged, sent[:] = b"".join(sent), []
-    monkeypatch.setattr("spots_sim.faults.Damage.__call__", untouched)
+    monkeypatch.setattr("spots_sim.board.faults.Damage.__call__", untouched)
     run(capsys, "--hours", "0.008", "--faults", quiet_fire, command=soak_main)
     assert b"".join(sent) == damaged
 

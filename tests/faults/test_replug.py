@@ -24,9 +24,9 @@ from spots.link.timeouts import CONNECTED, LOST, REFUSED
 from spots.terminal.monitor import watch
 from spots.web.board_feed import BoardReader, finder
 from spots.web.state import PageState
-from spots_sim import files
-from spots_sim.faults import Faults, FaultyLink
-from spots_sim.virtual import start_simulator
+from spots_sim.board.faults import Faults, FaultyLink
+from spots_sim.demo.virtual import start_simulator
+from spots_sim.strip import files
 
 CYCLES = 100
 DEADLINE_S = 120.0

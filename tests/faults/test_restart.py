@@ -24,7 +24,7 @@ from spots.recording import replay
 from spots.recording.info import summary
 from spots.recording.replay import open_recording
 from spots_device import PROTOCOL
-from spots_device.decode import DROPPED
+from spots_device.reading.decode import DROPPED
 
 
 class StandIn:

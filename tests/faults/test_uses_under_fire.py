@@ -16,10 +16,10 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.link.timeouts import RELEASE_S
-from spots_sim.faults import FaultyLink, of_scenario
-from spots_sim.files import ScenarioFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
+from spots_sim.board.faults import FaultyLink, of_scenario
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import ScenarioFile, load
+from spots_sim.strip.scenario import Scenario
 
 SECONDS = 60.0
 DIGITS = list(range(30, 40))

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 
-from spots_device.contact import TICKS
-from spots_device.decode import TOO_DARK, TOUCHING
-from spots_device.keypad import Keypad
-from spots_device.layout import KEYBOARD, LIMITS, Layout, action
+from spots_device.fingers.tracker import TICKS
+from spots_device.keys.keypad import Keypad
+from spots_device.keys.layout import (
+    KEYBOARD,
+    LIMITS,
+    Layout,
+    action,
+)
+from spots_device.reading.decode import TOO_DARK, TOUCHING
 
 LENGTH_UM = 100_000
 DECAY = 289  # attribute `Calibration.decay` of the default strip
@@ -20,7 +25,7 @@ def letter(usage, modifiers=0):
 
 
 def key(low, high, tap=0, double=0, hold=0, firm=0, minus=0, plus=0):
-    """Return the line ``key`` of a layout, see `spots_device.layout`."""
+    """Return the line ``key`` of a layout, see `spots_device.keys.layout`."""
     return f"key {low} {high} {tap} {double} {hold} {firm} {minus} {plus}"
 
 

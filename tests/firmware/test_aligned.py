@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import pytest
 from smallint import WRAP, SmallClock, SmallInt
 
-from spots_device.aligned import AlignedPacing
-from spots_device.several import _AHEAD_US, SeveralApp
+from spots_device.board.aligned import AlignedPacing
+from spots_device.board.several import _AHEAD_US, SeveralApp
 
 LATCH_US = 75  # START, two addresses and a register number at 400 kHz
 LEVEL_US = 147  # transfer of one byte: level of the FIFO, or ASTATUS

@@ -5,7 +5,7 @@ from array import array
 import pytest
 from smallint import SmallInt
 
-from spots_device.calibration import Calibration, CalibrationError, Conditions
+from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
 GOOD = """\
 board 00ff

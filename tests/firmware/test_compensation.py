@@ -5,9 +5,14 @@ import math
 import pytest
 from smallint import SmallInt, small
 
-from spots_device.calibration import Calibration, CalibrationError
-from spots_device.decode import FLAGS, FORCE_MN, LED_OFF, POSITION_UM
-from spots_device.silicone import Compensation
+from spots_device.reading.calibration import Calibration, CalibrationError
+from spots_device.reading.decode import (
+    FLAGS,
+    FORCE_MN,
+    LED_OFF,
+    POSITION_UM,
+)
+from spots_device.reading.silicone import Compensation
 from test_calibration import GOOD
 
 ONE = 4096

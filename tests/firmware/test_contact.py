@@ -6,7 +6,14 @@ import pytest
 
 import keys
 from keys import DECAY, Desk, clicks, key, letter, limit
-from spots_device.decode import (
+from spots_device.fingers.contacts import (
+    DOWN,
+    NEVER_ALONE,
+    PROVISIONAL,
+    UP,
+    Fingers,
+)
+from spots_device.reading.decode import (
     BRIGHTNESS,
     FORCE_MN,
     LED_OFF,
@@ -16,7 +23,6 @@ from spots_device.decode import (
     TOO_DARK,
     TOUCHING,
 )
-from spots_device.fingers import DOWN, NEVER_ALONE, PROVISIONAL, UP, Fingers
 
 A, B, C = 4, 5, 6
 THREE = ("layer 0 0", key(0, 300, letter(A)), key(330, 660, letter(B)), key(700, 1000, letter(C)))

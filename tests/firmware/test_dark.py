@@ -7,9 +7,9 @@ import pytest
 from bench import canned
 from smallint import SmallInt, small
 
-from spots_device.dark import _WINDOW_SAMPLES, _WINDOWS, Baseline
-from spots_device.dark import Dark as DarkOf
-from spots_device.decode import (
+from spots_device.reading.dark import _WINDOW_SAMPLES, _WINDOWS, Baseline
+from spots_device.reading.dark import Dark as DarkOf
+from spots_device.reading.decode import (
     AVERAGE_MAX,
     CHECK,
     DARK_SAMPLES,

@@ -8,9 +8,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from smallint import SmallInt, small
 
-from spots_device import decode, kernel
-from spots_device.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
-from spots_device.log2 import ONE
+from spots_device.reading import decode, kernel
+from spots_device.reading.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
+from spots_device.reading.log2 import ONE
 from spots_device.views import Decoded
 
 LOG_MAX = 24 * ONE

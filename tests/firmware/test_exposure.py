@@ -4,8 +4,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from spots_device import exposure
-from spots_device.search import Search
+from spots_device.sensor import exposure
+from spots_device.sensor.search import Search
 
 STEP_US = 2.78  # DS000504
 

@@ -1,7 +1,17 @@
 """The baseline follows the light of the untouched strip: slowly up, quickly down."""
 
-from spots_device.decode import DARK, FLOOR, FOLLOWS, IDLE_US, REST, SAMPLES, SHIFT, SUMS, Decode
-from spots_device.kernel import SETTLED_US, _follow
+from spots_device.reading.decode import (
+    DARK,
+    FLOOR,
+    FOLLOWS,
+    IDLE_US,
+    REST,
+    SAMPLES,
+    SHIFT,
+    SUMS,
+    Decode,
+)
+from spots_device.reading.kernel import SETTLED_US, _follow
 
 Q = 10  # from counts in Q12 to sums over four samples
 

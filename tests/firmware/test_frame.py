@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt
 
-from spots_device import frame, kernel
-from spots_device.decode import DROPPED, GAP
+from spots_device.reading import frame, kernel
+from spots_device.reading.decode import DROPPED, GAP
 from spots_device.views import TouchFramer
 
 

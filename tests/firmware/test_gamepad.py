@@ -5,9 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt
 
-from spots_device.contact import TWO_FIT
-from spots_device.decode import LED_OFF, MISFIT, TOO_DARK, TOUCHING
-from spots_device.gamepad import GamepadAxes
+from spots_device.fingers.tracker import TWO_FIT
+from spots_device.keys.gamepad import GamepadAxes
+from spots_device.reading.decode import (
+    LED_OFF,
+    MISFIT,
+    TOO_DARK,
+    TOUCHING,
+)
 
 LENGTH_UM = 85_000
 

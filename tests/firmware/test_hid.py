@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spots_device.hid import (
+from spots_device.keys.reports import (
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,
     KEYS_MAX,

@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from smallint import SmallInt
 
 from keys import LENGTH_UM, Desk, clicks, key, letter, limit
-from spots_device.contact import TICKS
-from spots_device.decode import MISFIT, TOUCHING
-from spots_device.layout import (
+from spots_device.fingers.tracker import TICKS
+from spots_device.keys.layout import (
     BALANCED,
     HOLD_PREFERRED,
     MOMENTARY,
@@ -18,6 +17,7 @@ from spots_device.layout import (
     action,
     default_lines,
 )
+from spots_device.reading.decode import MISFIT, TOUCHING
 
 A, B, C, D, E, F = range(4, 10)
 SHIFT = 0xE1

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keys import key, letter
-from spots_device.contact import elapsed
-from spots_device.layout import (
+from spots_device.fingers.tracker import elapsed
+from spots_device.keys.layout import (
     CONSUMER,
     KEY_SIZE,
     LAYERS_MAX,

@@ -5,7 +5,7 @@ import sys
 import pytest
 from bench import canned
 
-from spots_device import app as app_module
+from spots_device.board import app as app_module
 
 A = 4
 KEYBOARD_PAGE = 7

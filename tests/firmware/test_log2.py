@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from smallint import SmallInt, small
 
-from spots_device import log2
+from spots_device.reading import log2
 
 
 def error_units(n):

@@ -5,8 +5,8 @@ import random
 import pytest
 from smallint import WRAP, SmallClock, SmallInt
 
-from spots_device.aligned import AlignedPacing
-from spots_device.pacing import Pacing
+from spots_device.board.aligned import AlignedPacing
+from spots_device.sensor.pacing import Pacing
 
 BURST_US = 390
 CLEAR_US = 73

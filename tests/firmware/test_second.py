@@ -7,14 +7,14 @@ import pytest
 from smallint import SmallInt
 
 from keys import DECAY
-from spots_device import contact_state
-from spots_device import locate as locate_module
-from spots_device.calibration import Calibration
-from spots_device.decode import DARK_SUBTRACTED, MISFIT
-from spots_device.locate import locate, power
-from spots_device.second import may_rest, weigh
+from spots_device.fingers import locate as locate_module
+from spots_device.fingers import state as contact_state
+from spots_device.fingers.locate import locate, power
+from spots_device.fingers.second import may_rest, weigh
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.decode import DARK_SUBTRACTED, MISFIT
 from spots_device.views import Decoded
-from spots_sim.optics import Optics
+from spots_sim.strip.optics import Optics
 
 
 @pytest.fixture(autouse=True)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from spots_device import settings
+from spots_device.board import settings
 
 
 def made(**config):

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from spots_device import store
-from spots_device.settings import checksum
-from spots_device.store import Store
+from spots_device.board import store
+from spots_device.board.settings import checksum
+from spots_device.board.store import Store
 
 NAMES = "settings", "calibration", "layout"
 BOTH = [name + strip for strip in ("", "1") for name in NAMES]

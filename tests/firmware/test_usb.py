@@ -12,8 +12,13 @@ from unittest.mock import Mock
 import pytest
 
 from spots.link.frames import Decoder
-from spots_device.frame import Framer, Time32
-from spots_device.hid import GAMEPAD_DESCRIPTOR, KEYBOARD_DESCRIPTOR, Outbox, with_report_id
+from spots_device.keys.reports import (
+    GAMEPAD_DESCRIPTOR,
+    KEYBOARD_DESCRIPTOR,
+    Outbox,
+    with_report_id,
+)
+from spots_device.reading.frame import Framer, Time32
 
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
 OTHER = bytes(8)
@@ -453,7 +458,7 @@ def test_micropython_sends_after_minutes_without_a_frame(serial, minutes):
 def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypatch):
     machine = {"USBDevice": None}
     module = fresh(monkeypatch, "micropython", micropython={}, machine=machine)
-    monkeypatch.setitem(sys.modules, "spots_device.runtime.usb_micropython", None)  # not installed
+    monkeypatch.setitem(sys.modules, "spots_device.keys.usb_micropython", None)  # not installed
     for platform, version, why in (
         ("esp32", (1, 26, 1), "1.26 sends empty reports"),
         ("esp32", (1, 27, 0), "library for USB is missing"),

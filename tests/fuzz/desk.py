@@ -12,11 +12,11 @@ from types import SimpleNamespace
 from smallint import small
 
 from spots.link.frames import Decoder, Touch
-from spots_device.as7341 import AS7341
-from spots_device.contact import TICKS
-from spots_device.decode import MISFIT, TOO_DARK, TOUCHING
-from spots_device.settings import checksum
-from spots_sim.cpython_board import use_folder
+from spots_device.board.settings import checksum
+from spots_device.fingers.tracker import TICKS
+from spots_device.reading.decode import MISFIT, TOO_DARK, TOUCHING
+from spots_device.sensor.as7341 import AS7341
+from spots_sim.board.cpython_board import use_folder
 
 # Largest number of command lines for a board: more lines test nothing new, and take time.
 LINES_MAX = 40

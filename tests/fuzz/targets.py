@@ -23,7 +23,7 @@ from smallint import small
 
 import desk
 import spots
-from spots.calibrate import calibration_file as calibration_file
+from spots.calibrate import calibration_file
 from spots.controller import controller_settings
 from spots.controller.gamepad_engine import Controller
 from spots.errors import SpotsError
@@ -39,18 +39,19 @@ from spots.web.app import _ACK_MAX, _NUMBER, _add_headers
 from spots.web.feel import layout_shown
 from spots.web.guard import Guard
 from spots.web.pace import PagePace
-from spots_device import PROTOCOL, settings
-from spots_device.calibration import Calibration, CalibrationError
-from spots_device.decode import AVERAGE_MAX
-from spots_device.keypad import Keypad
-from spots_device.layout import Layout, LayoutError
+from spots_device import PROTOCOL
+from spots_device.board import settings
+from spots_device.keys.keypad import Keypad
+from spots_device.keys.layout import Layout, LayoutError
+from spots_device.reading.calibration import Calibration, CalibrationError
+from spots_device.reading.decode import AVERAGE_MAX
 from spots_device.views import Decoded
-from spots_sim import files
-from spots_sim import mechanism as linkage
-from spots_sim.cpython_board import use_folder
-from spots_sim.faults import BoardFaults, of_scenario
-from spots_sim.optics import Optics
-from spots_sim.scenario import Scenario
+from spots_sim.board.cpython_board import use_folder
+from spots_sim.board.faults import BoardFaults, of_scenario
+from spots_sim.person import mechanism as linkage
+from spots_sim.strip import files
+from spots_sim.strip.optics import Optics
+from spots_sim.strip.scenario import Scenario
 from test_frames import encoded
 
 _TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 import desk
 import kept
 from spots.link.frames import Text, Touch
-from spots_device.command import LINE_MAX
+from spots_device.board.command import LINE_MAX
 from targets import TARGETS, run
 
 INPUTS = {name: kept.kept(name) for name in TARGETS}

@@ -7,8 +7,13 @@ from spots import cli
 from spots.errors import SpotsError
 from spots.keyboard.keys import say
 from spots.keyboard.layout import FOLDER, load
-from spots_device.layout import KEY_SIZE, TAP, Layout, action
-from spots_sim.typist import Typist
+from spots_device.keys.layout import (
+    KEY_SIZE,
+    TAP,
+    Layout,
+    action,
+)
+from spots_sim.person.typist import Typist
 
 BUILT_IN = sorted(file.stem for file in FOLDER.glob("*.toml"))
 

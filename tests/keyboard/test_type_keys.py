@@ -20,12 +20,12 @@ from spots.link.timeouts import RELEASE_S
 from spots.outputs.devices import Keyboard
 from spots.wearable import gestures as g
 from spots.wearable.wearable import DEFAULT, Mapping, play
-from spots_device.decode import LED_OFF
-from spots_sim.files import Finger, ScenarioFile
-from spots_sim.files import load as load_scenario
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
-from spots_sim.typist import TypedText, Typist, typing
+from spots_device.reading.decode import LED_OFF
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.typist import TypedText, Typist, typing
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.files import load as load_scenario
+from spots_sim.strip.scenario import Scenario
 
 HELD_S = 2.0  # a finger touches the key 5 from this time on
 HELD = ScenarioFile(

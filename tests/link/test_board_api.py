@@ -19,10 +19,15 @@ from spots.errors import ClosedError, PortLostError, SpotsError
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
 from spots.link.turn import Turn
-from spots_device.decode import LED_OFF, NOT_CALIBRATED, TOO_DARK, TOUCHING
-from spots_sim.files import ScenarioFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
+from spots_device.reading.decode import (
+    LED_OFF,
+    NOT_CALIBRATED,
+    TOO_DARK,
+    TOUCHING,
+)
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import ScenarioFile, load
+from spots_sim.strip.scenario import Scenario
 from test_frames import encoded
 from test_restart import StandIn
 

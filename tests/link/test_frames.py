@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spots.link.frames import Decoder, Key, Note, Spectrum, Text, Touch
-from spots_device.frame import TEXT_MAX
+from spots_device.reading.frame import TEXT_MAX
 
 
 def encoded(payload):

@@ -18,13 +18,20 @@ from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.terminal import view
 from spots.terminal.monitor import watch
 from spots.wearable.wearable import Mapping, play
-from spots_device.contact import TWO_FIT
-from spots_device.decode import LED_OFF, MISFIT, NOT_CALIBRATED, SATURATED, TOO_DARK, TOUCHING
-from spots_sim.change import Change
-from spots_sim.files import Finger, ScenarioFile
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
-from spots_sim.stage import Stage
+from spots_device.fingers.tracker import TWO_FIT
+from spots_device.reading.decode import (
+    LED_OFF,
+    MISFIT,
+    NOT_CALIBRATED,
+    SATURATED,
+    TOO_DARK,
+    TOUCHING,
+)
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import Stage
+from spots_sim.strip.change import Change
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
 
 TWO_S = 2.0  # two fingers touch from this time on
 WITHIN_S = 1.0

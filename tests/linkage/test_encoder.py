@@ -12,8 +12,8 @@ from spots import Encoder, SpotsError
 from spots.calibrate.calibration_file import Joint
 from spots.calibrate.joint import fit_joint
 from spots.link.frames import Touch
-from spots_device import decode
-from spots_sim.simulated_linkage import Turned
+from spots_device.reading import decode
+from spots_sim.measure.simulated_linkage import Turned
 
 JOINT = Joint(
     zero_deg=-20.0,

@@ -12,8 +12,13 @@ from scipy.optimize import root
 
 from spots import Linkage, SpotsError
 from spots.linkage.fivebar import Limit, LimitError
-from spots_sim.files import LinkageFile, PathFile, SensorFile, load
-from spots_sim.mechanism import Mechanism, guided
+from spots_sim.person.mechanism import Mechanism, guided
+from spots_sim.strip.files import (
+    LinkageFile,
+    PathFile,
+    SensorFile,
+    load,
+)
 
 NM = 1e-6  # in mm
 UM = 1e-3

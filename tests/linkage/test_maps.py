@@ -11,10 +11,15 @@ import pytest
 from make import linkage_page as page
 
 from spots import Linkage, SpotsError
-from spots_sim import figures, maps
-from spots_sim.files import LinkageFile, PathFile, SensorFile, load
-from spots_sim.mechanism import Mechanism
-from spots_sim.survey import follow, survey
+from spots_sim.measure import figures, maps
+from spots_sim.measure.survey import follow, survey
+from spots_sim.person.mechanism import Mechanism
+from spots_sim.strip.files import (
+    LinkageFile,
+    PathFile,
+    SensorFile,
+    load,
+)
 
 
 @pytest.fixture(scope="module")

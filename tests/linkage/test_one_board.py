@@ -19,10 +19,10 @@ from spots.linkage import mounted, twin_source
 from spots.linkage.mounted import Mounted, Mounting
 from spots.web import twin_feed
 from spots.web.state import PageState
-from spots_sim.files import LinkageFile, PathFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.mechanism import Mechanism, guided
-from spots_sim.simulated_linkage import START_S, calibrated, moved
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.measure.simulated_linkage import START_S, calibrated, moved
+from spots_sim.person.mechanism import Mechanism, guided
+from spots_sim.strip.files import LinkageFile, PathFile, load
 from test_encoder import JOINT
 from test_encoder import touch as reading
 

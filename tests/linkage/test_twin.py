@@ -12,10 +12,16 @@ import pytest
 from spots import Encoder, Linkage, SpotsError, Twin, cli
 from spots.linkage import twin as twin_command
 from spots.linkage.fivebar import Limit
-from spots_sim import linkage_demo, survey
-from spots_sim.files import LinkageFile, PathFile, SensorFile, load
-from spots_sim.mechanism import Mechanism, closed, guided
-from spots_sim.simulated_linkage import START_S, Simulation
+from spots_sim.demo import linkage_demo
+from spots_sim.measure import survey
+from spots_sim.measure.simulated_linkage import START_S, Simulation
+from spots_sim.person.mechanism import Mechanism, closed, guided
+from spots_sim.strip.files import (
+    LinkageFile,
+    PathFile,
+    SensorFile,
+    load,
+)
 from test_encoder import JOINT
 from test_encoder import touch as reading
 

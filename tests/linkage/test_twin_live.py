@@ -25,12 +25,19 @@ from spots.linkage import mounted, twin_source
 from spots.linkage import twin as twin_command
 from spots.linkage.mounted import Mounted, Mounting
 from spots.linkage.twin_view import TwinView
-from spots_sim import linkage_demo
-from spots_sim.faults import Faults
-from spots_sim.files import FaultsFile, LinkageFile, Moments, PathFile, PowerFaults, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.mechanism import Mechanism, guided
-from spots_sim.simulated_linkage import START_S, calibrated
+from spots_sim.board.faults import Faults
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.demo import linkage_demo
+from spots_sim.measure.simulated_linkage import START_S, calibrated
+from spots_sim.person.mechanism import Mechanism, guided
+from spots_sim.strip.files import (
+    FaultsFile,
+    LinkageFile,
+    Moments,
+    PathFile,
+    PowerFaults,
+    load,
+)
 from test_encoder import JOINT
 from test_encoder import touch as reading
 
@@ -155,7 +162,9 @@ def test_the_example_of_a_twin(ports, machine, capsys, monkeypatch):
     # The example runs for ever, so the test limits it to 3 s.
     source = twin_source.Source
     monkeypatch.setattr(source, "follow", lambda it: it.twin.follow(it.readings(3.0)))
-    monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
+    monkeypatch.setattr(
+        "spots_sim.measure.simulated_linkage._strips", lambda *_: [machine.strip] * 2
+    )
     arguments = [machine.arm, *ports] if ports else []
     monkeypatch.setattr(sys, "argv", ["twin.py", *map(str, arguments)])
     runpy.run_path(str(EXAMPLES / "twin.py"), run_name="__main__")
@@ -174,7 +183,9 @@ def test_the_example_that_tracks_a_joint(virtual, machine, capsys, monkeypatch):
     touches = Board.touches
     monkeypatch.setattr(Board, "touches", lambda board: touches(board, 3.0))
     monkeypatch.setattr(spots, "open", machine.open)
-    monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
+    monkeypatch.setattr(
+        "spots_sim.measure.simulated_linkage._strips", lambda *_: [machine.strip] * 2
+    )
     arguments = [] if virtual else [machine.arm.parent / "strip.toml", "1"]
     monkeypatch.setattr(sys, "argv", ["track_joint.py", *map(str, arguments)])
     runpy.run_path(str(EXAMPLES / "track_joint.py"), run_name="__main__")
@@ -430,7 +441,9 @@ def test_a_line_is_out_when_it_is_told(monkeypatch):
 
 
 def test_a_simulated_linkage_is_followed_in_real_time(machine, monkeypatch, capsys):
-    monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
+    monkeypatch.setattr(
+        "spots_sim.measure.simulated_linkage._strips", lambda *_: [machine.strip] * 2
+    )
     figures = linkage_demo.demonstrate("default", 0, 1.0, fast=False, quiet=True)
     assert figures["terminals"] > 10
     assert figures["lost"] == 0

@@ -27,7 +27,7 @@ from spots.deploy.build import mpy_cross_command
 from spots.deploy.constants import inline
 from spots.deploy.names import shorten
 from spots.deploy.staging import use_viper
-from spots_sim.vm import micropython_command
+from spots_sim.board.vm import micropython_command
 
 HERE = Path(__file__).parent
 WASM = HERE.parent / "wasm"

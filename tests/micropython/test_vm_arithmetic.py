@@ -13,26 +13,20 @@ from unittest.mock import Mock
 
 import pytest
 
-from spots_device import contact, contact_state, pair
-from spots_device.calibration import (
-    KNOTS_MAX,
-    ONE_Q13,
-    WEIGHT_SUM_MAX,
-    Calibration,
-    CalibrationError,
+from spots_device.board.settings import LIMITS
+from spots_device.fingers import pair
+from spots_device.fingers import state as contact_state
+from spots_device.fingers import tracker as contact
+from spots_device.fingers.state import (
+    FADED,
+    FOUND,
+    LIFTED,
+    MOVED,
+    NEXT,
+    REMAINS,
+    SAME,
 )
-from spots_device.contact_state import FADED, FOUND, LIFTED, MOVED, NEXT, REMAINS, SAME
-from spots_device.decode import (
-    CRC_SIZE,
-    DARK_SUBTRACTED,
-    HEADER_SIZE,
-    LED_OFF,
-    MISFIT,
-    SATURATED,
-)
-from spots_device.frame import TEXT_MAX
-from spots_device.kernel import TOLERANCE_Q12, TOUCH_SIZE
-from spots_device.layout import (
+from spots_device.keys.layout import (
     CONSUMER,
     KEYBOARD,
     MOMENTARY,
@@ -42,8 +36,24 @@ from spots_device.layout import (
     action,
     default_lines,
 )
-from spots_device.log2 import LIMIT, ONE
-from spots_device.settings import LIMITS
+from spots_device.reading.calibration import (
+    KNOTS_MAX,
+    ONE_Q13,
+    WEIGHT_SUM_MAX,
+    Calibration,
+    CalibrationError,
+)
+from spots_device.reading.decode import (
+    CRC_SIZE,
+    DARK_SUBTRACTED,
+    HEADER_SIZE,
+    LED_OFF,
+    MISFIT,
+    SATURATED,
+)
+from spots_device.reading.frame import TEXT_MAX
+from spots_device.reading.kernel import TOLERANCE_Q12, TOUCH_SIZE
+from spots_device.reading.log2 import LIMIT, ONE
 
 CHANNELS = 6
 LOG_MAX = 24 * ONE

@@ -7,9 +7,16 @@ A scene is the light on the sensor and the state of the board for some time, see
 import pytest
 
 from spots.link.frames import Contact, Decoder, Key, Spectrum, Touch
-from spots_device.calibration import Calibration, CalibrationError
-from spots_device.dark import _DARK_EVERY_US, IDLE_US
-from spots_device.decode import (
+from spots_device.fingers.contacts import (
+    CONFIRMED,
+    DOWN,
+    PROVISIONAL,
+    UP,
+)
+from spots_device.keys.layout import KEYBOARD, action
+from spots_device.reading.calibration import Calibration, CalibrationError
+from spots_device.reading.dark import _DARK_EVERY_US, IDLE_US
+from spots_device.reading.decode import (
     DARK_SUBTRACTED,
     DROPPED,
     LED_OFF,
@@ -19,9 +26,7 @@ from spots_device.decode import (
     TOO_DARK,
     TOUCHING,
 )
-from spots_device.exposure import MAX_US
-from spots_device.fingers import CONFIRMED, DOWN, PROVISIONAL, UP
-from spots_device.layout import KEYBOARD, action
+from spots_device.sensor.exposure import MAX_US
 
 # Counts of presses at the two ends of the default sensor's strip, and of more and less light.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]

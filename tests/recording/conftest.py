@@ -9,9 +9,9 @@ import pytest
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Frame
-from spots_sim.files import ScenarioFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import ScenarioFile, load
+from spots_sim.strip.scenario import Scenario
 
 
 class Seen(NamedTuple):

@@ -19,7 +19,7 @@ from spots.link.clockmap import ClockMap
 from spots.link.frames import ENCODED_MAX, checked, note
 from spots.recording import arrays
 from spots.recording.columns import SIZE_MAX, payloads
-from spots_device import frame
+from spots_device.reading import frame
 from test_decoder_proof import damaged
 from test_frames import encoded, stream, touch
 

@@ -16,7 +16,7 @@ from spots.calibrate import calibration_file as file
 from spots.link.frames import Spectrum, Touch, note
 from spots.recording.header import Clock, Header, encoded
 from spots.terminal.view import plain
-from spots_device.calibration import Conditions
+from spots_device.reading.calibration import Conditions
 from test_frames import stream
 
 

@@ -10,8 +10,8 @@ from spots import SpotsError
 from spots.link.board import Board
 from spots.recording import disk
 from spots.recording.recording import Recording
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.scenario import Held
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from reels import record
 from spots.cli import main
 from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import export as exports
-from spots_device.frame import TEXT_MAX
+from spots_device.reading.frame import TEXT_MAX
 from test_frames import encoded, stream
 
 KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "contact": Contact, "text": Text}

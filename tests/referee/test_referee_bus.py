@@ -6,10 +6,10 @@ import types
 
 import pytest
 
-from spots_sim.bus import I2CBus, SimulatedClock
-from spots_sim.busio import I2C, simulated_time
-from spots_sim.scenario import Held
-from spots_sim.world import chip
+from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.chip.busio import I2C, simulated_time
+from spots_sim.strip.scenario import Held
+from spots_sim.strip.world import chip
 
 
 @pytest.fixture

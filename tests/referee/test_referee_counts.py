@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from bench.adafruit import driver_on
 
-from spots_sim import chip as as7341
-from spots_sim.bus import I2CBus, SimulatedClock
-from spots_sim.scenario import Press
+from spots_sim.chip import as7341
+from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.strip.scenario import Press
 from witnesses import (
     GAIN_1X_OF_64,
     HIGH,

@@ -8,9 +8,9 @@ import pytest
 
 from spots.link.board import Board
 from spots.link.frames import Spectrum
-from spots_sim.chip import Quirks
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.chip.as7341 import Quirks
+from spots_sim.strip.scenario import Held, Press
 from witnesses import (
     GAIN_1X_OF_64,
     LED_OFF,

@@ -7,12 +7,12 @@ import pytest
 from bench.adafruit import driver_on
 
 from spots.link.board import Board
-from spots_device.smux import smux_map
-from spots_sim.bus import I2CBus, SimulatedClock
-from spots_sim.chip import DIODES, GAIN
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held
-from spots_sim.world import chip
+from spots_device.sensor.smux import smux_map
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.chip.as7341 import DIODES, GAIN
+from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.strip.scenario import Held
+from spots_sim.strip.world import chip
 from witnesses import HIGH, LOW, silent_chip
 
 ADDRESS = 0x39

@@ -8,8 +8,8 @@ import pytest
 
 from spots.link.board import Board
 from spots.link.frames import Spectrum
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.scenario import Held
 from witnesses import GAIN_1X_OF_64, LED_OFF, Labelled, silent_chip
 
 EXPOSURE_US = 10_000

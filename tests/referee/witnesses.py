@@ -8,12 +8,18 @@ from msgspec import structs
 
 from spots.link.board import Board
 from spots.link.frames import Spectrum
-from spots_device import exposure
-from spots_sim.bus import I2CBus, SimulatedClock
-from spots_sim.chip import AS7341, DIODES, GAIN, ChipNoise, Quirks
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held
-from spots_sim.world import chip
+from spots_device.sensor import exposure
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.chip.as7341 import (
+    AS7341,
+    DIODES,
+    GAIN,
+    ChipNoise,
+    Quirks,
+)
+from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.strip.scenario import Held
+from spots_sim.strip.world import chip
 
 LOW = ("F1", "F2", "F3", "F4", "CLEAR", "NIR")
 HIGH = ("F5", "F6", "F7", "F8", "CLEAR", "NIR")

@@ -32,8 +32,8 @@ from spots.web.board_feed import BoardReader
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import PageState
-from spots_sim import person
-from spots_sim.scenario import Held, Press
+from spots_sim.person import person
+from spots_sim.strip.scenario import Held, Press
 
 HOST = Path(spots.__file__).parents[1]
 ERRORS = ValueError, RecursionError, MemoryError
@@ -293,8 +293,8 @@ time.sleep(10)
                 "spots/link/readers.py",
                 "spots/web/board_feed.py",
                 "spots/recording/disk.py",
-                "spots_sim/person.py",
-                "spots_sim/starting.py",
+                "spots_sim/person/person.py",
+                "spots_sim/board/starting.py",
             },
         ),
         (r"handlers\.Callback\(", {"spots/remote/zenoh_session.py"}),

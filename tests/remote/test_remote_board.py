@@ -24,7 +24,7 @@ from spots.remote.answers import Answers
 from spots.remote.publish import Publisher
 from spots.remote.zenoh_link import ZenohLink
 from spots_device import PROTOCOL
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
 
 READ_ONLY = {"hello", "get", "sync", "stream contact touch spectrum"}
 HOSTILE = ("set gain=3", "keys on", "save", "reboot", "cal clear", "stream2", "layout clear")

@@ -8,13 +8,18 @@ import pytest
 
 from spots import SpotsError
 from spots.cli import main
-from spots_sim import files
-from spots_sim.change import NAMES, Change
-from spots_sim.files import ScenarioFile, SensorFile, load, load_change
-from spots_sim.identity import board_id
-from spots_sim.optics import WAVELENGTH_NM, Optics
-from spots_sim.scenario import Held, Press, Scenario
-from spots_sim.world import World, chip
+from spots_sim.board.identity import board_id
+from spots_sim.strip import files
+from spots_sim.strip.change import NAMES, Change
+from spots_sim.strip.files import (
+    ScenarioFile,
+    SensorFile,
+    load,
+    load_change,
+)
+from spots_sim.strip.optics import WAVELENGTH_NM, Optics
+from spots_sim.strip.scenario import Held, Press, Scenario
+from spots_sim.strip.world import World, chip
 
 PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
 

@@ -8,11 +8,11 @@ from sensors import replaced
 from spots.calibrate.spectra import SpectrumReader
 from spots.cli import main
 from spots.errors import SpotsError
-from spots_sim import dye_dose
-from spots_sim.change import NONE, Change
-from spots_sim.files import SensorFile, load
-from spots_sim.scenario import Press
-from spots_sim.stage import Stage
+from spots_make import dye_dose
+from spots_sim.person.stage import Stage
+from spots_sim.strip.change import NONE, Change
+from spots_sim.strip.files import SensorFile, load
+from spots_sim.strip.scenario import Press
 
 LENGTH_MM = 60.0
 TARGET = ["--length-mm", "85", "--resolution-um", "50", "--rate-hz", "100"]

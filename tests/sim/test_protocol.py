@@ -4,8 +4,8 @@ import errno
 
 import pytest
 
-from spots_sim.protocol import protocol
-from spots_sim.usb import UsbHost
+from spots_sim.board.protocol import protocol
+from spots_sim.board.usb import UsbHost
 
 
 def test_a_full_endpoint_has_the_number_that_the_board_knows(monkeypatch):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from spots_sim.files import SensorFile, load
-from spots_sim.scenario import Held, Press
-from spots_sim.silicone import FULL_MN, Memory, Silicone
-from spots_sim.world import World
+from spots_sim.strip.files import SensorFile, load
+from spots_sim.strip.scenario import Held, Press
+from spots_sim.strip.silicone import FULL_MN, Memory, Silicone
+from spots_sim.strip.world import World
 
 MODELS = ["spectrum", "power"]
 PLACE_MM = 42.7

@@ -8,9 +8,11 @@ import trimesh
 from manifold3d import CrossSection, FillRule, Manifold, Mesh, OpType
 
 from spots.errors import SpotsError
-from spots_sim import strip_drawing, strip_mould, strip_shape
-from spots_sim.strip_assembly import assembly, castings
-from spots_sim.strip_shape import BED, BREAKOUTS, StripShape
+from spots_make import drawing as strip_drawing
+from spots_make import mould as strip_mould
+from spots_make import shape as strip_shape
+from spots_make.assembly import assembly, castings
+from spots_make.shape import BED, BREAKOUTS, StripShape
 
 LENGTHS_MM = 30.0, 85.0, 200.0
 BRIDGE_MM = 8.5  # longest bridge that a 3D printer prints without supports

@@ -6,8 +6,9 @@ import shlex
 import pytest
 
 from spots.cli import _parser, main
-from spots_sim import strip_mould, strip_recipe
-from spots_sim.strip_shape import StripShape
+from spots_make import mould as strip_mould
+from spots_make import recipe as strip_recipe
+from spots_make.shape import StripShape
 
 DESIGN = "design --resolution-um 60 --rate-hz 100 --length-mm"
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from spots.keyboard.layout import load
-from spots_sim.demo import demo
-from spots_sim.files import Finger, ScenarioFile
-from spots_sim.typing_score import TypingScore
-from spots_sim.typist import fast_typing
+from spots_sim.demo.demo import demo
+from spots_sim.measure.typing_score import TypingScore
+from spots_sim.person.typist import fast_typing
+from spots_sim.strip.files import Finger, ScenarioFile
 
 DIGITS = load("digits")
 LENGTH_MM = 85.0

@@ -1,7 +1,7 @@
 """Checks the frames, keys, recovery times and memory of a soak test.
 
 The memory that these checks need does not grow with the duration of the test. A fault
-(`spots_sim.faults`) can cause an outage: a time without readings.
+(`spots_sim.board.faults`) can cause an outage: a time without readings.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable
 
 from spots.link.frames import Decoder, Frame, Text, Touch
 from spots.outputs.usages import MODIFIERS, MODIFIERS_FROM
-from spots_device.decode import LED_OFF
-from spots_sim.files import ScenarioFile
+from spots_device.reading.decode import LED_OFF
+from spots_sim.strip.files import ScenarioFile
 
 # Faults that interrupt readings. A fault that starts during an outage belongs to this outage.
 _INTERRUPTS = ("power.", "i2c.", "clock.")
@@ -146,7 +146,7 @@ class Recoveries:
     Parameters
     ----------
     spells : list of (str, float, float)
-        The list `spells` of a `spots_sim.faults.FaultLedger`; processed items are removed.
+        The list `spells` of a `spots_sim.board.faults.FaultLedger`; processed items are removed.
 
     Attributes
     ----------
@@ -237,7 +237,7 @@ class Keys:
 
     Parameters
     ----------
-    file : spots_sim.files.ScenarioFile
+    file : spots_sim.strip.files.ScenarioFile
         Scenario with the fingers.
     now_s : callable
         Returns the time since the start of the scenario, in seconds.

@@ -29,16 +29,16 @@ from spots.calibrate.session import settings
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots_device.calibration import Calibration
+from spots_device.reading.calibration import Calibration
 from spots_device.views import Decoded
-from spots_sim.demo_applications import type_on_board
-from spots_sim.files import ScenarioFile, SensorFile, load
-from spots_sim.loading import record
-from spots_sim.lockstep import LockstepLink
-from spots_sim.person import Habits, Person, follow
-from spots_sim.scenario import Held, Scenario
-from spots_sim.stage import Stage
-from spots_sim.typist import Typist
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.demo.demo_applications import type_on_board
+from spots_sim.person.loading import record
+from spots_sim.person.person import Habits, Person, follow
+from spots_sim.person.stage import Stage
+from spots_sim.person.typist import Typist
+from spots_sim.strip.files import ScenarioFile, SensorFile, load
+from spots_sim.strip.scenario import Held, Scenario
 
 _TESTS = Path(__file__).parents[1]
 sys.path[:0] = [str(_TESTS / name) for name in ("calibrate", "web")]

@@ -22,10 +22,15 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Key, Touch
-from spots_sim.files import Ambient, ScenarioFile, SensorFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
-from spots_sim.stage import calibrate
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import calibrate
+from spots_sim.strip.files import (
+    Ambient,
+    ScenarioFile,
+    SensorFile,
+    load,
+)
+from spots_sim.strip.scenario import Scenario
 
 _PART_S = 300.0  # a scene is played in parts, each with another seed and another lamp
 _START_S = 4.0  # the light does not change before this time; the board then has its calibration

@@ -24,7 +24,7 @@ import aiohttp
 
 from spots.keyboard.layout import load
 from spots.web.editors import KINDS
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "web"))
 

@@ -26,7 +26,7 @@ import aiohttp
 import msgspec
 
 from spots.web.calibration import PageCalibration
-from spots_sim.virtual import start_simulator
+from spots_sim.demo.virtual import start_simulator
 
 _CLIENTS = 24
 _WARM_UP_S = 30.0

@@ -31,8 +31,8 @@ from boards import running  # noqa: E402
 import spots  # noqa: E402
 from net import Net, session  # noqa: E402
 from spots.link.connect import prepare  # noqa: E402
-from spots_sim.files import SensorFile, load  # noqa: E402
-from spots_sim.stage import calibrate, set_as_calibrated  # noqa: E402
+from spots_sim.person.stage import calibrate, set_as_calibrated  # noqa: E402
+from spots_sim.strip.files import SensorFile, load  # noqa: E402
 
 SAMPLE_EVERY_S = 5.0
 WARM_UP_SHARE = 0.25  # share of the duration after which growth of memory is counted

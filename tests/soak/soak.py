@@ -23,13 +23,18 @@ from spots.link.board import Board, of_sensor
 from spots.link.connect import prepare, upload_lines
 from spots.link.frames import Key, Touch
 from spots.outputs.usages import KEYBOARD
-from spots_sim.faults import WAYS, Faults, FaultyBus, FaultyLink
-from spots_sim.files import ScenarioFile, SensorFile, load
-from spots_sim.link_wrapper import Tap
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
-from spots_sim.stage import calibrate, strip_lines
-from spots_sim.typist import fast_typing
+from spots_sim.board.faults import (
+    WAYS,
+    Faults,
+    FaultyBus,
+    FaultyLink,
+)
+from spots_sim.board.link_wrapper import Tap
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import calibrate, strip_lines
+from spots_sim.person.typist import fast_typing
+from spots_sim.strip.files import ScenarioFile, SensorFile, load
+from spots_sim.strip.scenario import Scenario
 
 from .audit import Audit, Keys, Memory, Recoveries, usages_of
 
@@ -55,11 +60,11 @@ class Watch:
     ----------
     board : board.Board
         Board with a calibration, connected through a link with faults.
-    bare : spots_sim.lockstep.LockstepLink
+    bare : spots_sim.board.lockstep.LockstepLink
         Link to the same board, before the faults are applied.
-    faults : spots_sim.faults.Faults
+    faults : spots_sim.board.faults.Faults
         Faults of the run.
-    file : spots_sim.files.ScenarioFile
+    file : spots_sim.strip.files.ScenarioFile
         Scenario of the run.
     mark_s : float
         Time after the start at which memory is measured for comparison with the end, in seconds.
@@ -159,7 +164,7 @@ def with_typing(
 
     Parameters
     ----------
-    file : spots_sim.files.ScenarioFile
+    file : spots_sim.strip.files.ScenarioFile
         Scenario; its duration and its faults stay the same.
     words_per_min : float
         Speed in words a minute; a word has five keys.

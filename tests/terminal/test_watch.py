@@ -11,9 +11,9 @@ from spots.link import connect
 from spots.link import serial_link as link
 from spots.link.frames import LinkStats, Spectrum, Touch
 from spots.terminal.view import StripView, plain
-from spots_sim.files import Finger, ScenarioFile
-from spots_sim.scenario import Scenario
-from spots_sim.score import Score
+from spots_sim.measure.score import Score
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
 
 INFO = {"board": "b", "runtime": "r", "plan": ["F3", "F4"], "length_um": 50_000}
 

@@ -13,9 +13,9 @@ import pytest
 import spots
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots_sim.files import ScenarioFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Scenario
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import ScenarioFile, load
+from spots_sim.strip.scenario import Scenario
 
 TEXT = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)

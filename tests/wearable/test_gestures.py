@@ -10,11 +10,11 @@ from spots.link.frames import Touch
 from spots.wearable import gestures as g
 from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping, play
-from spots_sim.anchored import sliding
-from spots_sim.demo import open_fast
-from spots_sim.files import Finger, ScenarioFile, load
-from spots_sim.scenario import Scenario
-from spots_sim.typist import fast_typing
+from spots_sim.demo.anchored import sliding
+from spots_sim.demo.demo import open_fast
+from spots_sim.person.typist import fast_typing
+from spots_sim.strip.files import Finger, ScenarioFile, load
+from spots_sim.strip.scenario import Scenario
 
 STEP_S = 0.01
 

@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from spots_sim.scenario import Press
+from spots_sim.strip.scenario import Press
 
 G_PER_N = 101.97  # grams that a scale shows for a force of 1 N
 WIDTH_MM = 4.0
@@ -43,7 +43,7 @@ class Person:
     ----------
     page : playwright.sync_api.Page
         The web UI in a browser that has the access token.
-    held : spots_sim.scenario.Held
+    held : spots_sim.strip.scenario.Held
         The simulated finger.
     length_mm : float
         Length of the strip in mm.

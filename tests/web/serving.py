@@ -21,9 +21,9 @@ from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import PageState
 from spots.web.strip_choice import StripChoice
-from spots_sim.lockstep import LockstepLink
-from spots_sim.paced import PacedLink
-from spots_sim.stage import strip_lines
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.board.paced import PacedLink
+from spots_sim.person.stage import strip_lines
 
 
 class Cable(PacedLink):

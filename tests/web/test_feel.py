@@ -10,7 +10,7 @@ from spots.keyboard.layout import load
 from spots.link.frames import Touch
 from spots.web.feel import Feel
 from spots.web.state import PageState
-from spots_device.decode import MISFIT
+from spots_device.reading.decode import MISFIT
 
 ONCE = """
 name = "x"

@@ -20,11 +20,11 @@ from spots.web import board_feed as reader
 from spots.web.board_feed import BoardReader
 from spots.web.feel import _message
 from spots.web.state import PageState
-from spots_device.decode import LED_OFF, TOUCHING
-from spots_sim.demo import open_fast
-from spots_sim.files import Finger, ScenarioFile, load
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press, Scenario
+from spots_device.reading.decode import LED_OFF, TOUCHING
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.demo.demo import open_fast
+from spots_sim.strip.files import Finger, ScenarioFile, load
+from spots_sim.strip.scenario import Held, Press, Scenario
 
 LONG_MS = 60_000
 KNOB = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"

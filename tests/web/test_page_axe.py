@@ -11,8 +11,8 @@ from spots.link.board import Board
 from spots.web.board_feed import _NEXT
 from spots.web.editors import KINDS
 from spots.web.state import PageState
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.scenario import Held, Press
 from test_page_states import SCREENS
 
 LONG_MS = 60_000

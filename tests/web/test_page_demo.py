@@ -14,7 +14,7 @@ from spots.cli import main
 from spots.errors import SpotsError
 from spots.keyboard.layout import load
 from spots.web import serve
-from spots_sim import browser
+from spots_sim.demo import browser
 
 
 @pytest.fixture

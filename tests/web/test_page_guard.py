@@ -18,7 +18,7 @@ from serving import Serving, apart, run
 from spots.cli import main
 from spots.web import app
 from spots.web.state import PageState
-from spots_sim.scenario import Held
+from spots_sim.strip.scenario import Held
 
 LONG_MS = 60_000
 STATIC = Path(app.__file__).parent / "static"

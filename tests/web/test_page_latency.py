@@ -19,10 +19,10 @@ from spots.recording.replay import open_recording
 from spots.web.board_feed import BoardReader
 from spots.web.editors import LayoutEditor
 from spots.web.state import Cursor, PageState
-from spots_sim.demo import open_fast
-from spots_sim.files import ScenarioFile
-from spots_sim.files import load as load_file
-from spots_sim.scenario import Scenario
+from spots_sim.demo.demo import open_fast
+from spots_sim.strip.files import ScenarioFile
+from spots_sim.strip.files import load as load_file
+from spots_sim.strip.scenario import Scenario
 
 MEASURED = 150  # readings that the first page draws
 SETTLED = 60  # readings that this page draws before the measurement

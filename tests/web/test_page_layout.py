@@ -15,8 +15,8 @@ from spots.errors import SpotsError
 from spots.keyboard.layout import compiled, load
 from spots.web.editors import LayoutEditor
 from spots.web.state import PageState
-from spots_device.settings import checksum
-from spots_sim.scenario import Held, Press
+from spots_device.board.settings import checksum
+from spots_sim.strip.scenario import Held, Press
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000

@@ -23,8 +23,8 @@ from spots.link.frames import Touch
 from spots.recording.recording import Recording
 from spots.web.recordings import Recordings
 from spots.web.state import PageState
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.scenario import Held, Press
 
 LONG_MS = 60_000
 

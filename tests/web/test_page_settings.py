@@ -20,7 +20,7 @@ from spots.controller.shaping import deflection, shaped
 from spots.wearable import wearable
 from spots.web.editors import KINDS, SettingsEditor
 from spots.web.state import PageState
-from spots_sim.scenario import Held, Press
+from spots_sim.strip.scenario import Held, Press
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000

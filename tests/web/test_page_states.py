@@ -9,9 +9,9 @@ from playwright.sync_api import expect
 
 from serving import apart, until
 from spots.web.state import PageState
-from spots_sim.demo import show_page
-from spots_sim.files import Finger, ScenarioFile
-from spots_sim.scenario import Held, Press, Scenario
+from spots_sim.demo.demo import show_page
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Held, Press, Scenario
 
 LONG_MS = 60_000
 LENGTH_MM = 85.0

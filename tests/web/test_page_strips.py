@@ -18,10 +18,10 @@ from spots.link.frames import Spectrum, Touch
 from spots.link.timeouts import CONNECTED
 from spots.web.one_strip import OneStrip
 from spots.web.state import PageState
-from spots_device.settings import checksum
-from spots_sim.files import Finger, ScenarioFile
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held, Press, Scenario
+from spots_device.board.settings import checksum
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Held, Press, Scenario
 from test_page_recording import post, token_of
 from test_page_states import SCREENS
 

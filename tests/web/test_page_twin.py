@@ -15,8 +15,8 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.web import twin_feed
 from spots.web.state import PageState
-from spots_sim.linkage_demo import endless
-from spots_sim.paced import PacedLink
+from spots_sim.board.paced import PacedLink
+from spots_sim.demo.linkage_demo import endless
 from test_encoder import JOINT
 from test_encoder import touch as reading
 from test_twin_live import Machine
@@ -52,7 +52,9 @@ def part(state):
 
 
 def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, serve, open_page):
-    monkeypatch.setattr("spots_sim.simulated_linkage._strips", lambda *_: [machine.strip] * 2)
+    monkeypatch.setattr(
+        "spots_sim.measure.simulated_linkage._strips", lambda *_: [machine.strip] * 2
+    )
     state = PageState()
     running(twin_feed.driven_readers(endless(), load_layout("digits"), state))
     page = open_page(serve(state).url)

@@ -17,9 +17,11 @@ import supervisor
 import usb_cdc
 from adafruit_bus_device.i2c_device import I2CDevice
 
-from .. import const, kernel
-from ..as7341 import AS7341, SensorError
-from ..decode import (
+from .. import const
+from ..board.settings import BoardSettings
+from ..board.store import Store
+from ..reading import kernel
+from ..reading.decode import (
     BRIGHTNESS,
     CONTRAST,
     CRC_SIZE,
@@ -32,8 +34,7 @@ from ..decode import (
     TIME_HIGH,
     TIME_LOW,
 )
-from ..settings import BoardSettings
-from ..store import Store
+from ..sensor.as7341 import AS7341, SensorError
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, blink, free_bus, is_held, run
 from .stay import must_stay
 
@@ -407,7 +408,7 @@ class CircuitUsb:
         dict
             For the name of each opened interface, the function ``send(report) -> bool``.
         """
-        from .usb_circuitpython import open_interfaces
+        from ..keys.usb_circuitpython import open_interfaces
 
         return open_interfaces(names, self._show_leds)
 
@@ -429,7 +430,7 @@ def boot():
     usb_cdc.enable(console=True, data=True)
     storage.remount("/", readonly=False)
     if board_config.USB_HID:
-        from .usb_circuitpython import enable
+        from ..keys.usb_circuitpython import enable
 
         store = Store()
         enable(*[_is_stored(store, board_config, name) for name in ("keys", "gamepad")])
@@ -457,11 +458,11 @@ def main():
     uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
     usb = CircuitUsb(board_config) if board_config.USB_HID else None
     if hasattr(board_config, "SENSORS"):
-        from ..several import SeveralApp as BoardApp
+        from ..board.several import SeveralApp as BoardApp
 
         sensor = _open_sensor
     else:
-        from ..app import BoardApp
+        from ..board.app import BoardApp
 
         sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)

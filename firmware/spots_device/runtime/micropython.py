@@ -194,7 +194,7 @@ class MachineUsb:
                 % " and ".join(names)
             )
         try:
-            from .usb_micropython import open_interfaces
+            from ..keys.usb_micropython import open_interfaces
         except ImportError:
             raise OSError(
                 "the library for USB is missing: run mpremote mip install usb-device-hid + reset"
@@ -226,11 +226,11 @@ def main():
     uid = machine.unique_id().hex()
     usb = MachineUsb(board_config) if board_config.USB_HID else None
     if hasattr(board_config, "SENSORS"):
-        from spots_device.several import SeveralApp as BoardApp
+        from ..board.several import SeveralApp as BoardApp
 
         sensor = _open_sensor
     else:
-        from spots_device.app import BoardApp
+        from ..board.app import BoardApp
 
         sensor = _open_sensor(board_config, time)
     app = BoardApp(board_config, runtime, uid, sensor, time, StdioSerial(), usb)
@@ -241,7 +241,7 @@ def main():
 
 
 def _open_sensor(config, clock):
-    from spots_device.as7341 import AS7341
+    from ..sensor.as7341 import AS7341
 
     bus = MachineBus(config.I2C_ID, config.SCL_PIN, config.SDA_PIN, config.I2C_HZ)
     sensor = AS7341(bus, clock)

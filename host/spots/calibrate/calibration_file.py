@@ -17,8 +17,8 @@ from typing import Annotated
 
 import msgspec
 
-from spots_device.calibration import Calibration, CalibrationError, Conditions
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
+from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
 from .. import atomic, toml
 from ..bounded import read_text
@@ -172,9 +172,9 @@ class CalibrationFile(toml.Strict, kw_only=True):
         Date and time of the calibration in UTC.
     board, plan, gain, exposure_us, led_mA
         Board and settings of the calibration; `plan` is the choice of the six channels. See
-        `spots_device.calibration.Conditions`.
+        `spots_device.reading.calibration.Conditions`.
     lines : tuple of str
-        Calibration lines that the board uses, see `spots_device.calibration`.
+        Calibration lines that the board uses, see `spots_device.reading.calibration`.
     original : tuple of str
         Calibration lines before the first re-zero; empty if there was no re-zero.
     residuals : list of Residual

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spots_device.settings import DEFAULT_PLAN
+from spots_device.board.settings import DEFAULT_PLAN
 
 from ..errors import SpotsError
 from .fit import Curves

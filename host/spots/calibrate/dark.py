@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 
-from spots_device.decode import DARK_SAMPLES
+from spots_device.reading.decode import DARK_SAMPLES
 
 from ..errors import SpotsError
 from ..link.board import Board
@@ -41,7 +41,7 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
     Returns
     -------
     list of int
-        Dark counts of the six channels, summed over `spots_device.decode.DARK_SAMPLES` samples.
+        Dark counts of the six channels, summed over `spots_device.reading.decode.DARK_SAMPLES` samples.
 
     Raises
     ------

@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spots_device.calibration import ONE_Q13, Calibration
-from spots_device.log2 import ONE as ONE_Q20
-from spots_device.smux import CHANNELS
+from spots_device.reading.calibration import ONE_Q13, Calibration
+from spots_device.reading.log2 import ONE as ONE_Q20
+from spots_device.sensor.smux import CHANNELS
 
 from .fit import ONE_Q12
 
@@ -32,7 +32,7 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     lines : sequence of str
-        Lines of the calibration, see `spots_device.calibration`.
+        Lines of the calibration, see `spots_device.reading.calibration`.
     strain_ppm : int
         Strain of the strip: elongation over length at rest, in ppm.
 
@@ -46,7 +46,7 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
     Raises
     ------
-    spots_device.calibration.CalibrationError
+    spots_device.reading.calibration.CalibrationError
         If the lines are not a calibration, or have no table for this strain.
     """
     made = Calibration(lines, strain_ppm)

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from spots_device.calibration import ONE_Q13, WEIGHT_SUM_MAX, Conditions
-from spots_device.log2 import ONE as ONE_Q20
+from spots_device.reading.calibration import ONE_Q13, WEIGHT_SUM_MAX, Conditions
+from spots_device.reading.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
 from .monotone import monotone
@@ -53,7 +53,7 @@ def fit(
     conditions: Conditions,
     misfit: np.ndarray | None = None,
 ) -> list[str]:
-    """Fit a calibration and return its lines, see `spots_device.calibration`.
+    """Fit a calibration and return its lines, see `spots_device.reading.calibration`.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from msgspec.structs import replace
 
-from spots_device.calibration import Calibration, CalibrationError
+from spots_device.reading.calibration import Calibration, CalibrationError
 from spots_device.views import Decoded
 
 from ..errors import SpotsError

@@ -15,8 +15,8 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.polynomial import polynomial
 
-from spots_device.calibration import Calibration
-from spots_device.log2 import ONE as ONE_Q20
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.log2 import ONE as ONE_Q20
 
 from ..atomic import check_writable
 from ..errors import SpotsError

@@ -16,7 +16,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from spots_device.calibration import Conditions
+from spots_device.reading.calibration import Conditions
 
 from .. import atomic
 from ..bounded import SESSION_MAX_BYTES, read_bytes
@@ -112,7 +112,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Length of the strip at rest in um; None for a joint and in files of older versions.
     board, plan, gain, exposure_us, led_mA
         Board and settings; `plan` is the choice of the six channels. See
-        `spots_device.calibration.Conditions`.
+        `spots_device.reading.calibration.Conditions`.
     time : str
         Date and time in UTC, ISO 8601.
     trace : tuple of tuple of float

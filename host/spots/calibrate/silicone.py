@@ -4,7 +4,7 @@ The compensated force is a gain times the force that the board reads without com
 hysteresis and creep. Hysteresis is a weighted sum of play operators (a model of backlash), whose
 input is the force that the board reads. Creep is a sum of low-pass filters of the true force, each
 times its share. The compensated force is linear in the gain, the weights and the shares, which are
-fitted. See `spots_device.silicone`.
+fitted. See `spots_device.reading.silicone`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spots_device.calibration import Calibration
+from spots_device.reading.calibration import Calibration
 from spots_device.views import Decoded
 
 from ..errors import SpotsError

@@ -12,8 +12,8 @@ from itertools import islice
 
 import numpy as np
 
-from spots_device.calibration import Conditions
-from spots_device.decode import DARK_SAMPLES, LED_OFF, SATURATED
+from spots_device.reading.calibration import Conditions
+from spots_device.reading.decode import DARK_SAMPLES, LED_OFF, SATURATED
 
 from ..errors import SpotsError
 from ..link.board import Board

@@ -9,8 +9,8 @@ from functools import partial
 import msgspec
 import numpy as np
 
-from spots_device.exposure import full_scale, registers
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
+from spots_device.sensor.exposure import full_scale, registers
 
 from ..errors import SpotsError
 from ..link import lamps

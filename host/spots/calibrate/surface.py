@@ -19,7 +19,7 @@ from math import erfc, log
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spots_device.smux import CHANNELS
+from spots_device.sensor.smux import CHANNELS
 
 from .fit import estimators
 from .presses import FIRM_MN, FULL_MN, Noise, Presses

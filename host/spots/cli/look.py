@@ -5,7 +5,7 @@ import inspect
 import json
 import sys
 
-from spots_device.command import Commands
+from spots_device.board.command import Commands
 
 from . import arguments
 from .parser import Parser, calls

@@ -9,8 +9,8 @@ all axes are 0 and all buttons are released.
 import math
 from collections import deque
 
-from spots_device import decode
-from spots_device.contact import TWO_FIT
+from spots_device.fingers.tracker import TWO_FIT
+from spots_device.reading import decode
 
 from ..link.contact_finder import ContactFinder
 from ..link.frames import DOUBTFUL, Contact, Touch

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 from itertools import islice, pairwise
 from typing import NamedTuple
 
-from spots_device import __version__, decode
+from spots_device import __version__
+from spots_device.reading import decode
 
 from .. import typed_ahead
 from ..errors import AtPromptError, SpotsError, printable

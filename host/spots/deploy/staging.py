@@ -9,7 +9,7 @@ from typing import Literal
 import msgspec
 
 import spots_device
-from spots_device.light import LEDS
+from spots_device.board.light import LEDS
 
 from .. import toml
 from ..bounded import read_text

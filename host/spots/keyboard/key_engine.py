@@ -1,8 +1,8 @@
 """Computes key events on the host: from readings and a key layout, with the firmware's code."""
 
-from spots_device.decode import LED_OFF
-from spots_device.keypad import Keypad
-from spots_device.layout import Layout
+from spots_device.keys.keypad import Keypad
+from spots_device.keys.layout import Layout
+from spots_device.reading.decode import LED_OFF
 
 from ..link.contact_finder import TYPICAL_DECAY, tracker_arguments
 from ..link.frames import Touch
@@ -12,7 +12,7 @@ from .layout import KeyLayout
 
 
 class KeyEngine:
-    """Computes key events from readings as a board does, see `spots_device.keypad`.
+    """Computes key events from readings as a board does, see `spots_device.keys.keypad`.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ def say(layout: KeyLayout, action: int) -> str:
     layout : KeyLayout
         Layout that the action belongs to, for the names of its layers.
     action : int
-        Action as the board encodes it, see `spots_device.layout.action`; 0 for no action.
+        Action as the board encodes it, see `spots_device.keys.layout.action`; 0 for no action.
 
     Returns
     -------

@@ -18,8 +18,8 @@ from typing import Annotated, Literal, NoReturn, Optional, Union
 
 import msgspec
 
-from spots_device import layout as lines_of
-from spots_device.layout import FULL, LIMITS
+from spots_device.keys import layout as lines_of
+from spots_device.keys.layout import FULL, LIMITS
 
 from .. import toml
 from ..errors import SpotsError
@@ -82,7 +82,7 @@ class PlacedKey:
     label : str
         Text on the key.
     actions : dict of str to int
-        Action for each name in `SLOTS`, as encoded by `spots_device.layout.action`.
+        Action for each name in `SLOTS`, as encoded by `spots_device.keys.layout.action`.
     """
 
     low: float
@@ -102,10 +102,10 @@ class KeyLayout:
     layers : dict of str to list of PlacedKey
         Keys by the name of their layer; layers and keys are in the order of the file.
     lines : list of str
-        The layout as the board stores it, see `spots_device.layout`.
+        The layout as the board stores it, see `spots_device.keys.layout`.
     typed : frozenset of int
         All actions in the layout that press a key of the computer, as encoded by
-        `spots_device.layout.action`.
+        `spots_device.keys.layout.action`.
     text : str
         Text of the layout file.
     content : dict
@@ -274,12 +274,12 @@ def parts_of(action: int) -> tuple[int, int, int]:
     Parameters
     ----------
     action : int
-        Action as the board encodes it, see `spots_device.layout.action`.
+        Action as the board encodes it, see `spots_device.keys.layout.action`.
 
     Returns
     -------
     kind, number, modifiers : int
-        The arguments of `spots_device.layout.action`.
+        The arguments of `spots_device.keys.layout.action`.
     """
     return action >> 20, action & 0xFFF, action >> 12 & 0xFF
 

@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar, cast, overload
 import msgspec
 
 from spots_device import PROTOCOL
-from spots_device.command import LINE_MAX, NAME_MAX
+from spots_device.board.command import LINE_MAX, NAME_MAX
 
 from ..errors import (
     AtPromptError,

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from os import PathLike, fspath
 from typing import Any
 
-from spots_device.calibration import Calibration, CalibrationError, Conditions
-from spots_device.settings import checksum  # pyright: ignore[reportUnknownVariableType]
+from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
+from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
 from ..errors import SpotsError
 from .board import Board, of_sensor
@@ -182,7 +182,7 @@ def prepare(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     board : Board
         The board to change.
     calibration : sequence of str
-        Lines of the calibration, see `spots_device.calibration`.
+        Lines of the calibration, see `spots_device.reading.calibration`.
     sensor : int
         Number of the strip on the board.
 
@@ -210,7 +210,7 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     board : Board
         The board to calibrate.
     calibration : sequence of str
-        Lines of the calibration, see `spots_device.calibration`.
+        Lines of the calibration, see `spots_device.reading.calibration`.
     sensor : int
         Number of the strip on the board.
 

@@ -6,10 +6,15 @@ A contact is one finger in one reading.
 import math
 from typing import Any
 
-from spots_device import fingers
-from spots_device.contact import TICK_US, TICKS, ContactTracker
-from spots_device.decode import BRIGHTNESS, DROPPED, FORCE_MN, POSITION_UM
-from spots_device.layout import Layout, default_lines
+from spots_device.fingers import contacts as fingers
+from spots_device.fingers.tracker import TICK_US, TICKS, ContactTracker
+from spots_device.keys.layout import Layout, default_lines
+from spots_device.reading.decode import (
+    BRIGHTNESS,
+    DROPPED,
+    FORCE_MN,
+    POSITION_UM,
+)
 
 from .frames import Contact, Touch
 
@@ -62,7 +67,7 @@ class ContactFinder:
     def contact(
         self, sensor: int, number: int, state: int, x_um: int, sigma_um: int, force_mN: int
     ) -> None:
-        """Handle a contact that `spots_device.fingers.Fingers` sends.
+        """Handle a contact that `spots_device.fingers.contacts.Fingers` sends.
 
         Parameters
         ----------

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple, Union
 import msgspec
 from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 
-from spots_device import decode, fingers, frame
-from spots_device.kernel import CRC_SIZE, TOUCH_BODY
+from spots_device.fingers import contacts as fingers
+from spots_device.reading import decode, frame
+from spots_device.reading.kernel import CRC_SIZE, TOUCH_BODY
 
 _HEADER = struct.Struct("<BHHH")  # kind and sensor, sequence, time low, time high
 _TOUCH = struct.Struct(TOUCH_BODY)
@@ -72,7 +73,7 @@ class Touch(NamedTuple):
     t_us : int
         Board time of the middle of the exposure, in us, modulo 2**32.
     flags : int
-        Bits that the module `spots_device.decode` defines, such as `TOUCHING`.
+        Bits that the module `spots_device.reading.decode` defines, such as `TOUCHING`.
     contrast_q20, brightness_q20 : int
         Values of `contrast` and `brightness`, times 2**20.
     position_um : float
@@ -204,7 +205,7 @@ class Contact(NamedTuple):
     id : int
         Number of the finger, modulo 256.
     state : int
-        A state from `spots_device.fingers`. First frame of a finger: `DOWN` (0). While another
+        A state from `spots_device.fingers.contacts`. First frame of a finger: `DOWN` (0). While another
         finger may be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this
         finger is alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if no frame of
         this finger was `CONFIRMED`.
@@ -442,7 +443,7 @@ def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
     since_us : int
         Host time since the recording's file began, in us, 0 to 2**48 - 1.
     content : dict, optional
-        Content of the note, up to `spots_device.frame.TEXT_MAX` bytes as JSON.
+        Content of the note, up to `spots_device.reading.frame.TEXT_MAX` bytes as JSON.
 
     Returns
     -------

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from spots_device.decode import LED_OFF
+from spots_device.reading.decode import LED_OFF
 
 from .board import Board
 

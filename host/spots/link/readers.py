@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import Any, Generic, TypeVar
 from weakref import ref
 
-from spots_device.decode import DROPPED
+from spots_device.reading.decode import DROPPED
 
 from ..errors import ClosedError, SpotsError
 from ..guarded import Guarded

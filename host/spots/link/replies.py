@@ -4,7 +4,7 @@ from typing import Annotated, Any, TypedDict, cast
 
 import msgspec
 
-from spots_device.smux import CHANNELS
+from spots_device.sensor.smux import CHANNELS
 
 from ..errors import printable
 from .board_errors import in_words

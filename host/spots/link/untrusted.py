@@ -2,8 +2,8 @@
 
 import sys
 
-from spots_device import decode
-from spots_device.contact import TWO_FIT
+from spots_device.fingers.tracker import TWO_FIT
+from spots_device.reading import decode
 
 from .frames import Touch
 

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
 
 from ..calibrate.calibration_file import CalibrationFile
 from ..errors import SpotsError

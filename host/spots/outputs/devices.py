@@ -17,12 +17,12 @@ from ..errors import SpotsError
 from ..signals import SECTION
 from .usages import KEYBOARD, MODIFIERS, MODIFIERS_FROM, USAGES, Usage, name_of
 
-AXIS_MAX = 32_767  # as in the reports of `spots_device.hid`
+AXIS_MAX = 32_767  # as in the reports of `spots_device.keys.reports`
 BUTTONS = 16
 
 
 class State(NamedTuple):
-    """Axes and buttons of a gamepad, as in the reports of `spots_device.hid`.
+    """Axes and buttons of a gamepad, as in the reports of `spots_device.keys.reports`.
 
     Attributes
     ----------

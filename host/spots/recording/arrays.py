@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from spots_device import frame
-from spots_device.kernel import CRC_SIZE
+from spots_device.reading import frame
+from spots_device.reading.kernel import CRC_SIZE
 
 from ..link.frames import LAYOUTS, NOTE, Decoder, Frame, LinkStats, Note, Reading, Text
 from .columns import payloads
@@ -165,7 +165,7 @@ class Arrays:
     """Frames of a recording, or of a block of a recording, as structured arrays.
 
     Values are the integers of the frames: an unknown position or force is 0, not NaN as in `Touch`.
-    The column ``flags`` (bits of `spots_device.decode`) shows which values are unknown. Rows are in
+    The column ``flags`` (bits of `spots_device.reading.decode`) shows which values are unknown. Rows are in
     the order of arrival. The first columns of the four arrays are the same:
 
     ========== === =============================================================
@@ -302,7 +302,7 @@ def read_arrays(path: str | Path) -> Arrays:
     --------
     >>> import numpy as np
     >>> import spots
-    >>> from spots_device.decode import TOUCHING
+    >>> from spots_device.reading.decode import TOUCHING
     >>> touches = spots.read_arrays("run.spots").touches
     >>> touching = touches["flags"] & TOUCHING != 0
     >>> position_mm = np.where(touching, touches["position_um"] / 1000, np.nan)

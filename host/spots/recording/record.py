@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
 
 from ..errors import SpotsError, printable
 from ..link.board import Board

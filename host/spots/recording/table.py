@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from spots_device import decode
+from spots_device.reading import decode
 
 from ..errors import printable
 from ..link.frames import DOUBTFUL, Text

@@ -13,7 +13,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from spots_device import decode
+from spots_device.reading import decode
 
 from ..errors import printable
 from ..link.frames import Frame, LinkStats, Spectrum, Touch

@@ -8,9 +8,9 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from spots_device.contact import ContactTracker
-from spots_device.decode import LED_OFF
-from spots_device.layout import Layout, default_lines
+from spots_device.fingers.tracker import ContactTracker
+from spots_device.keys.layout import Layout, default_lines
+from spots_device.reading.decode import LED_OFF
 
 from ..link.contact_finder import tracker_arguments
 from ..link.frames import Touch
@@ -39,7 +39,7 @@ _REST_S = 0.25  # least rest before a slide
 _SQUEEZE_MN = 5_000  # least force of a squeeze
 _SQUEEZE_S = 0.1  # least duration of this force
 _KEPT = 4096  # largest number of stored readings of a touch
-# Limits for `ContactTracker`, see `spots_device.layout`: largest movement of a finger between two
+# Limits for `ContactTracker`, see `spots_device.keys.layout`: largest movement of a finger between two
 # readings, delay of a release, and time after which an object that does not move is no finger.
 _TUNING = ["jump_um 12000", "release_ms 30", "stuck_ms 20000"]
 
@@ -161,14 +161,14 @@ class Gestures:
     # Called by `ContactTracker`.
 
     def down(self, x_um: int, t: int) -> None:
-        """Handle the start of a contact, see `spots_device.contact.ContactTracker`.
+        """Handle the start of a contact, see `spots_device.fingers.tracker.ContactTracker`.
 
         Parameters
         ----------
         x_um : int
             Position on the strip, in um.
         t : int
-            Time, in ticks of `spots_device.contact.TICK_US`.
+            Time, in ticks of `spots_device.fingers.tracker.TICK_US`.
         """
         self._path = _Path(self._now_s, x_um)
         self._path.decided = self._two is not None and self._two.both
@@ -182,7 +182,7 @@ class Gestures:
         x_um : int
             Position on the strip, in um.
         t : int
-            Time, in ticks of `spots_device.contact.TICK_US`.
+            Time, in ticks of `spots_device.fingers.tracker.TICK_US`.
         """
         self._path.extend(self._now_s, x_um, self._contact.force_mN)
         if not self._path.decided:
@@ -199,7 +199,7 @@ class Gestures:
         x_um : int
             Position of the new contact on the strip, in um.
         t : int
-            Time, in ticks of `spots_device.contact.TICK_US`.
+            Time, in ticks of `spots_device.fingers.tracker.TICK_US`.
         """
         self.up(t)
         self.down(x_um, t)

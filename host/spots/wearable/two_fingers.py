@@ -7,8 +7,8 @@ finger has lifted: the measured position of the other finger must agree with its
 
 import math
 
-from spots_device.decode import LED_OFF, SATURATED
-from spots_device.fingers import CONFIRMED
+from spots_device.fingers.contacts import CONFIRMED
+from spots_device.reading.decode import LED_OFF, SATURATED
 
 from ..link.contact_finder import ContactFinder
 from ..link.frames import Contact, Touch

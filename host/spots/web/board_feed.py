@@ -10,7 +10,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from spots_device.smux import CHANNELS
+from spots_device.sensor.smux import CHANNELS
 
 from ..errors import CommandError, RefusedError, SpotsError
 from ..guarded import Guarded

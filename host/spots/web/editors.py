@@ -11,8 +11,8 @@ from typing import Annotated, Any, NamedTuple
 
 import msgspec
 
-from spots_device.layout import LIMITS
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
+from spots_device.keys.layout import LIMITS
 
 from .. import toml
 from ..atomic import write_text

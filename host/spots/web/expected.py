@@ -1,8 +1,8 @@
 """Computes the spectra of presses from a board's calibration; the web UI shows these spectra."""
 
-from spots_device.calibration import CalibrationError
-from spots_device.decode import DARK_SAMPLES
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
+from spots_device.reading.calibration import CalibrationError
+from spots_device.reading.decode import DARK_SAMPLES
 
 from ..calibrate.expect import expected
 from ..link.board import Board

@@ -4,8 +4,8 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 
-from spots_device.layout import LIMITS, action, default_lines
-from spots_device.settings import checksum
+from spots_device.board.settings import checksum
+from spots_device.keys.layout import LIMITS, action, default_lines
 
 from ..controller.controller import controller_for
 from ..controller.controller_settings import ControllerSettings

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spots_device import decode
+from spots_device.reading import decode
 
 from ..errors import SpotsError, printable
 from ..link.board import Board

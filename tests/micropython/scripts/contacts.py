@@ -11,9 +11,9 @@ from array import array
 
 from locked import locked
 
-from spots_device.contact import ContactTracker
-from spots_device.contact_state import SIZE
-from spots_device.layout import Layout
+from spots_device.fingers.state import SIZE
+from spots_device.fingers.tracker import ContactTracker
+from spots_device.keys.layout import Layout
 
 
 class Sum:

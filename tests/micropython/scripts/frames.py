@@ -7,8 +7,8 @@ shows it. But the frame counts towards the threshold at which the garbage collec
 import gc
 
 import canned
-from spots_device.as7341 import AS7341
-from spots_device.several import SeveralApp
+from spots_device.board.several import SeveralApp
+from spots_device.sensor.as7341 import AS7341
 
 _SAMPLES = 500
 _THRESHOLD_BYTES = 30_000  # more than the garbage that `litter` makes

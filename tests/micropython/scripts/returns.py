@@ -7,7 +7,7 @@ import gc
 import json
 
 import canned
-from spots_device.store import Store
+from spots_device.board.store import Store
 
 _RETURNS = 3
 

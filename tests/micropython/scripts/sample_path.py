@@ -14,8 +14,8 @@ from binascii import hexlify
 from locked import locked
 
 import canned
-from spots_device.calibration import Calibration
-from spots_device.store import Store
+from spots_device.board.store import Store
+from spots_device.reading.calibration import Calibration
 
 _ASTATUS = 0x94
 _ASAT = 0x80

@@ -7,9 +7,9 @@ function ``prepare_NAME`` converts the cases for the trial NAME before the heap 
 from array import array
 
 from canned import Clock
-from spots_device import kernel
-from spots_device.calibration import pack
-from spots_device.contact_state import (
+from spots_device.fingers.locate import estimate as estimate_second
+from spots_device.fingers.locate import power as power_of_two
+from spots_device.fingers.state import (
     B_NOW,
     DECAY,
     DRIFTS,
@@ -21,7 +21,12 @@ from spots_device.contact_state import (
     SIZE,
     X_NOW_UM,
 )
-from spots_device.decode import (
+from spots_device.fingers.steady import stays
+from spots_device.keys.keypad import Keypad
+from spots_device.keys.layout import Layout
+from spots_device.reading import kernel
+from spots_device.reading.calibration import pack
+from spots_device.reading.decode import (
     AGE_STEP_US,
     AVERAGE,
     CRC_SIZE,
@@ -49,14 +54,9 @@ from spots_device.decode import (
     WANTED,
     Decode,
 )
-from spots_device.frame import Time32
-from spots_device.keypad import Keypad
-from spots_device.layout import Layout
-from spots_device.locate import estimate as estimate_second
-from spots_device.locate import power as power_of_two
-from spots_device.log2 import log2_q20
-from spots_device.pacing import Pacing
-from spots_device.steady import stays
+from spots_device.reading.frame import Time32
+from spots_device.reading.log2 import log2_q20
+from spots_device.sensor.pacing import Pacing
 
 _BURST_US = 390
 _CLEAR_US = 73

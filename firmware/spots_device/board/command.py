@@ -1,0 +1,376 @@
+"""Text commands from the host: one ASCII line each; the reply is one JSON object.
+
+docs/protocol.md describes the commands. An invalid line changes no settings, calibration or layout;
+the reply to it contains an error sentence. Commands allocate memory, which is acceptable because
+they are rare.
+"""
+
+import gc
+import json
+
+from .. import PROTOCOL, __version__
+from ..reading.frame import TEXT_MAX
+from ..sensor.exposure import DONE, TOO_DARK
+from .settings import checksum
+
+LINE_MAX = 255
+_LINES_MAX = 400  # lines of an upload
+_BYTES_MAX = 16_000
+NAME_MAX = 20  # characters of an unknown name that the reply repeats
+_NO_MEMORY = "no memory is left for this command: reboot and try again"
+
+
+def _noted(reply, note):
+    """Add `note` to the dict `reply` if the note is not empty; return the reply."""
+    if note:
+        reply["note"] = note
+    return reply
+
+
+class LineReader:
+    """Assembles lines from single bytes in a buffer of fixed size."""
+
+    def __init__(self):
+        self._line = bytearray(LINE_MAX)
+        self._size = 0
+
+    def feed(self, byte):
+        """Add a byte; return True if it ends a line that is not empty. Allocates nothing."""
+        if byte == 10 or byte == 13:
+            return self._size > 0
+        if self._size < LINE_MAX:
+            self._line[self._size] = byte
+        self._size = min(self._size + 1, LINE_MAX + 1)
+        return False
+
+    def line(self):
+        """Return the complete line as str and start the next line.
+
+        Raises
+        ------
+        ValueError
+            If the line is too long or not printable ASCII.
+        """
+        size, self._size = self._size, 0
+        if size > LINE_MAX:
+            raise ValueError("a line must have at most %d characters" % LINE_MAX)
+        line = bytes(memoryview(self._line)[:size])
+        if min(line) < 32 or max(line) > 126:
+            raise ValueError("the line must be printable ASCII")
+        return line.decode()
+
+
+class Replies:
+    """Sends the replies to commands: immediately, or when the work of a long command is done.
+
+    Parameters
+    ----------
+    framer : frame.Framer
+        Sends each reply as a TEXT frame.
+    time : frame.Time32
+        Board time; updated before each reply.
+    """
+
+    def __init__(self, framer, time):
+        self._framer = framer
+        self._time = time
+        self._claimed = None
+
+    def log(self, level, text):
+        """Send the log line `text`; `level` is ``"info"`` or ``"error"``."""
+        self.send({"log": level, "text": text})
+
+    def send(self, reply):
+        """Send a reply (dict); if it is too long or memory is short, send an error instead."""
+        self._time.update()
+        try:
+            data = json.dumps(reply).encode()
+            error = "the reply is too long" if len(data) > TEXT_MAX else None
+        except MemoryError:
+            error = _NO_MEMORY
+        if error:
+            data = json.dumps({"re": reply.get("re"), "error": error}).encode()
+        self._framer.text(data)
+
+    def check_unclaimed(self):
+        """Raise ValueError if the reply to an earlier command is still pending."""
+        if self._claimed:
+            raise ValueError("'%s' still runs: wait for its reply" % self._claimed)
+
+    def claim(self, name):
+        """Record that the reply to the command `name` is sent later, with `finish`."""
+        self._claimed = name
+
+    def finish(self, name, reply):
+        """Send the delayed reply (dict) to the command `name`."""
+        self._claimed = None
+        reply["re"] = name
+        self.send(reply)
+
+    def abandon(self, why):
+        """If a reply is pending, send an error instead; `why` is the reason."""
+        if self._claimed:
+            self.finish(self._claimed, {"error": why + " before the command ended"})
+
+
+class Upload:
+    """Receives a text line by line, for one of the commands ``cal`` and ``layout``.
+
+    The host sends ``begin``, the lines, and ``end`` with a checksum; or ``clear``.
+
+    Parameters
+    ----------
+    command : str
+        Name of the command, such as ``cal``.
+    what : str
+        Name of the text in messages, such as ``calibration``.
+    use : callable
+        ``use(lines) -> str or None`` uses the lines; an empty list removes the stored text. The
+        result is a note for the user, or None. It raises ValueError if the lines are invalid.
+    """
+
+    def __init__(self, command, what, use):
+        self._command = command
+        self._what = what
+        self._use = use
+        self.forget()
+
+    def forget(self):
+        """Drop the received lines; the next upload must begin with ``begin``."""
+        self._lines = None
+        self._bytes = 0
+
+    def take(self, words):
+        """Process one command of an upload; return the reply (dict).
+
+        Parameters
+        ----------
+        words : list of str
+            Words after the name of the command: ``begin``, ``clear``, ``end`` and the checksum, or
+            one line of the text.
+
+        Raises
+        ------
+        ValueError
+            If the command is invalid; the message says why.
+        """
+        verb = words[0] if words else ""
+        if verb == "begin":
+            self.forget()
+            self._lines = []
+            return {}
+        if verb == "clear":
+            self.forget()
+            return _noted({}, self._use([]))
+        if self._lines is None:
+            raise ValueError("send '%s begin' first" % self._command)
+        if verb != "end":
+            return self._keep(" ".join(words))
+        lines = self._lines
+        self.forget()
+        if words[1:] != [checksum(lines)]:
+            raise ValueError("the checksum differs: send the %s again" % self._what)
+        return _noted({self._what: words[1]}, self._use(lines))
+
+    def _keep(self, line):
+        if not line:
+            raise ValueError("'%s' needs a line of the %s after it" % (self._command, self._what))
+        self._bytes += len(line) + 1
+        if self._bytes > _BYTES_MAX or len(self._lines) >= _LINES_MAX:
+            self.forget()
+            raise ValueError(
+                "the %s is too large: send at most %d lines and %d bytes"
+                % (self._what, _LINES_MAX, _BYTES_MAX)
+            )
+        self._lines.append(line)
+        gc.collect()  # keeps the lines together, so that the heap has large free pieces
+        return {"lines": len(self._lines)}
+
+
+class Commands:
+    """Executes the commands in this list, which `spots command --help` shows.
+
+    commands of the board:
+      hello               board, firmware, id, settings, calibration
+      get                 settings, dark frame, faults, counters of missed samples
+      set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
+                          baseline, dark_every, mains_hz, keys, gamepad, watchdog, led
+      auto                find gain and LED current while you press firmly
+      dark                take a dark frame; if led=always, unplug the LED, then send
+                          'dark off'
+      rest                take the present light as the baseline
+      stream KIND ...     select the frames of each sample: touch, spectrum, contact, off
+      keys on|off         touches press keys
+      gamepad on|off      touches move a gamepad
+      layout, cal         upload a layout or a calibration, line by line
+      save                store settings, layout and calibration
+      sync                the board's time, and the kinds of frames that it streams
+      reboot              restart the firmware
+      ... sensor=N        the command is for strip N of a board with several strips
+
+    Parameters
+    ----------
+    app : app.BoardApp
+        Application that the commands control.
+    """
+
+    def __init__(self, app):
+        self._app = app
+        self._replies = app.replies
+        self._uploads = {
+            "cal": Upload("cal", "calibration", app.use_calibration),
+            "layout": Upload("layout", "layout", app.use_layout),
+        }
+
+    def handle(self, line):
+        """Execute the command in a line.
+
+        Parameters
+        ----------
+        line : str
+            Name of the command and its arguments.
+
+        Returns
+        -------
+        dict or None
+            Reply to send; None if the reply is sent later, when the work is done.
+        """
+        words = line.split()
+        if not words:
+            return {"re": "", "error": "the line is empty: send a command"}
+        name = words[0]
+        if words[-1].startswith("sensor="):
+            return {"re": name, "error": "this board has one sensor: leave sensor= out"}
+        if name not in self._TABLE:
+            known = ", ".join(sorted(self._TABLE))
+            return {"re": name[:NAME_MAX], "error": "no such command; use one of " + known}
+        try:
+            reply = self._TABLE[name](self, words)
+        except (ValueError, OSError) as error:
+            reply = {"error": str(error)}
+        except MemoryError:
+            for upload in self._uploads.values():
+                upload.forget()
+            reply = {"error": _NO_MEMORY}
+        if reply is not None:
+            reply["re"] = name
+        return reply
+
+    def _hello(self, words):
+        reply = self._app.identity()
+        reply["protocol"] = PROTOCOL
+        reply["firmware"] = __version__
+        return reply
+
+    def _get(self, words):
+        return self._app.state()
+
+    def _set(self, words):
+        if len(words) == 1:
+            raise ValueError("name a setting, as in: set exposure_us=10000 gain=9")
+        app = self._app
+        if app.settings.change(words[1:]):
+            app.restart()
+        reply = app.settings.reply()
+        reply["rate_mHz"] = app.rate_mHz()
+        return _noted(reply, app.apply_calibration())
+
+    def _stream(self, words):
+        kinds = set(words[1:])
+        if not kinds or kinds - {"touch", "spectrum", "contact", "off"}:
+            raise ValueError("stream takes touch, spectrum, contact, or off")
+        if "off" in kinds and len(kinds) > 1:
+            raise ValueError("stream off takes no other word")
+        note = self._app.strip.stream(kinds)
+        self._app.measure()
+        return _noted({"stream": sorted(kinds)}, note)
+
+    def _switch(self, words):
+        name = words[0]
+        if words[1:] not in (["on"], ["off"]):
+            raise ValueError("%s takes on or off" % name)
+        app = self._app
+        app.settings.change(["%s=%d" % (name, words[1] == "on")])
+        return _noted({name: words[1]}, app.apply_calibration())
+
+    def _dark(self, words):
+        self._replies.check_unclaimed()
+        app = self._app
+        if app.settings.values["led"] == "always" and words[1:] != ["off"]:
+            if not app.strip.lit_flags:
+                from .light import NO_DARK
+
+                raise ValueError(NO_DARK)
+            return {"dark": app.strip.dark_frame()}
+        app.strip.request_dark(self._dark_done)
+        self._replies.claim("dark")
+        return None
+
+    def _dark_done(self):
+        app = self._app
+        if app.settings.values["led"] == "always":
+            app.apply_calibration()  # without a dark frame, the calibration was not used
+        self._replies.finish("dark", {"dark": app.strip.dark_frame()})
+
+    def _rest(self, words):
+        if not self._app.settings.values["baseline"]:
+            raise ValueError("the baseline is off: send 'set baseline=1'")
+        self._app.strip.request_rest()
+        return {}
+
+    def _auto(self, words):
+        self._replies.check_unclaimed()
+        self._app.release_keys()
+        self._app.strip.request_search(self._auto_done)
+        self._replies.claim("auto")
+        return None
+
+    def _auto_done(self, outcome):
+        app = self._app
+        note = app.apply_calibration()
+        if outcome == DONE:
+            reply = _noted(app.settings.reply(), note)
+        elif outcome == TOO_DARK:
+            reply = {"error": "too dark at full gain and LED current; press harder, check the LED"}
+        else:
+            reply = {"error": "too bright at the least gain and LED current; shade the sensor"}
+        self._replies.finish("auto", reply)
+
+    def _save(self, words):
+        try:
+            self._app.save()
+        except OSError as error:
+            # The numbers are the same on all runtimes; the host has a sentence for each.
+            number = error.args[0] if error.args else None
+            return {"error": "the flash cannot be written: error %s" % number, "errno": number}
+        return {}
+
+    def _sync(self, words):
+        # A host detects a restart of the board by an empty list of streams.
+        return {"t_us": self._app.time_us(), "stream": self._app.strip.streams()}
+
+    def _reboot(self, words):
+        self._app.abandon("the board was rebooted")
+        self._app.reboot = True
+        return {}
+
+    def _upload(self, words):
+        return self._uploads[words[0]].take(words[1:])
+
+    # Each function gets all words of the line, including the name of the command.
+    _TABLE = {
+        "hello": _hello,
+        "get": _get,
+        "set": _set,
+        "stream": _stream,
+        "keys": _switch,
+        "gamepad": _switch,
+        "dark": _dark,
+        "rest": _rest,
+        "auto": _auto,
+        "cal": _upload,
+        "layout": _upload,
+        "save": _save,
+        "sync": _sync,
+        "reboot": _reboot,
+    }

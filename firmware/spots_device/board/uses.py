@@ -1,0 +1,339 @@
+"""Turns readings into key events, contacts and gamepad reports, as far as these are switched on.
+
+A contact is a finger on the strip. A board without USB HID sends keys as frames only. Modules of
+functions that are switched off are not imported, which saves memory.
+"""
+
+from ..fingers.state import STATE, TWO
+from ..reading.decode import (
+    BRIGHTNESS,
+    FLAGS,
+    FORCE_MN,
+    MISFIT,
+    POSITION_UM,
+    TOO_DARK,
+    TOUCHING,
+)
+
+# Name of each USB interface, and the setting that enables it.
+INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
+_NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
+
+
+def check_layout(lines):
+    """Raise LayoutError, a ValueError, if lines (list of str) are not a valid layout."""
+    from ..keys.layout import Layout  # imported only if a layout is used
+
+    Layout(lines)
+
+
+class Uses:
+    """Passes readings to keypad, contacts and gamepad; sends their events and reports to the host.
+
+    Parameters
+    ----------
+    settings : settings.BoardSettings
+        Settings of the board; `apply` reads ``keys`` and ``gamepad``.
+    framer : frame.Framer
+        Sends key events as KEY frames, and fingers as CONTACT frames.
+    time : frame.Time32
+        Board time; the caller updates it before each event.
+    usb : object or None
+        USB stack. Its method ``open(names) -> dict`` opens interfaces of `INTERFACES` and returns
+        a function ``send(report) -> bool`` for each opened interface; on failure it raises OSError
+        with a sentence. `usb` is None on a board without USB HID.
+    layout_lines : list of str
+        Validated lines of a `layout.Layout`; an empty list selects ten keys in a row.
+
+    Attributes
+    ----------
+    active : bool
+        Whether the caller must pass each reading to `take`.
+    streams_contacts : bool
+        Whether CONTACT frames are streamed.
+    two : bool
+        Whether two fingers may have caused the last reading.
+    rests : bool
+        Whether the touch has not moved for the layout's ``stuck_ms``: it is then treated as an
+        object, not as a finger.
+    outputs : tuple
+        Opened USB interfaces.
+    fault : str or None
+        Sentence that says why the USB interfaces could not be opened at start, or None.
+    """
+
+    def __init__(self, settings, framer, time, usb, layout_lines):
+        self._values = settings.values
+        self._framer = framer
+        self._time = time
+        self._usb = usb
+        self._sensor = 0
+        self.rests = self.two = self.streams_contacts = False
+        self.fault = None
+        self._memory_fault = None
+        self._keypad = self._layout = None
+        self._contacts = None  # (tracker without a keypad, `Fingers`) while contacts are streamed
+        # The tracker in use (the keypad's, or that without a keypad), and the fingers in use.
+        self._tracker = self._fingers = None
+        self._keyboard = self._consumer = self._axes = None
+        self._there = {}  # opened interfaces by name
+        self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
+        self._keys_on = self._gamepad_on = self.active = False
+        self.layout_lines = layout_lines
+        self._open(self._wanted())
+
+    def use_layout(self, lines):
+        """Store validated lines of a layout (list of str; empty: the default layout).
+
+        The caller must call `apply` next.
+        """
+        self.layout_lines = lines
+        self._layout = None
+
+    def apply(self, calibration):
+        """Release all keys, then use the present settings and a calibration.
+
+        Parameters
+        ----------
+        calibration : calibration.Calibration or None
+            None switches keys, gamepad and contacts off.
+        """
+        self.release()
+        known = calibration is not None
+        self._memory_fault = None
+        self._keys_on = bool(self._values["keys"]) and known
+        self._gamepad_on = bool(self._values["gamepad"]) and known and self._axes is not None
+        if self._keys_on:
+            try:
+                if self._keypad is None:
+                    from ..keys.keypad import Keypad
+
+                    self._keypad = Keypad(self)
+                layout = self._get_layout()
+                self._keypad.set_layout(layout, calibration.length_um, calibration.decay)
+            except MemoryError:
+                self._memory_fault = _NO_MEMORY
+                self._keys_on = False
+        if self._gamepad_on:
+            self._axes.set_range(calibration.length_um, calibration.forces_mN[-1])
+        self._follow(calibration)
+
+    def stream_contacts(self, on, calibration):
+        """Start or end the stream of CONTACT frames; a pressed key stays pressed.
+
+        Parameters
+        ----------
+        on : bool
+            Whether to send a frame for each finger and reading.
+        calibration : calibration.Calibration or None
+            Calibration in use; without a calibration there are no contacts.
+
+        Returns
+        -------
+        str or None
+            Sentence that says why the stream remains empty. None if the stream works or was ended.
+        """
+        if on != self.streams_contacts:
+            self.streams_contacts = on
+            self._memory_fault = None
+            self._follow(calibration)
+        if not on:
+            return None
+        return self._memory_fault if calibration else "without a calibration there are no contacts"
+
+    def note(self, calibration):
+        """Return why keys or gamepad do not work although they are switched on, or None.
+
+        Parameters
+        ----------
+        calibration : calibration.Calibration or None
+            Calibration in use; None without a calibration.
+
+        Returns
+        -------
+        str or None
+            One or more sentences for the user; None if everything works.
+        """
+        wanted = self._wanted()
+        if not wanted:
+            return self._memory_fault
+        notes = []
+        if calibration is None:
+            notes.append("keys and gamepad need a calibration")
+        missing = [name for name in wanted if name not in self._there]
+        if self._memory_fault:
+            notes.append(self._memory_fault)
+        if missing and self.fault:
+            notes.append(self.fault)
+        elif missing and self._usb is None:
+            notes.append("this board has no USB %s" % " and ".join(missing))
+        elif missing:
+            notes.append("save and reboot to make the board a USB %s" % " and ".join(missing))
+        if "keyboard" in missing and self._keys_on:
+            notes.append("keys are sent as frames only")
+        return "; ".join(notes) or None
+
+    def take(self, sensor, state):
+        """Pass a reading to the keypad, the contacts and the gamepad. Allocates nothing.
+
+        Marks the reading as untrusted while there may be two fingers.
+
+        Parameters
+        ----------
+        sensor : int
+            Number of the sensor, from 0.
+        state : array of int
+            The reading, as in `decode.Decode.state`.
+        """
+        self._sensor = sensor
+        self.rests = self.two = False
+        if self._tracker is not None:
+            self._track(state)
+            if self._fingers is not None:
+                self._fingers.send(sensor, state)
+            flags = state[FLAGS]
+            # Not the property `two`: a call takes longer than a look-up.
+            if flags & TOUCHING and self._tracker.state[STATE] == TWO:
+                self.two = True
+                # A spectrum that fits one press gets both bits, see contact.TWO_FIT.
+                state[FLAGS] = flags | (MISFIT if flags & MISFIT else MISFIT | TOO_DARK)
+        if self._gamepad_on and not self.two:
+            self._axes.take(state[FLAGS], state[POSITION_UM], state[FORCE_MN])
+
+    def _track(self, state):
+        t = self._time.ticks()
+        self._tracker.take(state[FLAGS], state[POSITION_UM], state[FORCE_MN], state[BRIGHTNESS], t)
+        if self._keys_on:
+            self._keypad.tick(t)
+
+    def key(self, page, usage, modifiers, pressed):
+        """Send a key event as a frame, and as a USB report if the interface for this key is open.
+
+        Parameters
+        ----------
+        page, usage, modifiers : int
+            HID usage page, usage, and bits of the modifier keys.
+        pressed : bool
+            True for a press, False for a release.
+        """
+        self._framer.key(self._sensor, page, usage, modifiers, pressed)
+        if page == 7:  # layout.KEYBOARD; layout.py is imported only if a layout is used
+            if self._keyboard is not None:
+                self._keyboard.key(usage, modifiers, pressed)
+        elif self._consumer is not None:
+            self._consumer.key(usage, pressed)
+
+    def stuck(self):
+        """Record that the present touch is no finger, because it has not moved for long."""
+        self.rests = True
+
+    def pump(self):
+        """Offer the oldest report of each queue to the host; return True if no report waits."""
+        idle = True
+        for output in self.outputs:
+            idle = output.outbox.pump() and idle
+        return idle
+
+    def release(self):
+        """Release all keys and the gamepad, end all contacts; ignore the finger until it lifts."""
+        if self._fingers is not None:
+            self._fingers.release()
+        if self._keypad is not None:
+            self._keypad.release()
+        for output in self.outputs:
+            output.release()
+
+    def finish(self, clock, until):
+        """Release all keys and gamepad buttons; wait until USB has accepted these reports.
+
+        Parameters
+        ----------
+        clock : object
+            ``ticks_us``, ``ticks_diff`` and ``sleep_us`` as in MicroPython's ``time``.
+        until : int
+            Deadline of the wait, in ticks.
+        """
+        self.release()
+        while not self.pump() and clock.ticks_diff(until, clock.ticks_us()) > 0:
+            clock.sleep_us(1_000)
+
+    def dropped(self):
+        """Return the number of reports that were never sent."""
+        dropped = 0
+        for output in self.outputs:
+            dropped += output.outbox.dropped
+        return dropped
+
+    def _follow(self, calibration):
+        """Select the touch tracker: that of the keypad, that of the CONTACT frames, or None."""
+        keypad = self._keypad if self._keys_on else None
+        tracker = None
+        if keypad:
+            tracker = keypad.contact
+            tracker.report_to(keypad)
+        self._tracker = tracker
+        self._fingers = None
+        self._activate()
+        if not self.streams_contacts:
+            self._contacts = None
+        elif calibration is not None:
+            try:
+                if self._contacts is None:
+                    from ..fingers.contacts import Fingers
+                    from ..fingers.tracker import ContactTracker
+
+                    self._contacts = ContactTracker(None), Fingers(self._framer)
+                own, fingers = self._contacts
+                own.set_layout(self._get_layout(), calibration.length_um, calibration.decay)
+            except MemoryError:
+                self._memory_fault = _NO_MEMORY
+                return
+            self._tracker = tracker or own
+            fingers.attach(self._tracker, keypad)
+            self._fingers = fingers
+            self._activate()
+
+    def _activate(self):
+        self.active = self._tracker is not None or self._gamepad_on
+        self.rests = self.two = False
+
+    def _get_layout(self):
+        if self._layout is None:
+            from ..keys.layout import Layout, default_lines
+
+            self._layout = Layout(self.layout_lines or default_lines())
+        return self._layout
+
+    def _wanted(self):
+        names = [name for name, setting in INTERFACES if self._values[setting]]
+        if "consumer" in names:
+            try:
+                if 12 in self._get_layout().pages:  # layout.CONSUMER
+                    return names
+            except MemoryError:
+                self._memory_fault = _NO_MEMORY
+            names.remove("consumer")
+        return names
+
+    def _open(self, names):
+        if self._usb is None or not names:
+            return
+        try:
+            sends = self._usb.open(names)
+        except OSError as error:
+            self.fault = str(error)
+            return
+        from ..keys.gamepad import GamepadAxes
+        from ..keys.reports import ConsumerReports, GamepadReports, KeyboardReports
+
+        kinds = {
+            "keyboard": KeyboardReports,
+            "consumer": ConsumerReports,
+            "gamepad": GamepadReports,
+        }
+        self._there = {name: kinds[name](send) for name, send in sends.items()}
+        self.outputs = tuple(self._there.values())
+        self._keyboard = self._there.get("keyboard")
+        self._consumer = self._there.get("consumer")
+        if "gamepad" in self._there:
+            self._axes = GamepadAxes(self._there["gamepad"])

@@ -1,0 +1,179 @@
+"""Sends CONTACT frames of the fingers that `contact.ContactTracker` finds; see docs/protocol.md.
+
+Imported only while contacts are streamed. Integers only; allocates nothing.
+"""
+
+from ..reading.decode import BRIGHTNESS, FORCE_MN, POSITION_UM
+
+# States of a finger.
+DOWN = 0  # first frame of the finger
+# The finger is not alone, or has just lifted. Its position is an estimate, or that of the last
+# reading in which the finger was alone.
+PROVISIONAL = 1
+CONFIRMED = 2  # the finger is alone in this reading
+UP = 3  # last frame of the finger
+NEVER_ALONE = 4  # last frame of a finger whose positions were all estimates
+
+
+class _Finger:
+    """State of a finger; `pending` is True until its first frame is sent."""
+
+    def __init__(self):
+        self.there = self.pending = self.alone = False
+        self.id = self.x_um = self.sigma_um = 0
+
+
+class Fingers:
+    """Sends a CONTACT frame for each finger and reading.
+
+    It receives the events of a `contact.ContactTracker`, and passes them on to another receiver.
+
+    Parameters
+    ----------
+    framer : frame.Framer
+        Sends the frames; each frame has the time of its reading.
+    """
+
+    def __init__(self, framer):
+        self._framer = framer
+        self._tracker = self._sink = None
+        self._sensor = self._id = 0
+        self._alone = False  # whether the reading is of the first finger alone
+        self._first = _Finger()
+        self._second = _Finger()
+
+    def attach(self, tracker, sink):
+        """Receive the events of a tracker, and pass them on to `sink` unless `sink` is None.
+
+        For a finger that already touches, the first frame is sent when this finger is alone.
+        """
+        self._tracker = tracker
+        self._sink = sink
+        tracker.report_to(self)
+
+    def send(self, sensor, reading):
+        """Send a frame for each finger of a reading that the tracker has already processed.
+
+        Parameters
+        ----------
+        sensor : int
+            Number of the sensor, from 0.
+        reading : array of int
+            The reading, as in `decode.Decode.state`.
+        """
+        self._sensor = sensor
+        tracker = self._tracker
+        first = self._first
+        alone = self._alone and not tracker.two
+        self._alone = False
+        if alone:
+            if not first.there:
+                self._begin(first)
+            first.alone = True
+            first.x_um = reading[POSITION_UM]
+            first.sigma_um = tracker.noise_um(reading[BRIGHTNESS])
+            self._report(first, CONFIRMED, reading[FORCE_MN])
+        elif first.there:
+            if tracker.two:
+                first.x_um = tracker.x_um
+            self._report(first, PROVISIONAL, 0)
+        second = self._second
+        if second.there:
+            self._report(second, PROVISIONAL, 0)
+            self.moved(second.x_um, second.sigma_um + 500)  # until it is located again
+
+    def release(self):
+        """Send each finger's last frame; a finger that still touches is ignored until it lifts."""
+        self._end(self._first)
+        self._end(self._second)
+        self._tracker.spend()
+
+    # Events of contact.ContactTracker.
+
+    def down(self, x_um, t):
+        self._begin(self._first)
+        self._alone = True
+        if self._sink:
+            self._sink.down(x_um, t)
+
+    def at(self, x_um, t):
+        self._end(self._second)
+        self._alone = True
+        if self._sink:
+            self._sink.at(x_um, t)
+
+    def firm(self, t):
+        if self._sink:
+            self._sink.firm(t)
+
+    def up(self, t):
+        self._alone = False
+        self._end(self._first)
+        self._end(self._second)
+        if self._sink:
+            self._sink.up(t)
+
+    def next(self, x_um, t):
+        second = self._second
+        if second.there and abs(x_um - second.x_um) < 2000:  # it was this finger
+            self._swap()
+        else:
+            self._end(second)
+            self._end(self._first)
+            self._begin(self._first)
+        self._alone = True
+        if self._sink:
+            self._sink.next(x_um, t)
+
+    def second(self, x_um, slack_um, t):
+        second = self._second
+        if not second.there:
+            self._begin(second)
+        self.moved(x_um, slack_um)
+        return not self._sink or self._sink.second(x_um, slack_um, t)
+
+    def moved(self, x_um, slack_um):
+        second = self._second
+        second.x_um = x_um
+        second.sigma_um = min(slack_um, 0xFFFF)
+
+    def left(self, second, t):
+        if second:
+            self._end(self._second)
+        else:
+            self._swap()
+            self._alone = not self._tracker.two
+        if self._sink:
+            self._sink.left(second, t)
+
+    def stuck(self):
+        self._end(self._first)
+        self._end(self._second)
+        if self._sink:
+            self._sink.stuck()
+
+    # Frames.
+
+    def _begin(self, finger):
+        finger.there = finger.pending = True
+        finger.alone = False
+        finger.sigma_um = 2000  # until it is located: another finger hides the rest of its way
+        self._id = finger.id = self._id + 1 & 0xFF
+
+    def _end(self, finger):
+        if finger.there and not finger.pending:
+            self._report(finger, UP if finger.alone else NEVER_ALONE, 0)
+        finger.there = False
+
+    def _swap(self):
+        """Send the last frame of the first finger, which has left; the second becomes the first."""
+        first = self._first
+        self._end(first)
+        self._first = self._second
+        self._second = first
+
+    def _report(self, finger, state, force_mN):
+        if finger.pending:
+            finger.pending = False
+            state = DOWN
+        self._framer.contact(self._sensor, finger.id, state, finger.x_um, finger.sigma_um, force_mN)

@@ -1,0 +1,213 @@
+"""Estimates the second of two fingers in one reading, see second.py.
+
+Boards with ``viper = true`` in board.toml get locate_viper.py instead of this file: `power`,
+`noise`, `estimate` and `light` with identical results, in machine code. All integers fit 31 bits;
+allocates nothing.
+"""
+
+from array import array
+
+from .. import const
+from ..reading.log2 import log2_q20
+from .state import (
+    APART_UM,
+    B_LAST,
+    B_NOW,
+    DECAY,
+    DRIFTS,
+    FOUND_SLACK_UM,
+    FOUND_UM,
+    LENGTH_UM,
+    NEAR_UM,
+    NOISE_PRODUCT,
+    X_LAST_UM,
+    X_NOW_UM,
+    X_UM,
+)
+
+FAR_LOG2 = 18  # distances are below 2**18 um
+# The misfit grows with the loss of brightness (Q20 of log2) that two fingers cause. The loss is
+# below `_FIT` if the reading fits one press, and above `_MISFIT` if it does not.
+_FIT = const(45_000)
+_MISFIT = const(12_000)
+
+_solved = array("i", bytes(16))
+
+
+def power(exponent):
+    """Return 2**exponent in Q10, within 0.4 %; `exponent` is in Q20 and less than 19.0."""
+    part = exponent >> 10 & 1023
+    value = 1024 + (part * (672 + (352 * part >> 10)) >> 10)
+    whole = exponent >> 20
+    return value << whole if whole >= 0 else value >> -whole
+
+
+def solve(found, decay, off_um, alone, brightness):
+    """Solve the equations of second.py; return whether they have a solution.
+
+    Parameters
+    ----------
+    found : array.array
+        Output, ``array("i")`` of four elements: distance d of the second finger from the first one
+        in um, loss of brightness (Q20 of log2), (1 - f) / f (Q10), and light l2 in sixteenths of a
+        count.
+    decay : int
+        Decay of the light by the dye (k in second.py) in log2 units per um, times 2**24. This
+        integer is at most 1000.
+    off_um : int
+        Distance of the reading's position from the first finger, in um.
+    alone : int
+        Light l1 of the first finger, in sixteenths of a count.
+    brightness : int
+        Brightness of the reading, in Q20 of log2.
+    """
+    away_um = off_um
+    shift = alone >> 19 and 4
+    share = 0
+    for _ in range(4):
+        if away_um + (1 << FAR_LOG2) >> FAR_LOG2 + 1:
+            return False
+        exponent = decay * away_um >> 4
+        bend = exponent >> 10
+        lost = min(((bend * bend >> 8) * (share * (256 - share) >> 8) >> 8) * 69, 1 << 20)
+        light = power(brightness + lost) >> 6
+        other = light - alone
+        if other <= alone >> 3 or exponent >= 3 << 20:
+            return False
+        ratio = power(exponent) * ((alone >> shift << 10) // (other >> shift)) >> 10
+        if ratio >> 13:
+            return False
+        share = 262144 // (1024 + ratio)  # Q8
+        # Newton's step for away = off * (1 + ratio(away)).
+        change = (off_um >> 2) * ratio >> 8
+        slope = max(1024 - ((change >> 8) * (decay * 45) >> 12), 256)
+        step_um = (off_um + change - away_um >> 2 << 10) // slope << 2
+        away_um += step_um
+        if not step_um + 64 >> 7:
+            break
+    found[0] = away_um
+    found[1] = lost
+    found[2] = ratio
+    found[3] = other
+    return True
+
+
+def noise(product, brightness):
+    """Return a position's standard deviation in um: `product` divided by the counts; at most 20000.
+
+    Parameters
+    ----------
+    product : int
+        Product of counts and standard deviation of the position in um; a constant of the strip.
+    brightness : int
+        Brightness in Q20 of log2, from which the counts are computed.
+    """
+    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
+
+
+def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
+    """Estimate the second finger in a reading; return whether there is a second finger.
+
+    Parameters
+    ----------
+    found : array.array
+        Output, ``array("i")``: position of the second finger in um, uncertainty of this position in
+        um, and brightness of the second finger in Q20 of log2.
+    decay : int
+        Decay of the light by the dye (k in second.py) in log2 units per um, times 2**24. This
+        integer is at most 1000.
+    x1_um, first : int
+        Position of the first finger in um, and its brightness in Q20 of log2.
+    x_um, brightness : int
+        Position of the reading in um, and its brightness in Q20 of log2.
+    fits : int
+        1 if the spectrum of the reading fits one press, 0 if not, -1 if this is unknown. The
+        spectrum of two fingers fits one press only if the fingers are near each other.
+    noise_um : int
+        Standard deviation of the reading's position, in um.
+    """
+    alone = power(first) >> 6
+    if not solve(_solved, decay, x_um - x1_um, alone, brightness):
+        return False
+    away_um, lost, ratio, other = _solved
+    lever = (256 - 262144 // (1024 + ratio)) * (alone + other) // other  # (1 - f) l / l2, Q8
+    apart_um = abs(away_um)
+    room = 0
+    if fits >= 0:
+        room = _FIT - lost if fits else lost - _MISFIT
+    if apart_um < APART_UM or apart_um >> FAR_LOG2 or room < 0:
+        return False
+    found[0] = x1_um + away_um
+    found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
+    found[2] = log2_q20(other) - (4 << 20)
+    return True
+
+
+def estimate(s, x1_um, b1, fits):
+    """Estimate a finger beside another one, which has position `x1_um` and brightness `b1`.
+
+    `s` is the state of a `contact.ContactTracker` with the present reading; `fits` is as in
+    `locate`. Stores the result in three elements of the state, from `FOUND_UM` on. Returns whether
+    there is a solution on the strip.
+    """
+    return (
+        s[LENGTH_UM]
+        and locate(
+            s,
+            s[DECAY],
+            x1_um,
+            b1,
+            s[X_NOW_UM],
+            s[B_NOW],
+            -1 if s[DRIFTS] else fits,
+            noise(s[NOISE_PRODUCT], s[B_NOW]),
+        )
+        and -NEAR_UM - s[FOUND_SLACK_UM] < s[FOUND_UM] < s[LENGTH_UM] + NEAR_UM + s[FOUND_SLACK_UM]
+    )
+
+
+def _part(decay, off_um, brightness, away_um):
+    """Return the light of the first of two fingers in a reading, in sixteenths of a count.
+
+    `decay` is as in `locate.locate`; `brightness` is that of the reading, in Q20 of log2.
+
+    `off_um` is the distance from the first finger to the position of the reading, `away_um` the
+    distance from the first finger to the second finger.
+    """
+    # At most 11 words in the call frame, see strip.py. `second.weigh` makes 20 calls, and on a
+    # board a call of `min` or `max` takes a tenth of the time of this function.
+    share = (off_um << 10) // away_um
+    decay *= away_um
+    lost = decay >> 14
+    lost = ((share * (1024 - share) >> 12) * (lost * lost >> 8) >> 8) * 69
+    brightness += lost if lost < 1 << 20 else 1 << 20
+    decay >>= 4
+    if decay > 3 << 20:
+        decay = 3 << 20
+    elif decay < -(9 << 20):
+        decay = -(9 << 20)
+    ratio = power(decay) * share // (1024 - share)
+    return (power(brightness) & ~63) // (1024 + ratio >> 4)
+
+
+def light(s, away_um, is_now):
+    """Return the light of the first of two fingers, in sixteenths of a count.
+
+    Parameters
+    ----------
+    s : array.array
+        State of a `contact.ContactTracker` with the last two readings.
+    away_um : int
+        Distance from the first finger to the second one, in um; not 0.
+    is_now : bool
+        True for the light in the present reading; False for the difference between this light and
+        that in the reading before.
+
+    Returns
+    -------
+    int
+    """
+    now = _part(s[DECAY], s[X_NOW_UM] - s[X_UM], s[B_NOW], away_um)
+    if is_now:
+        return now
+    return now - _part(s[DECAY], s[X_LAST_UM] - s[X_UM], s[B_LAST], away_um)

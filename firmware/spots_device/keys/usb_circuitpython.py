@@ -1,0 +1,135 @@
+"""USB reports through CircuitPython's usb_hid, which boot.py sets up before USB connects.
+
+All devices share one endpoint, which the host polls every 8 ms. While the endpoint is full,
+``send_report`` blocks for up to 2 s. While the host sleeps, ``send_report`` discards the report
+without an error (shared-module/usb_hid/Device.c). So there is a minimum time between two reports,
+and no report is sent while the host is disconnected or asleep. After a timeout, each further report
+could block for 2 s again. So no report is sent for 64 s, or until the host sets the keyboard's
+LEDs.
+"""
+
+import supervisor
+import usb_hid
+
+from .reports import GAMEPAD_DESCRIPTOR, REPORT_SIZE, with_report_id
+
+# HID usage page and usage that identify a device.
+_USAGES = {"keyboard": (0x01, 0x06), "consumer": (0x0C, 0x01), "gamepad": (0x01, 0x05)}
+_GAMEPAD_ID = 4  # report id; CircuitPython's own devices use 1 to 3
+_SPACE_MS = 10  # minimum time between two reports
+_PAUSE_MS = 64_000  # after a timeout, because the next report may block for two seconds again
+_HALF = 1 << 28  # half the period of ticks_ms
+
+
+def enable(keyboard, gamepad):
+    """Select the USB HID devices of the board. Call it in boot.py, before USB connects.
+
+    Parameters
+    ----------
+    keyboard, gamepad : bool
+        Whether to enable a keyboard with media keys, and whether to enable a gamepad.
+    """
+    devices = []
+    if keyboard:
+        devices += [usb_hid.Device.KEYBOARD, usb_hid.Device.CONSUMER_CONTROL]
+    if gamepad:
+        devices.append(
+            usb_hid.Device(
+                report_descriptor=with_report_id(GAMEPAD_DESCRIPTOR, _GAMEPAD_ID),
+                usage_page=_USAGES["gamepad"][0],
+                usage=_USAGES["gamepad"][1],
+                report_ids=(_GAMEPAD_ID,),
+                in_report_lengths=(REPORT_SIZE,),
+                out_report_lengths=(0,),
+            )
+        )
+    usb_hid.enable(tuple(devices))
+
+
+def open_interfaces(names, show_leds):
+    """Return the functions that send reports, for the interfaces that boot.py has enabled.
+
+    Parameters
+    ----------
+    names : list of str
+        Names of interfaces, from `uses.INTERFACES`.
+    show_leds : callable
+        ``show_leds(leds)`` shows the keyboard LEDs as the host has set them; bit 1 is caps lock.
+        Called before the next keyboard report.
+
+    Returns
+    -------
+    dict
+        For the name of each enabled interface, the function ``send(report) -> bool``.
+    """
+    endpoint = _Endpoint()
+    sends = {}
+    for device in usb_hid.devices:
+        for name in names:
+            if (device.usage_page, device.usage) == _USAGES[name]:
+                show = show_leds if name == "keyboard" else None
+                sends[name] = _Interface(endpoint, device, show).send
+    return sends
+
+
+class _Endpoint:
+    """Limits the rate of the reports of all interfaces, which share one endpoint."""
+
+    def __init__(self):
+        self._from_ms = supervisor.ticks_ms()
+        self._wait_ms = 0
+
+    def free(self):
+        if not supervisor.runtime.usb_connected:  # not mounted, or suspended
+            self._wait(0)
+            return False
+        # Ticks wrap, so a time in the far past looks like a time in the future.
+        if 0 < _diff(self._from_ms, supervisor.ticks_ms()) <= self._wait_ms:
+            return False
+        self._wait_ms = 0  # the wait is over, even if the ticks wrap before the next call
+        return True
+
+    def took(self):
+        self._wait(_SPACE_MS)
+
+    def refused(self):
+        self._wait(_PAUSE_MS)
+
+    def heard(self):
+        # The host has a keyboard driver, so it will probably poll.
+        if self._wait_ms == _PAUSE_MS:
+            self._wait_ms = 0
+
+    def _wait(self, duration_ms):
+        self._wait_ms = duration_ms
+        self._from_ms = supervisor.ticks_ms() + duration_ms
+
+
+def _diff(end, start):
+    return ((end - start + _HALF) & (2 * _HALF - 1)) - _HALF
+
+
+class _Interface:
+    def __init__(self, endpoint, device, show_leds):
+        self._endpoint = endpoint
+        self._device = device
+        self._show_leds = show_leds
+
+    def send(self, report):
+        """Send a report unless the call would block; return whether it was sent."""
+        if self._show_leds is not None:
+            leds = self._device.get_last_received_report()  # None if nothing is new
+            if leds:
+                self._show_leds(leds[0])
+                self._endpoint.heard()
+        if not self._endpoint.free():
+            return False
+        try:
+            self._device.send_report(report)
+        except OSError:
+            self._endpoint.refused()
+            return False
+        self._endpoint.took()
+        # If the host has just fallen asleep, it did not get the report. The result False makes the
+        # caller send the report again. Sending the same state twice has no effect.
+        return supervisor.runtime.usb_connected

@@ -1,0 +1,260 @@
+"""Dark frame and baseline, which are subtracted from each reading.
+
+The dark frame is the count of each channel while the LED is off. The baseline is the count of the
+untouched strip while the LED is on, minus the dark frame.
+
+A dark window is four samples with the LED off. Counts are integers, and their rounding error is up
+to three times the noise of the light. So the first 16 windows are averaged; then each new window
+has the weight 1/8. This average has the noise and the delay of a mean over 16 windows, but needs no
+memory for windows. If a window deviates too much from the mean, the ambient light has changed, and
+the mean restarts.
+"""
+
+from array import array
+
+from .. import const
+from ..sensor.smux import CHANNELS
+from .decode import (
+    AGE_STEP_US,
+    AGE_US,
+    CHECK,
+    DARK,
+    EVERY_US,
+    FLOOR,
+    FOLLOWED,
+    FOLLOWS,
+    IDLE_MIN_US,
+    REST,
+    SHIFT,
+    WANTED,
+)
+
+IDLE_US = 1_000_000  # time without a touch before the LED may be switched off
+
+_WINDOW_SAMPLES = const(4)
+_WINDOWS = const(16)
+_WEIGHT = const(8)  # after the first 16 windows, a window has the weight 1/8
+# A dark window and the switching of the LED take six samples, so windows must be rare.
+_DARK_EVERY_US = const(10_000_000)
+_DARK_EVERY_SAMPLES = const(100)
+_REQUEST_US = const(2_000_000)  # longest duration of a requested dark frame
+_EVERY_MAX_US = const(500_000_000)  # so that the age fits a small integer
+# A window differs too much from the mean if the chi-squared of its six sums is above this limit.
+# Noise exceeds the limit in less than one of 1000 windows. The assumed variance of a sum s is
+# s + 4 counts**2, for the noise of light, converter and rounding.
+_JUMP = const(24)
+_JUMP_MAX = const(1 << 12)  # the square of a smaller difference, times 2**4, fits a small integer
+_Q = const(12)
+_SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
+_POOL_SAMPLES = const(64)  # samples of 16 windows
+_POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over this number of samples
+# Limit of the samples of a reading times the samples of the dark frame, for `kernel.estimate`.
+_PRODUCT_MAX = const(256)
+
+
+class Dark:
+    """Averages dark windows to a dark frame. `add` allocates nothing.
+
+    `kernel.process` decides when the next dark window begins: it counts the age of the dark frame
+    and detects changes of the ambient light.
+
+    Parameters
+    ----------
+    state : array of int
+        State of the strip, see decode.py. It contains the mean dark counts, the age of the dark
+        frame, and whether a new window is wanted.
+
+    Attributes
+    ----------
+    mean : memoryview of int
+        Mean dark counts of the six channels, Q12; a part of `state`.
+    """
+
+    def __init__(self, state):
+        self.state = state
+        self.mean = memoryview(state)[DARK : DARK + CHANNELS]
+        self._window = array("i", bytes(4 * CHANNELS))
+        self._count = 0  # windows in the mean
+        self._taken = 0  # samples in the window
+        self._left = 0  # samples until the LED is switched on again
+        self._pool_wanted = False
+        state[WANTED] = 1
+        state[IDLE_MIN_US] = IDLE_US
+
+    def schedule(self, exposure_us, dark_every):
+        """Set how often dark windows are taken.
+
+        Parameters
+        ----------
+        exposure_us : int
+            Integration time in us; 0 if the LED cannot be switched, so that dark windows are taken
+            on request only.
+        dark_every : int
+            Number of samples between two dark samples; such dark samples are taken even during a
+            touch. With 0, windows of four samples are taken while the strip is not touched.
+        """
+        state = self.state
+        state[AGE_STEP_US] = exposure_us
+        state[EVERY_US] = min(dark_every * exposure_us, _EVERY_MAX_US)
+        state[IDLE_MIN_US] = 0
+        if not dark_every:
+            state[EVERY_US] = max(_DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
+            state[IDLE_MIN_US] = IDLE_US
+
+    def request(self):
+        """Restart the mean of the dark windows with a window as soon as possible.
+
+        No window is requested if the LED cannot be switched.
+        """
+        self.state[WANTED] = 1 if self.state[AGE_STEP_US] else 0
+
+    def use(self, sums):
+        """Use a stored dark frame; return whether `sums` contains one.
+
+        Parameters
+        ----------
+        sums : sequence of int
+            Six sums as the method `sums` returns them; empty or False for no dark frame.
+        """
+        self.state[AGE_US] = 0
+        for i in range(CHANNELS):
+            self.mean[i] = sums[i] << _SUMS_SHIFT if sums else 0
+        return bool(sums)
+
+    def request_pool(self):
+        """Restart the mean of the dark windows: request 16 in a row, or as many as fit in 2 s."""
+        self._pool_wanted = True
+        self.state[WANTED] = 1
+
+    def begin(self, exposure_us):
+        """Begin a series of dark samples of `exposure_us` us each; the LED must be off already.
+
+        The series is one sample, one dark window (four samples), or all windows of `request_pool`.
+        """
+        if self.state[WANTED]:
+            windows = 1
+            if self._pool_wanted:
+                windows = min(max(1, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us)), _WINDOWS)
+            self._pool_wanted = False
+            if self.state[WANTED] != CHECK:
+                self._count = 0
+            self.state[WANTED] = self._taken = 0
+            self._left = _WINDOW_SAMPLES * windows
+        else:
+            self._left = _WINDOW_SAMPLES if self.state[IDLE_MIN_US] else 1
+
+    def add(self, counts):
+        """Add a dark sample (six counts); return whether the series of `begin` is complete."""
+        for i in range(CHANNELS):
+            self._window[i] = counts[i] + (self._window[i] if self._taken else 0)
+        self._taken += 1
+        if self._taken == _WINDOW_SAMPLES:
+            self._taken = 0
+            self._pool()
+        self._left -= 1
+        if self._left > 0:
+            return False
+        self.state[AGE_US] = 0
+        return True
+
+    def sums(self):
+        """Return each channel's mean dark count, times `decode.DARK_SAMPLES`, rounded."""
+        return [mean + (1 << _SUMS_SHIFT - 1) >> _SUMS_SHIFT for mean in self.mean]
+
+    def peak(self, counts):
+        """Subtract the dark frame from a sample's six counts; return the largest difference."""
+        peak = 0
+        for i in range(CHANNELS):
+            peak = max(peak, counts[i] - (self.mean[i] >> _Q))
+        return peak
+
+    def _pool(self):
+        count = self._count
+        score = 0
+        for i in range(CHANNELS):
+            expected = self.mean[i] >> 10
+            off = abs(self._window[i] - expected)
+            if off < _JUMP_MAX:
+                score += (off * off << 4) // (expected + 4)
+                if score * count <= (_JUMP << 4) * (count + 1):
+                    continue
+            count = 0  # the ambient light has changed
+            break
+        weight = _WEIGHT
+        if count < _WINDOWS:
+            count += 1
+            weight = count
+        self._count = count
+        for i in range(CHANNELS):
+            gap = (self._window[i] << 10) - self.mean[i]
+            self.mean[i] += (gap + (weight >> 1)) // weight
+
+
+class Baseline:
+    """Tracks the baseline, which is the light of the untouched strip minus the dark frame.
+
+    Parameters
+    ----------
+    dark : Dark
+        The dark frame.
+
+    Attributes
+    ----------
+    floor : memoryview of int
+        Sum of dark frame and baseline, as six sums of counts; subtracted from each reading.
+    samples : int
+        Samples in each reading from which `floor` is subtracted; limits the scale of `floor`.
+    """
+
+    def __init__(self, dark):
+        self._dark = dark
+        self._state = dark.state
+        view = memoryview(dark.state)
+        self._level = view[REST : REST + CHANNELS]  # counts, Q12
+        self.floor = view[FLOOR : FLOOR + CHANNELS]
+        self._state[SHIFT] = _Q
+        self.samples = 0
+
+    def sums(self):
+        """Return the baseline: for each channel a sum over `decode.DARK_SAMPLES` samples."""
+        return [level >> _POOL_SHIFT for level in self._level]
+
+    def rescale(self, samples):
+        """Scale `floor` to sums over n samples, for readings of `samples` samples; return n.
+
+        n is the largest power of 2 for which n <= 64 and ``n * samples <= 256``; see
+        `decode.Decode.scale`.
+        """
+        self.samples = samples
+        dark_samples = _POOL_SAMPLES
+        shift = _POOL_SHIFT
+        while dark_samples * samples > _PRODUCT_MAX:
+            dark_samples >>= 1
+            shift += 1
+        self._state[SHIFT] = shift
+        self.update()
+        return dark_samples
+
+    def track(self, on):
+        """Set whether readings change the baseline; if not, the baseline is 0."""
+        state = self._state
+        if not on:
+            state[FOLLOWS] = 0
+            if state[FOLLOWED]:
+                self.forget()
+        elif not state[FOLLOWS]:
+            state[FOLLOWS] = 1
+
+    def forget(self):
+        """Set the baseline to 0."""
+        self._state[FOLLOWED] = 0
+        for i in range(CHANNELS):
+            self._level[i] = 0
+        self.update()
+
+    def update(self):
+        """Compute `floor` again; must be called after a change of dark frame or baseline."""
+        shift = self._state[SHIFT]
+        half = 1 << shift >> 1
+        for i in range(CHANNELS):
+            self.floor[i] = self._dark.mean[i] + self._level[i] + half >> shift

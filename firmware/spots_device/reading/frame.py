@@ -1,0 +1,184 @@
+"""Frames from board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
+
+Board and host both use the formats in this module. The board's 32-bit time is written as two
+halves, because a small int has 31 bits. Packing and sending allocate nothing.
+"""
+
+from array import array
+from struct import pack_into
+
+from .. import const
+from ..sensor.smux import CHANNELS
+from .decode import (
+    CRC_SIZE,
+    DROPPED,
+    GAP,
+    HEAD_SIZE,
+    HEADER_SIZE,
+    KIND,
+    LESS_US,
+    TIME_HIGH,
+    TIME_LOW,
+)
+from .kernel import frame
+
+TOUCH = 1
+SPECTRUM = 2
+TEXT = 3
+KEY = 4
+CONTACT = 5
+
+KEY_BODY = "<BHBB"  # usage page, usage, modifiers, pressed
+CONTACT_BODY = "<BBiHH"  # id, state, position_um, sigma_um, force_mN
+TEXT_MAX = 848  # bytes; the longest reply is that to `hello`
+
+# Bytes of the bodies.
+_SPECTRUM = const(14)
+_KEY = const(5)
+_CONTACT = const(10)
+
+
+class Time32:
+    """Board time in us modulo 2**32, stored as two halves of 16 bits in the header of frames.
+
+    Parameters
+    ----------
+    clock : object
+        ``ticks_us`` and ``ticks_diff``. `set` or `update` must be called at least every 2**28 us.
+
+    Attributes
+    ----------
+    head : array of int
+        Header of the next frame, see `decode.KIND`.
+    last : int
+        Ticks of the clock at the time in `head` plus ``head[LESS_US]`` us.
+    """
+
+    def __init__(self, clock):
+        self._ticks_us = clock.ticks_us
+        self._diff = clock.ticks_diff
+        self.last = clock.ticks_us()
+        self.head = array("i", bytes(4 * HEAD_SIZE))
+
+    def set(self, ticks):
+        """Set the time to `ticks`; the new time may be earlier than the present one."""
+        head = self.head
+        low = head[TIME_LOW] + head[LESS_US] + self._diff(ticks, self.last)
+        self.last = ticks
+        head[LESS_US] = 0
+        head[TIME_HIGH] = head[TIME_HIGH] + (low >> 16) & 0xFFFF
+        head[TIME_LOW] = low & 0xFFFF
+
+    def update(self):
+        """Set the time to the present ticks of the clock."""
+        self.set(self._ticks_us())
+
+    def ticks(self):
+        """Return the time in units of 1024 us, see `contact.TICK_US`; 22 bits, so it wraps."""
+        return self.head[TIME_HIGH] << 6 | self.head[TIME_LOW] >> 10
+
+    def us(self):
+        """Return the board time in us; allocates if it does not fit a small integer."""
+        return self.head[TIME_HIGH] << 16 | self.head[TIME_LOW]
+
+
+class Framer:
+    """Encodes and numbers frames, and sends them to a serial port.
+
+    Parameters
+    ----------
+    serial : object
+        ``write(buffer, size) -> bool``: True if the bytes were sent, False if they were dropped.
+    time : Time32
+        Board time for the header of each frame.
+
+    Attributes
+    ----------
+    payload : bytearray
+        Header and body of a frame.
+    encoded : memoryview
+        The encoded frame.
+    dropped : int
+        Number of frames that were not sent.
+    """
+
+    def __init__(self, serial, time):
+        self._write = serial.write
+        self._head = time.head
+        self.payload = bytearray(HEADER_SIZE + TEXT_MAX + CRC_SIZE)
+        # A delimiter, and the encoded frame.
+        self._delimited = memoryview(bytearray(len(self.payload) + 7))
+        self.encoded = self._delimited[1:]
+        self.dropped = 0
+
+    def spectrum(self, sensor, flags, gain, counts):
+        """Send six counts, flags and gain code as a SPECTRUM frame; return whether it was sent."""
+        payload = self.payload
+        payload[HEADER_SIZE] = flags | self._head[GAP]
+        payload[HEADER_SIZE + 1] = gain
+        at = HEADER_SIZE + 2
+        for i in range(CHANNELS):
+            payload[at] = counts[i] & 0xFF
+            payload[at + 1] = counts[i] >> 8
+            at += 2
+        self._head[KIND] = SPECTRUM | sensor << 4
+        return self.send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self.encoded))
+
+    def key(self, sensor, page, usage, modifiers, pressed):
+        """Send a key event as a KEY frame; return whether it was sent.
+
+        `sensor` is the number of the sensor; the other arguments are those of `uses.Uses.key`.
+        """
+        pack_into(KEY_BODY, self.payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
+        return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)
+
+    def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
+        """Send a finger as a CONTACT frame; docs/protocol.md describes the arguments."""
+        pack_into(
+            CONTACT_BODY,
+            self.payload,
+            HEADER_SIZE,
+            finger,
+            state,
+            position_um,
+            sigma_um,
+            force_mN,
+        )
+        return self._send_body(CONTACT | sensor << 4, HEADER_SIZE + _CONTACT)
+
+    def text(self, data):
+        """Send `data`, at most `TEXT_MAX` bytes, as a TEXT frame; return whether it was sent.
+
+        Allocates.
+        """
+        self.payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
+        return self._send_body(TEXT, HEADER_SIZE + len(data))
+
+    def _send_body(self, kind, size):
+        # Only TOUCH and SPECTRUM frames have flags. So after another frame, the flag `DROPPED`
+        # remains set for the next TOUCH or SPECTRUM frame.
+        head = self._head
+        head[KIND] = kind
+        gap = head[GAP]
+        size = frame(head, self.payload, size, self.encoded)
+        if not self.send(size):
+            return False
+        head[GAP] = gap
+        return True
+
+    def send(self, length):
+        """Send the first `length` bytes of `encoded`; return whether they were sent."""
+        head = self._head
+        encoded = self.encoded
+        if head[GAP]:
+            head[GAP] = 0
+            # A part of the dropped frame may have been sent. Without a delimiter after this part,
+            # the present frame would be lost too. Delimiter and frame are sent in one write,
+            # because the port would refuse a second write after a slow one.
+            encoded = self._delimited
+            length += 1
+        if self._write(encoded, length):
+            return True
+        head[GAP] = DROPPED
+        self.dropped += 1
+        return False

@@ -1,0 +1,599 @@
+"""Arithmetic and framing of a sample in portable Python.
+
+These functions, from counts to framed bytes, take most of the processing time of a sample. Boards
+with ``viper = true`` in board.toml get kernel_viper.py instead of this file: `unpack`, `process`
+and `frame` with identical results, in machine code. All integers fit 31 bits; the functions
+allocate nothing.
+
+On a board, the arguments of these three functions that are sequences of integers must be
+``array('i')``, because kernel_viper.py reads the memory of these arrays directly.
+"""
+
+from array import array
+from struct import pack_into
+
+from ..sensor.smux import CHANNELS
+from .decode import (
+    AGE_STEP_US,
+    AGE_US,
+    AVERAGE,
+    BOUNDS,
+    BRIGHTNESS,
+    CHECK,
+    COMPLETE,
+    CONTRAST,
+    CRC_SIZE,
+    DARK,
+    DRIFT_MAX,
+    DUE,
+    ESTIMATED,
+    EVERY_US,
+    EXPOSURE_US,
+    FLAGS,
+    FLOOR,
+    FLOOR_SAMPLES,
+    FOLLOWED,
+    FOLLOWS,
+    FORCE_MN,
+    FORCES,
+    GAP,
+    HEADER_SIZE,
+    IDLE_MIN_US,
+    IDLE_US,
+    KIND,
+    LED_OFF,
+    LESS_US,
+    LEVEL,
+    LIGHT,
+    LOG_SAMPLES,
+    MISFIT,
+    MISSING,
+    NOT_CALIBRATED,
+    ODD,
+    ODD_US,
+    PENDING,
+    POSITION_UM,
+    READ,
+    REST,
+    SAMPLES,
+    SEGMENTS,
+    SEND,
+    SEQUENCE,
+    SHIFT,
+    STREAMED,
+    SUMS,
+    TAKEN,
+    TIME_HIGH,
+    TIME_LOW,
+    TOO_DARK,
+    TOUCH_OFF_MN,
+    TOUCH_ON_MN,
+    TOUCHING,
+    TWO,
+    WANTED,
+    WEIGHTS,
+)
+from .log2 import GUARD, LIMIT, TABLE, Q
+
+# Indices of `state` that only this module uses, in addition to those in decode.py. `DRIFT`: drift
+# of the misfit, see `_judge`. `LEARNS`: readings until a touch gives this drift, 0 after that.
+# `SEEN`: drift that the last touch gave. Then misfit to one press and its tolerance in Q12, if the
+# position is known; up to three values that `look_up` returns; six logarithms (Q20).
+DRIFT, LEARNS, SEEN = range(11, 14)
+MISFIT_Q12, TOLERANCE_Q12 = 15, 16
+FOUND, LOGS = 17, 42
+
+IDLE_US_MAX = 1_000_000  # largest stored time without a touch, in us
+# The ambient light has changed if one of two things lasts for `ODD_US_MAX`: a touch does not fit
+# one press, or the sum of the counts without a touch differs by more than `ODD_COUNTS` from its
+# value after the last dark frame. `ODD_EVERY_US`: least age of a dark frame that is taken again for
+# this reason.
+ODD_US_MAX = 300_000
+ODD_COUNTS = 24
+ODD_EVERY_US = 2_000_000
+# Time after a touch before the baseline is tracked again; log2 of the time constants, in readings,
+# with which it follows growing and fading light.
+SETTLED_US = 200_000
+UP = 10
+DOWN = 6
+
+TOUCH_BODY = "<BiiiH"  # flags, contrast, brightness, position_um, force_mN
+TOUCH_SIZE = HEADER_SIZE + 15
+_TOUCH = "<BHHH" + TOUCH_BODY[1:]  # with the header
+_TOUCH_COPY = "%ds" % TOUCH_SIZE
+
+
+def unpack(burst, counts, at):
+    """Copy six little-endian counts from `burst`, byte `at` onwards; return the largest count."""
+    for i in range(CHANNELS):
+        counts[i] = burst[at] | burst[at + 1] << 8
+        at += 2
+    return max(counts)
+
+
+def process(state, tables, counts, flags, head, payload, encoded):
+    """Process a sample: add it to the reading, estimate the reading, and encode its TOUCH frame.
+
+    Parameters
+    ----------
+    state : array of int
+        Settings, estimates and light of the strip, at the indices that decode.py defines.
+    tables : array of int
+        Tables of the calibration, as for `estimate`.
+    counts : array of int
+        Six counts of the sample.
+    flags : int
+        Flag bits of the sample, as for `estimate`, and three more bits of `decode`. `READ`: add
+        the sample, and estimate the reading if it is complete. `SEND`: if the reading is complete,
+        check the ambient light, track the baseline, and encode the TOUCH frame. `TWO`: two
+        fingers may have caused the reading.
+    head, payload, encoded
+        As for `frame`. With `READ`, the time of `head` plus its `LESS_US` must be the end of the
+        sample. If the reading is complete, the time of `head` is set to the middle of the reading.
+
+    Returns
+    -------
+    int
+        Length of the encoded frame in bytes, 0 for none. Added to it are three bits of `decode`:
+        `COMPLETE` if the reading is complete, `ODD` if the ambient light has changed, `DUE` if a
+        dark window must begin.
+    """
+    done = 0
+    if flags & READ:
+        taken = state[TAKEN]
+        if taken:
+            for i in range(CHANNELS):
+                state[SUMS + i] += counts[i]
+        else:
+            # One line for each channel: a loop takes twice as long, here and in `estimate`.
+            state[SUMS] = counts[0]
+            state[SUMS + 1] = counts[1]
+            state[SUMS + 2] = counts[2]
+            state[SUMS + 3] = counts[3]
+            state[SUMS + 4] = counts[4]
+            state[SUMS + 5] = counts[5]
+        state[TAKEN] = taken + 1
+        state[PENDING] |= flags & 0xFF
+        if state[AGE_US] < state[EVERY_US]:
+            state[AGE_US] += state[AGE_STEP_US]
+        if taken + 1 < state[AVERAGE] and not flags & LED_OFF:
+            return DUE if state[WANTED] else 0
+        estimate(state, tables, state[PENDING])
+        state[ESTIMATED] = state[FLAGS]
+        half_us = state[TAKEN] * state[EXPOSURE_US] >> 1
+        low = head[TIME_LOW] + head[LESS_US] - half_us
+        head[LESS_US] = half_us
+        head[TIME_HIGH] = head[TIME_HIGH] + (low >> 16) & 0xFFFF
+        head[TIME_LOW] = low & 0xFFFF
+        done = COMPLETE
+    if not flags & SEND:
+        return done
+    lasted_us = state[TAKEN] * state[EXPOSURE_US]
+    state[TAKEN] = state[PENDING] = 0
+    before = state[ESTIMATED]
+    if before & TOUCHING:
+        state[IDLE_US] = 0
+    elif state[IDLE_US] < IDLE_US_MAX:
+        state[IDLE_US] += lasted_us
+    if not before & NOT_CALIBRATED:  # without a calibration, the spectrum of a press is unknown
+        # Readings of two fingers look like ambient light. They have less weight in the detection,
+        # because a dark frame costs readings.
+        done |= _odd_light(state, before, lasted_us >> 3 if flags & TWO else lasted_us)
+    if state[FOLLOWS] and not before & LED_OFF:
+        _follow(state)
+    if state[WANTED] or (state[AGE_US] >= state[EVERY_US] and state[IDLE_US] >= state[IDLE_MIN_US]):
+        done |= DUE
+    if state[STREAMED]:
+        head[KIND] = state[STREAMED]
+        head[GAP] |= state[MISSING]
+        state[MISSING] = 0
+        done |= touch(head, payload, state, encoded)
+    return done
+
+
+def _odd_light(state, flags, lasted_us):
+    # Return `ODD` if the ambient light has changed since the last dark frame, see dark.py.
+    if flags & (TOUCHING | LED_OFF):
+        odd = flags & MISFIT
+    else:
+        level = state[LIGHT] // state[SAMPLES] + 1
+        if not state[LEVEL]:
+            state[LEVEL] = level
+        odd = abs(level - state[LEVEL]) > ODD_COUNTS
+    if not odd:
+        state[ODD_US] = 0
+    elif state[ODD_US] < ODD_US_MAX:
+        state[ODD_US] += lasted_us
+    elif state[AGE_US] >= ODD_EVERY_US:
+        return ODD
+    return 0
+
+
+def _follow(state):
+    # Move the baseline towards the reading. Growing light may be a slow finger, so the baseline
+    # follows it more slowly than fading light.
+    up = down = 0
+    if state[FOLLOWS] > 1:
+        state[FOLLOWS] = 1
+    elif state[IDLE_US] >= SETTLED_US:
+        up = UP
+        down = DOWN
+    else:
+        return
+    state[FOLLOWED] = 1
+    half = 1 << state[SHIFT] >> 1
+    for i in range(CHANNELS):
+        rest = state[REST + i]
+        gap = (state[SUMS + i] * 4 // state[SAMPLES] << 10) - state[DARK + i] - rest
+        rest = max(rest + (gap >> (up if gap > 0 else down)), 0)
+        state[REST + i] = rest
+        state[FLOOR + i] = state[DARK + i] + rest + half >> state[SHIFT]
+
+
+def estimate(state, tables, flags):
+    """Estimate flags, contrast, brightness, position and force of a reading.
+
+    Parameters
+    ----------
+    state : sequence of int
+        Settings and sums (input) and estimates (output) at the indices that decode.py defines.
+        The six sums at `SUMS` are over ``state[SAMPLES]`` samples; those at `FLOOR`, of dark frame
+        and baseline, are over ``state[FLOOR_SAMPLES]`` samples and subtracted after scaling.
+        ``sums * state[FLOOR_SAMPLES]`` and ``floor * state[SAMPLES]`` must be at most 2**24, the
+        limit of `log2.log2_q20`.
+    tables : sequence of int
+        Tables of the calibration, see `decode.SEGMENTS`; 0 segments mean that there is no
+        calibration.
+    flags : int
+        Flag bits that apply to the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
+    """
+    touching = state[FLAGS] & TOUCHING
+    state[CONTRAST] = state[BRIGHTNESS] = state[POSITION_UM] = state[FORCE_MN] = 0
+    if not tables[SEGMENTS]:
+        flags |= NOT_CALIBRATED
+    if flags & LED_OFF:
+        # Without light a touch cannot be detected: the state of the touch does not change.
+        state[FLAGS] = flags | touching
+        return
+    light = state[SUMS] + state[SUMS + 1] + state[SUMS + 2]
+    state[LIGHT] = light + state[SUMS + 3] + state[SUMS + 4] + state[SUMS + 5]
+    if not _take_logs(state):
+        flags |= TOO_DARK
+    elif tables[SEGMENTS]:
+        flags |= _judge(state, touching) if _locate(state, tables) else TOO_DARK
+    state[FLAGS] = flags
+
+
+def _size_table():
+    # Number of bits of each byte.
+    sizes = bytearray(256)
+    for byte in range(1, 256):
+        sizes[byte] = sizes[byte >> 1] + 1
+    return sizes
+
+
+_SIZES = _size_table()
+del _size_table  # frees memory on a board
+
+
+def _take_logs(state):
+    # Computes `log2.log2_q20` without calls: 60 us for each logarithm instead of 75 us on an RP2040
+    # with CircuitPython.
+    for i in range(LOGS, LOGS + CHANNELS):
+        net = state[i + FLOOR - LOGS] * state[SAMPLES]
+        net = state[i + SUMS - LOGS] * state[FLOOR_SAMPLES] - net
+        if net <= 0:
+            return False
+        if net >= LIMIT:
+            state[i] = 24 << Q
+            continue
+        log = 15 << Q
+        if net < 1 << 16:
+            net <<= 8
+            log = 7 << Q
+            if net < 1 << 16:
+                net <<= 8
+                log = -1 << Q
+        low = _SIZES[net >> 16]
+        net <<= 8 - low  # it has 24 bits now
+        log += low << Q
+        low = TABLE[(net >> 14) - 512]
+        step = TABLE[(net >> 14) - 511] - low
+        low += (net & 16383) * step >> 14
+        state[i] = log + (low + 8 >> GUARD)
+    return True
+
+
+def _locate(state, tables):
+    # Compute contrast, brightness, position, force, misfit; return whether the position is known.
+    _dots(tables, WEIGHTS, state)
+    state[CONTRAST] = state[FOUND]
+    misfit = state[FOUND + 1] >> 8
+    place = BOUNDS + 2 * tables[SEGMENTS] - 2
+    while place > BOUNDS and state[CONTRAST] < tables[place]:
+        place -= 2
+    place = tables[place + 1]
+    _dots(tables, place, state)
+    brightness = state[FOUND + 1] - state[LOG_SAMPLES]
+    look_up(tables, place + 2 * CHANNELS, state[FOUND], state, 3)
+    brightness -= state[FOUND + 2]
+    state[BRIGHTNESS] = brightness
+    if brightness < tables[tables[FORCES] + 1]:
+        return False
+    state[POSITION_UM] = state[FOUND]
+    state[MISFIT_Q12] = misfit - state[FOUND + 1]
+    look_up(tables, tables[FORCES], brightness, state, 2)
+    state[FORCE_MN] = state[FOUND]
+    state[TOLERANCE_Q12] = state[FOUND + 1]
+    return True
+
+
+def _judge(state, touching):
+    # Return the flags of a reading whose position is known.
+    misfit = state[MISFIT_Q12]
+    tolerance = state[TOLERANCE_Q12]
+    flags = 0
+    if abs(misfit) > tolerance:
+        flags = MISFIT
+        # A reading that fits one press after subtraction of the drift is untrusted, but good enough
+        # for a key, see contact.TWO_FIT.
+        if abs(misfit - state[DRIFT]) <= tolerance:
+            flags |= TOO_DARK
+    force_mN = state[FORCE_MN]
+    least_mN = state[TOUCH_OFF_MN]
+    if not touching:
+        least_mN = state[TOUCH_ON_MN]
+        if flags == MISFIT:
+            # The light fits no press, so it may be a lamp or two fingers. It begins a touch only at
+            # the force from which the drift is learned, and only if it remains after a dark window.
+            least_mN <<= 2
+            if force_mN >= least_mN and state[LEVEL] and state[AGE_STEP_US]:
+                state[WANTED] |= CHECK
+                return flags
+        state[LEARNS] = 3
+    if not force_mN or force_mN < least_mN:
+        return flags & MISFIT
+    # Drift shifts the misfit of all presses equally. A touch gives this shift in its third reading
+    # with at least four times the force at which touches begin; in fainter readings the noise
+    # exceeds most shifts. The shift is used if the previous touch gave the same shift: two fingers
+    # seldom touch together twice in a row.
+    if state[LEARNS] and force_mN >> 2 >= state[TOUCH_ON_MN]:
+        state[LEARNS] -= 1
+        if not state[LEARNS]:
+            _learn(state, misfit, tolerance)
+            return _judge(state, TOUCHING)  # with the new drift
+    return flags | TOUCHING
+
+
+def _learn(state, misfit, tolerance):
+    if abs(misfit - state[SEEN]) <= tolerance:
+        limit = state[DRIFT_MAX]
+        state[DRIFT] = min(max(misfit, -limit), limit)
+    state[SEEN] = misfit
+
+
+def _dots(tables, first, state):
+    # Two sums of weight (Q13) times logarithm (Q20), in Q20, from index `FOUND` on; the weights of
+    # the second sum follow those of the first one. The split keeps all values within 31 bits, for
+    # logarithms below 2**25 and a sum of absolute weights of at most 2**16.
+    high = low = other_high = other_low = 0
+    for i in range(LOGS, LOGS + CHANNELS):
+        fine = state[i]
+        coarse = fine >> 13
+        fine &= 8191
+        weight = tables[first]
+        high += weight * coarse
+        low += weight * fine
+        weight = tables[first + CHANNELS]
+        other_high += weight * coarse
+        other_low += weight * fine
+        first += 1
+    state[FOUND] = high + (low >> 13)
+    state[FOUND + 1] = other_high + (other_low >> 13)
+
+
+def look_up(tables, place, at, state, columns):
+    """Interpolate the columns of a table linearly; beyond its ends, the end values apply.
+
+    Parameters
+    ----------
+    tables : sequence of int
+        Array that contains the table.
+    place : int
+        Index in `tables` at which the table begins: the number n of its knots, then the n
+        ascending arguments of the knots, then n values for each column.
+    at : int
+        Argument at which to interpolate.
+    state : sequence of int
+        Output: one rounded value for each column, from index `FOUND` on.
+    columns : int
+        Number of columns.
+    """
+    size = tables[place]
+    low = place + 1
+    high = place + size
+    while high - low > 1:  # the binary search of the knot below `at`
+        middle = low + high >> 1
+        if at < tables[middle]:
+            high = middle
+        else:
+            low = middle
+    width = tables[low + 1] - tables[low]
+    at -= tables[low]
+    if at < 0:
+        at = 0
+    elif at > width:
+        at = width
+    half = width >> 1
+    for column in range(FOUND, FOUND + columns):
+        low += size
+        middle = tables[low]
+        state[column] = middle + (at * (tables[low + 1] - middle) + half) // width
+
+
+def _crc_tables():
+    # Tables of the CRC-32 of zlib, polynomial 0xEDB88320: the low 24 bits, and the high 8 bits.
+    lows = array("i", bytes(1024))
+    highs = bytearray(256)
+    for byte in range(256):
+        low = byte
+        high = 0
+        for _ in range(8):
+            odd = low & 1
+            low = (low >> 1 | high << 23 & 0x800000) ^ (0xB88320 if odd else 0)
+            high = high >> 1 ^ (0xED if odd else 0)
+        lows[byte] = low
+        highs[byte] = high
+    return lows, highs
+
+
+_LOWS, _HIGHS = _crc_tables()
+del _crc_tables  # frees memory on a board
+
+
+def crc32(data, size, crc):
+    """Update a CRC-32 with the first `size` bytes of `data`.
+
+    Parameters
+    ----------
+    data : bytes-like
+        Bytes to add.
+    size : int
+        Number of bytes to add.
+    crc : array.array
+        ``array("H")`` with the low and the high half of the CRC register, changed in place. Both
+        halves start as 0xFFFF. The CRC-32 is the complement of the register's last value.
+    """
+    lows = _LOWS
+    highs = _HIGHS
+    low = crc[0] | (crc[1] & 0xFF) << 16
+    high = crc[1] >> 8
+    for i in range(size):
+        at = (low ^ data[i]) & 0xFF
+        low = (low >> 8 | high << 16) ^ lows[at]
+        high = highs[at]
+    crc[0] = low & 0xFFFF
+    crc[1] = low >> 16 | high << 8
+
+
+def cobs_encode(source, size, target):
+    """Encode the first `size` bytes of `source` with COBS into `target`, and add a zero byte.
+
+    Returns the number of bytes in `target`, including the zero byte.
+    """
+    code_at = 0
+    write = 1
+    if size < 254:  # no block can be full
+        for read in range(size):
+            target[write] = source[read]
+            if not target[write]:
+                target[code_at] = write - code_at
+                code_at = write
+            write += 1
+    else:
+        for read in range(size):
+            target[write] = source[read]
+            if target[write]:
+                write += 1
+                if write - code_at < 255:
+                    continue
+            target[code_at] = write - code_at
+            code_at = write
+            write += 1
+    target[code_at] = write - code_at
+    target[write] = 0
+    return write + 1
+
+
+_crc = array("H", bytes(4))
+
+
+def frame(head, payload, size, encoded):
+    """Add header and CRC to a payload, and encode it with COBS; return the encoded length in bytes.
+
+    The delimiter of frames is a zero byte. An encoded frame must not fill its last USB packet of 64
+    bytes exactly, because USB CDC then stalls. Such a frame gets a second delimiter; the host skips
+    the empty frame between the two.
+
+    Parameters
+    ----------
+    head : sequence of int
+        Header, see `decode.KIND`. Its sequence number is increased by 1.
+    payload : bytearray
+        Contains the body after `HEADER_SIZE` bytes, and has room for `CRC_SIZE` bytes after it.
+    size : int
+        Number of bytes of header and body.
+    encoded : bytearray
+        Output: the encoded frame and its delimiters.
+    """
+    payload[0] = head[KIND]
+    for i in range(SEQUENCE, GAP):
+        payload[2 * i - 1] = head[i] & 0xFF
+        payload[2 * i] = head[i] >> 8
+    head[SEQUENCE] = (head[SEQUENCE] + 1) & 0xFFFF
+    crc = _crc
+    crc[0] = crc[1] = 0xFFFF
+    crc32(payload, size, crc)
+    payload[size] = ~crc[0] & 0xFF
+    payload[size + 1] = ~crc[0] >> 8 & 0xFF
+    payload[size + 2] = ~crc[1] & 0xFF
+    payload[size + 3] = ~crc[1] >> 8 & 0xFF
+    size = cobs_encode(payload, size + CRC_SIZE, encoded)
+    if size + (1 if head[GAP] else 0) & 63 == 0:
+        encoded[size] = 0
+        size += 1
+    return size
+
+
+def touch(head, payload, state, encoded):
+    """Encode the reading in `state` as a TOUCH frame; other arguments and result as in `frame`.
+
+    It encodes as `frame` does, but in one pass: 0.7 ms instead of 1.0 ms on an RP2040.
+    """
+    pack_into(
+        _TOUCH,
+        payload,
+        0,
+        head[KIND],
+        head[SEQUENCE],
+        head[TIME_LOW],
+        head[TIME_HIGH],
+        state[FLAGS] | head[GAP],
+        state[CONTRAST],
+        state[BRIGHTNESS],
+        state[POSITION_UM],
+        state[FORCE_MN],
+    )
+    head[SEQUENCE] = (head[SEQUENCE] + 1) & 0xFFFF
+    return _add_crc(payload, encoded)
+
+
+def _add_crc(payload, encoded):
+    # Compute the CRC of a TOUCH frame, and encode the frame, in one pass over its bytes.
+    pack_into(_TOUCH_COPY, encoded, 1, payload)
+    lows = _LOWS
+    highs = _HIGHS
+    low = 0xFFFFFF
+    high = 0xFF
+    code_at = 0
+    for at in range(TOUCH_SIZE):
+        byte = payload[at]
+        if not byte:
+            encoded[code_at] = at + 1 - code_at
+            code_at = at + 1
+        byte = (byte ^ low) & 0xFF
+        low = (low >> 8 | high << 16) ^ lows[byte]
+        high = highs[byte]
+    low ^= 0xFFFFFF
+    high ^= 0xFF
+    for at in range(TOUCH_SIZE + 1, TOUCH_SIZE + 1 + CRC_SIZE):
+        encoded[at] = low & 0xFF
+        if not encoded[at]:
+            encoded[code_at] = at - code_at
+            code_at = at
+        low = low >> 8 | high << 16
+        high = 0
+    at += 1
+    encoded[code_at] = at - code_at
+    encoded[at] = 0
+    return at + 1

@@ -1,0 +1,101 @@
+"""Compensates hysteresis and creep of the silicone, which change the light at a given force.
+
+Hysteresis is a weighted sum of play operators (Prandtl-Ishlinskii). Only its difference from a
+first load (a force that has only grown since the finger touched) is subtracted, because the force
+table was measured with first loads. Creep has three parts, each a low-pass filter of the force; a
+share of each part is subtracted. The play operators restart when the finger lifts or moves to
+another position. Creep restarts only when another position is pressed; after a lift it decays with
+its time constants. All integers fit 31 bits; `take` allocates nothing.
+"""
+
+from array import array
+
+from .. import const
+from .decode import FLAGS, FORCE_MN, LED_OFF, POSITION_UM
+
+_PARTS = const(3)  # play operators, and parts of the creep
+_WEIGHTS_MAX = const((1 << 14) - 1)  # limit of the sum of weights, so that 65 N fits 31 bits
+# A press is at another position if it is farther away than `_APART_UM`. Tested only above
+# `_SURE_MN`, where the position has little noise.
+_APART_UM = const(8000)
+_SURE_MN = const(400)
+_TIME_MASK = const((1 << 22) - 1)  # ticks as in contact.py
+# Creep is updated when at least `_LEAST_T` ticks have passed, in steps of at most `_STEP_T` ticks,
+# so that products fit 31 bits. A longer time than `_LONGEST_T` counts as `_LONGEST_T`.
+_LEAST_T = const(16)
+_STEP_T = const(256)
+_LONGEST_T = const(1 << 14)
+
+
+class Compensation:
+    """Corrects the force of one finger for hysteresis and creep of the silicone.
+
+    Parameters
+    ----------
+    values : sequence of int, length 13
+        Factor of the force (Q12); half widths of three play operators in mN, their three weights
+        (Q12); time constants of three parts of the creep in ms, their three shares of the force
+        (Q12).
+
+    Raises
+    ------
+    ValueError
+        If a value is out of range.
+    """
+
+    def __init__(self, values):
+        self._values = array("i", values)
+        total = values[0]
+        for i in range(_PARTS):
+            total += abs(values[4 + i]) + abs(values[10 + i])
+            if values[1 + i] < 0 or not 0 < values[7 + i] < 1 << 20:
+                total = -1
+                break
+        if not 0 < total <= _WEIGHTS_MAX:
+            raise ValueError("the line 'silicone' is out of range: calibrate again")
+        self._state = array("i", bytes(8 * _PARTS))  # play operators in mN, creep in mN Q6
+        self._t = self._x_um = self._force = 0
+
+    def take(self, reading, t):
+        """Correct the force of a reading.
+
+        Parameters
+        ----------
+        reading : array of int
+            The reading, as in `decode.Decode.state`; its force is corrected in place.
+        t : int
+            Time in ticks of 1.024 ms, see `contact.TICK_US`.
+        """
+        values = self._values
+        state = self._state
+        since = t - self._t & _TIME_MASK
+        if since >= _LEAST_T:
+            self._t = t
+            since = min(since, _LONGEST_T)
+            while since > 0:
+                step = min(since, _STEP_T)
+                since -= step
+                for i in range(_PARTS):
+                    tau = (values[7 + i] * 125 >> 7) + 1
+                    state[_PARTS + i] += (self._force - state[_PARTS + i]) * min(step, tau) // tau
+        if reading[FLAGS] & LED_OFF:
+            return
+        force_mN = reading[FORCE_MN]
+        if force_mN:
+            x_um = reading[POSITION_UM]
+            moved = force_mN > _SURE_MN and abs(x_um - self._x_um) > _APART_UM
+            if moved:
+                self._x_um = x_um
+            total = values[0] * force_mN + 2048
+            for i in range(_PARTS):
+                radius = values[1 + i]
+                loading = max(force_mN - radius, 0)
+                if moved:
+                    state[_PARTS + i] = 0
+                # The previous force is 0 if the finger had lifted.
+                play = 0 if moved or not self._force else state[i]
+                state[i] = play = max(min(play, force_mN + radius), loading)
+                total -= values[4 + i] * (play - loading)
+                total -= values[10 + i] * (state[_PARTS + i] >> 6)
+            reading[FORCE_MN] = force_mN = min(max(total >> 12, 1), 65_535)
+        self._force = force_mN << 6

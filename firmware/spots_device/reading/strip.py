@@ -1,0 +1,432 @@
+"""Processes the samples of one strip: averages and decodes them, and sends frames.
+
+Rare operations are in the modules `dark` and `search`. `Strip.take` allocates only after the last
+sample of a requested dark frame, during a search for settings (command ``auto``), and when it
+restarts the sensor to correct the exposure (setting ``mains_hz``).
+"""
+
+from .. import const
+from ..sensor.exposure import AGAIN, DONE, choose
+from ..sensor.smux import CHANNELS
+from .calibration import Conditions
+from .dark import Baseline, Dark
+from .decode import (
+    AGE_STEP_US,
+    AVERAGE,
+    COMPLETE,
+    DARK_SUBTRACTED,
+    DROPPED,
+    DUE,
+    EXPOSURE_US,
+    FLAGS,
+    FOLLOWS,
+    IDLE_MIN_US,
+    LED_OFF,
+    LESS_US,
+    LEVEL,
+    MISSING,
+    ODD,
+    ODD_US,
+    PENDING,
+    READ,
+    SAMPLES,
+    SATURATED,
+    SEND,
+    STREAMED,
+    SUMS,
+    TAKEN,
+    TOUCHING,
+    TWO,
+    WANTED,
+    Decode,
+)
+from .frame import TOUCH
+from .kernel import process
+
+_LIT = const(0)
+_UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
+_BLINKING = const(2)  # LED off, dark samples are taken
+_RISING = const(3)  # LED on again, waits for a sample with the LED on all the time
+
+
+class Strip:
+    """Reads, decodes and sends the samples of one sensor.
+
+    Parameters
+    ----------
+    index : int
+        Number of the sensor in the frames.
+    uid : str
+        Unique id of the board.
+    sensor : as7341.AS7341
+        The sensor.
+    framer : frame.Framer
+        Sends the frames.
+    time : frame.Time32
+        Board time. Before each frame it is set to the middle of the reading.
+    clock : object
+        ``ticks_add`` as in MicroPython's ``time``.
+    settings : settings.BoardSettings
+        Settings of the board; read by `start` and `configure`.
+    uses : uses.Uses
+        Receives every reading.
+
+    Attributes
+    ----------
+    conditions : calibration.Conditions or None
+        Board and settings of the readings; None before the first start.
+    lit_flags : int
+        Flags of a sample with the LED on: `decode.DARK_SUBTRACTED`, or 0 if no dark frame is
+        subtracted, because the LED is always on and no dark frame is stored.
+    baseline : dark.Baseline
+        Tracks the light without a touch. Its `floor` (dark frame plus baseline, one sum of counts
+        per channel) is subtracted from each reading.
+    """
+
+    def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
+        self.index = index
+        self.sensor = sensor
+        self.settings = settings
+        self.conditions = None
+        self.decode = Decode()
+        self._reading = state = self.decode.state
+        self._sums = memoryview(state)[SUMS : SUMS + CHANNELS]
+        self._dark = Dark(state)
+        self.baseline = Baseline(self._dark)
+        self._kind = TOUCH | index << 4
+        self.stream_spectrum = False
+        self._uid = uid
+        self._pacing = sensor.pacing
+        self._framer = framer
+        self._send = framer.send
+        self._payload = framer.payload
+        self._encoded = framer.encoded
+        self._uses = uses
+        self._time = time
+        self._head = time.head
+        self._diff = clock.ticks_diff
+        self._search = None
+        self._on_dark = self._on_search = None
+        self._state = _UNKNOWN
+        self.lit_flags = 0
+
+    @property
+    def stream_touch(self):
+        """Whether a TOUCH frame is sent for each reading."""
+        return self._reading[STREAMED] > 0
+
+    @stream_touch.setter
+    def stream_touch(self, on):
+        self._reading[STREAMED] = self._kind if on else 0
+
+    def start(self):
+        """Start the sensor with the present settings; begin with a dark frame if possible.
+
+        It is not possible if the LED is always on. Then a dark frame stored for these settings is
+        used, if there is one.
+
+        Raises
+        ------
+        as7341.SensorError, OSError
+            If the sensor does not answer, see `as7341.AS7341.start`.
+        """
+        s = self.settings.values
+        self._begin(s["gain"], s["led_mA"], s["exposure_us"])
+
+    def stop(self):
+        """Stop sampling and switch the LED off; ignore a sensor that does not answer."""
+        try:
+            self.sensor.stop()
+        except OSError:
+            pass
+
+    def report(self, reply):
+        """Add dark frame, baseline and counters of the sensor to a reply to ``get`` (dict)."""
+        reply["dark"] = self.dark_frame()
+        reply["rest"] = self.baseline.sums()
+        self.sensor.report(reply)
+
+    def saturation(self):
+        """Return `as7341.AS7341.saturation` of the last sample; None if the bus fails."""
+        try:
+            return self.sensor.saturation()
+        except OSError:
+            return None
+
+    def dark_frame(self):
+        """Return the dark frame: six sums over `decode.DARK_SAMPLES` samples."""
+        return self._dark.sums()
+
+    def configure(self):
+        """Apply the settings that need no restart of the sensor."""
+        values = self.settings.values
+        state = self._reading
+        average = values["average"]
+        if average != state[AVERAGE]:
+            state[AVERAGE] = average
+            state[TAKEN] = state[PENDING] = 0
+            self.decode.scale(average, self.baseline.rescale(average))
+        self._mains_hz = values["mains_hz"]
+        self.baseline.track(values["baseline"])
+        if values["led"] == "always":
+            self._dark.schedule(0, 0)
+        else:
+            self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
+        self._choose()
+
+    def streams(self):
+        """Return the kinds of frames that are streamed now, as list of str; see `stream`."""
+        names = []
+        if self._uses.streams_contacts:
+            names.append("contact")
+        if self.stream_spectrum:
+            names.append("spectrum")
+        if self.stream_touch:
+            names.append("touch")
+        return names
+
+    def stream(self, names):
+        """Stream only the kinds of frames in `names`: ``touch``, ``spectrum``, ``contact``.
+
+        Returns
+        -------
+        str or None
+            Sentence that says why there will be no CONTACT frames. None if there is no such reason.
+        """
+        self.stream_touch = "touch" in names
+        self.stream_spectrum = "spectrum" in names
+        return self._uses.stream_contacts("contact" in names, self.decode.calibration)
+
+    def request_dark(self, done):
+        """Request a dark frame; ``done()`` is called when the dark frame is complete."""
+        self._dark.request_pool()
+        self._on_dark = done
+
+    def request_search(self, done):
+        """Search for gain, LED current and exposure; then call ``done(outcome)``.
+
+        The outcome is `exposure.DONE`, `TOO_DARK` or `TOO_BRIGHT`.
+        """
+        from ..sensor.search import Search  # rare, and large
+
+        s = self.settings.values
+        led_max_mA = self.settings.led_max_mA if s["led"] == "ldr" else 0
+        self._search = Search(s["gain"], s["led_mA"], s["exposure_us"], led_max_mA)
+        self._on_search = done
+        self._dark.request()
+        self._choose()
+
+    def request_rest(self):
+        """Use the next reading as the baseline."""
+        self._reading[FOLLOWS] = 2
+
+    def forget_requests(self):
+        """Cancel the requested dark frame and the requested search for settings."""
+        self._search = self._on_search = self._on_dark = None
+        self._choose()
+
+    # Processing of a sample.
+
+    # The functions that run for every sample need at most 11 words for locals and arguments.
+    # MicroPython allocates larger call frames on the heap, which costs 40 us or more on an RP2040.
+    # tests/firmware/test_call_frames.py checks this.
+
+    def take(self):
+        """Process the sample that `as7341.AS7341.poll` has just read."""
+        sensor = self.sensor
+        if self._rare or not sensor.steady or self._uses.active:
+            return self._take_any(sensor)
+        if self._missed != self._pacing.missed:
+            self._mark_gap()
+        flags = self._lit
+        if sensor.saturated:
+            flags |= SATURATED
+        self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
+        self._time.last = sensor.complete
+        flags = process(
+            self._reading,
+            self._tables,
+            sensor.counts,
+            flags,
+            self._head,
+            self._payload,
+            self._encoded,
+        )
+        if flags >= ODD or self.stream_spectrum:
+            self._finish(sensor, flags)
+        elif flags > COMPLETE:
+            self._send(flags - COMPLETE)
+
+    def _mark_gap(self):
+        self._missed = self._pacing.missed
+        self._reading[MISSING] = DROPPED
+
+    def _choose(self):
+        # Choose between `take`, which is fast, and `_take_any`.
+        self._tables = self.decode.tables
+        self._lit = READ | SEND | (self.lit_flags if self.sensor.led_on else LED_OFF)
+        self._rare = bool(
+            self._state != _LIT
+            or self._search is not None
+            or self._mains_hz
+            or self.decode.compensation
+        )
+
+    def _take_any(self, sensor):
+        if self._missed != self._pacing.missed:
+            self._mark_gap()
+        steady = sensor.steady
+        state = self._state
+        flags = LED_OFF
+        if sensor.led_on:
+            flags |= self.lit_flags
+        if state == _RISING and steady:
+            self._state = _LIT
+            self._choose()
+        if self._state == _LIT:
+            if not steady:
+                return
+            flags = self._lit & 0xFF
+            if sensor.saturated:
+                flags |= SATURATED
+        if state == _UNKNOWN or (self._search is not None and self._state == _LIT):
+            if state != _UNKNOWN:
+                self._judge(sensor)
+            if self._reading[WANTED] and self._state <= _UNKNOWN:
+                self._start_blink(sensor)
+            return
+        self._stamp(sensor)
+        flags = self._process(flags | READ)
+        if flags & COMPLETE:
+            flags |= self._process(self._use())
+        self._finish(sensor, flags)
+        if state == _BLINKING and steady and self._dark.add(sensor.counts):
+            self._end_blink(sensor)
+
+    def _stamp(self, sensor):
+        # A method of its own, because `_take_any` would need more than 11 words with these lines.
+        self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
+        self._time.last = sensor.complete
+
+    def _process(self, flags):
+        return process(
+            self._reading,
+            self._tables,
+            self.sensor.counts,
+            flags,
+            self._head,
+            self._payload,
+            self._encoded,
+        )
+
+    def _use(self):
+        # Pass a reading to compensation, keys and gamepad; return the flags for `kernel.process`.
+        if self.decode.compensation:
+            self.decode.compensation.take(self._reading, self._time.ticks())
+        uses = self._uses
+        if uses.active:
+            uses.take(self.index, self._reading)
+            if uses.rests and self._reading[FOLLOWS]:
+                self._reading[FOLLOWS] = 2
+            if uses.two:
+                return SEND | TWO
+        return SEND
+
+    def _finish(self, sensor, done):
+        if done & (COMPLETE - 1):
+            self._send(done & (COMPLETE - 1))
+        if done & COMPLETE and self.stream_spectrum:
+            self._send_spectrum()
+        if done & ODD:
+            self._dark.request()
+        if (done & DUE or self._reading[WANTED]) and self._state <= _UNKNOWN:
+            self._start_blink(sensor)
+        elif self._mains_hz:
+            self._correct_drift(sensor)
+
+    def _send_spectrum(self):
+        state = self._reading
+        sums = self._sums
+        flags = state[FLAGS] | state[MISSING]
+        state[MISSING] = 0
+        samples = state[SAMPLES]
+        if samples > 1 and not flags & LED_OFF:
+            for i in range(CHANNELS):
+                sums[i] = (sums[i] + (samples >> 1)) // samples
+        self._framer.spectrum(self.index, flags, self.sensor.gain, sums)
+
+    # Rare operations.
+
+    def _begin(self, gain, led_mA, exposure_us):
+        sensor = self.sensor
+        values = self.settings.values
+        led = values["led"]
+        if sensor.led == "gpio" != led:
+            sensor.gpio(False)
+        sensor.led = led
+        mains_hz = values["mains_hz"]
+        exposure_us = choose(exposure_us, mains_hz)
+        sensor.start(values["plan"], gain, exposure_us, led_mA, mains_hz)
+        self.conditions = Conditions(
+            self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
+        )
+        self._state = _UNKNOWN
+        self.lit_flags = DARK_SUBTRACTED
+        self._reading[EXPOSURE_US] = sensor.exposure_us
+        self._missed = 0
+        self._reading[MISSING] = DROPPED
+        self.configure()
+        self._dark.request()
+        if led == "always":
+            self._state = _LIT
+            stored = values["dark"]
+            if not self._dark.use(stored[:2] == [gain, sensor.exposure_us] and stored[2:]):
+                self.lit_flags = 0
+        self.baseline.forget()
+        self._reading[TAKEN] = self._reading[PENDING] = 0
+        self._choose()
+
+    def _correct_drift(self, sensor):
+        if (
+            self._state == _LIT
+            and self._search is None
+            and (not self._reading[IDLE_MIN_US] or not self._reading[FLAGS] & TOUCHING)
+            and sensor.drifted()
+        ):
+            self.start()
+
+    def _start_blink(self, sensor):
+        sensor.switch_led(False)
+        self._reading[TAKEN] = self._reading[PENDING] = 0
+        self._dark.begin(sensor.exposure_us)
+        self._state = _BLINKING
+        self._rare = True
+
+    def _end_blink(self, sensor):
+        self.baseline.update()
+        self._reading[LEVEL] = self._reading[ODD_US] = 0
+        sensor.switch_led(True)
+        sensor.check()
+        self._state = _RISING
+        if self._on_dark and not self._reading[WANTED]:  # else a newer request needs a new frame
+            if not self._reading[AGE_STEP_US]:
+                frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
+                self.settings.values["dark"] = frame
+                self.lit_flags = DARK_SUBTRACTED
+            done, self._on_dark = self._on_dark, None
+            done()
+
+    def _judge(self, sensor):
+        search = self._search
+        outcome = search.step(self._dark.peak(sensor.counts), sensor.full_scale, sensor.saturated)
+        if outcome == AGAIN:
+            self._begin(search.gain, search.led_mA, search.exposure_us)
+            return
+        self._search = None
+        if outcome == DONE:
+            s = self.settings.values
+            s["gain"], s["led_mA"] = search.gain, search.led_mA
+            s["exposure_us"] = sensor.exposure_us
+        else:
+            self.start()
+        self._on_search(outcome)

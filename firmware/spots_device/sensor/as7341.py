@@ -1,0 +1,509 @@
+"""Driver of the light sensor AS7341, which samples without gaps.
+
+The chip stores samples in a FIFO: 128 entries of two bytes, which is 21 samples of six counts. So
+the loop may stall for 20 exposures without loss. No published driver reads six channels from this
+FIFO, so it is not certain that this works. Each start of the sensor tests it: the FIFO must
+contain the sample that is in the data registers. If this test fails, `poll` reads the data
+registers, one sample in each transfer.
+
+Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. On
+MicroPython, `poll`, `switch_led` and `read_into` allocate nothing.
+
+The bus is an object with three methods. ``read_into(address, register, buffer)`` reads registers of
+the chip at an I2C address. ``write(buffer)`` writes registers of the sensor; the first byte of the
+buffer is the number of the first register. Both raise OSError if the chip does not answer.
+``recover()`` tries to free the wires after an OSError.
+"""
+
+from array import array
+
+from .. import const
+from ..reading.kernel import unpack
+from ..runtime.common import ADDRESS
+from . import exposure
+from .pacing import Pacing
+from .smux import CHANNELS, smux_map
+
+_CONFIG = const(0x70)  # bank 1
+_GPIO = const(0x73)  # bank 1
+_LED = const(0x74)  # bank 1
+_ENABLE = const(0x80)
+_ATIME = const(0x81)
+_ID = const(0x92)
+_STATUS = const(0x93)
+_ASTATUS = const(0x94)
+_STATUS2 = const(0xA3)
+_CFG0 = const(0xA9)
+_CFG1 = const(0xAA)
+_CFG3 = const(0xAC)
+_CFG6 = const(0xAF)
+_CFG8 = const(0xB1)
+_PERS = const(0xBD)
+_ASTEP = const(0xCA)
+_AZ_CONFIG = const(0xD6)
+_FD_CFG0 = const(0xD7)
+_INTENAB = const(0xF9)
+_CONTROL = const(0xFA)
+_FIFO_MAP = const(0xFC)
+_FIFO_LVL = const(0xFD)
+_FDATA = const(0xFE)
+
+_PON = const(0x01)
+_SP_EN = const(0x02)
+_SMUXEN = const(0x10)
+_AINT = const(0x08)
+_ASAT = const(0x80)
+_BANK_1 = const(0x10)
+_LED_SEL = const(0x08)
+_LED_ON = const(0x80)
+_SMUX_WRITE = const(0x10)
+_FIFO_CLR = const(0x02)
+_CLEAR_SAI_ACT = const(0x01)
+_SIX_COUNTS = const(0x7E)
+
+# A reset of the board does not reset the chip, so another program may have left any value in any
+# register. `start` writes all registers that can change the time or the counts of a sample.
+_SET_UP = (
+    (_CFG3, 0x0C),  # no sleep after an interrupt (SAI)
+    (_CFG8, 0x80),  # no automatic gain (SP_AGC, FD_AGC)
+    (_PERS, 0),  # AINT at every sample
+    (_AZ_CONFIG, 0xFF),  # auto-zero only before the first sample
+    (_FD_CFG0, 0x21),  # no data of the flicker detector in the FIFO
+    (_INTENAB, _AINT),
+    (_FIFO_MAP, _SIX_COUNTS),
+    (_CONTROL, _FIFO_CLR | _CLEAR_SAI_ACT),
+    (_CFG6, _SMUX_WRITE),
+)
+
+_ENTRIES = const(6)  # entries of the FIFO for a sample
+# Largest usable number of entries in the FIFO; with more, the chip may drop a part of the sample
+# that it stores next.
+_FULL = const(120)
+_SAMPLE = const(12)  # bytes
+_COUNTS = const(2)  # index in the buffer, after STATUS and ASTATUS
+_LEVEL = const(14)  # index in the buffer, after the data registers
+_OLDEST = const(15)  # index in the buffer of a sample that is read together with the level
+_FIFO_DATA = const(27)  # index in the buffer of the samples of a second transfer
+_TRIAL = const(-8)  # at most so many samples after a start may be absent from the FIFO
+_BROKEN = const(2)  # value of `_odd` after a failed transfer from the FIFO
+
+_POWER_UP_US = const(5_000)
+_SMUX_US = const(5_000)
+_AUTO_ZERO_US = const(50_000)
+_STEP_US = const(2)  # largest error: a little more than half of the exposure's step of 2.78 us
+# Time from `start` to the first integration. It is longer than the set-up by any driver at 400 kHz,
+# so that recordings do not depend on the driver.
+_START_US = const(20_000)
+_AGAIN_US = const(500)  # wait after a failed transfer
+# First registers of the pairs of registers that `check` reads back.
+_CHECKED = (_ENABLE, _CFG0, _ASTEP)
+
+
+class SensorError(Exception):
+    """Raised if the sensor is absent, is another chip, lost its settings, or stopped sampling."""
+
+
+class AS7341:
+    """One AS7341 that samples six diodes without a gap.
+
+    A runtime with its own driver of the chip overrides `_configure` and `_light`. Such a runtime
+    still uses this class to write the SMUX map and to read the samples.
+
+    Parameters
+    ----------
+    bus : object
+        I2C bus, see the module docstring.
+    clock : object
+        ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``, as in MicroPython's ``time``.
+    """
+
+    def __init__(self, bus, clock):
+        self._bus = bus
+        self._clock = clock
+        self._ticks_us = clock.ticks_us
+        self._add = clock.ticks_add
+        self._pair = bytearray(2)
+        self._byte = bytearray(1)
+        # STATUS, ASTATUS, six counts; the FIFO's level; samples from the FIFO.
+        self._burst = bytearray(_FIFO_DATA + 2 * _FULL)
+        view = memoryview(self._burst)
+        self._status = view[:_LEVEL]
+        self._level = view[_LEVEL:_OLDEST]
+        self._levelled = view[_LEVEL:_FIFO_DATA]
+        self._views = [None]  # by the number of samples
+        for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
+            self._views.append(view[_FIFO_DATA:end])
+        self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the test after a start
+        self.waits = 0  # samples in the buffer that `poll` has not returned yet
+        self._led_code = 0
+        self.led = "ldr"  # one of `light.LEDS`
+        self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
+        self._check = 0
+        self.asked = 0  # ticks at the beginning of the last poll that used the bus
+        self._settled = 0
+        self.pacing = Pacing(clock)
+        self.counts = array("i", bytes(4 * CHANNELS))
+        self.saturated = False
+        self.steady = False
+        self.complete = 0
+        self.gain = 0
+        self.plan = ()
+        self.exposure_us = 0
+        self.full_scale = 0
+        self.led_mA = 0
+        self.led_on = False
+        self.retries = 0  # failed transfers while sampling; each was repeated
+
+    def start(self, plan, gain, exposure_us, led_mA, mains_hz=0):
+        """Identify the chip, set it up and start sampling; call it again after an error.
+
+        Parameters
+        ----------
+        plan : sequence of str
+            Names of six diodes for ADC 0 to 5, see `smux.PIXELS`.
+        gain : int
+            Register code of the gain (CFG1), 0 to 10 for 0.5x to 512x.
+        exposure_us : int
+            Integration time in us. If `mains_hz` is 0, the attribute `exposure_us` becomes the
+            nearest value that the chip allows.
+        led_mA : int
+            Current of the LED driver in mA: 0 for off, or 4 to 258.
+        mains_hz : int
+            Mains frequency of flickering lamps: 50 or 60, or 0 for no lamps. With 0 the exposure
+            has the error of the chip's oscillator, a few per cent. With 50 or 60, `pacing` corrects
+            this error.
+
+        Raises
+        ------
+        SensorError
+            If no AS7341 answers, or a register does not contain the written value.
+        OSError
+            If an I2C transfer fails.
+        """
+        began = self._ticks_us()
+        self._identify()
+        image = smux_map(plan)
+        pacing = self.pacing
+        pacing.learn()
+        atime, astep = exposure.registers(
+            pacing.nominal_us(exposure_us) if mains_hz else exposure_us
+        )
+        self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
+        self._write_bank_1(_CONFIG, _LED_SEL)  # samples follow each other, without sync (SPM)
+        self._write_bank_1(_GPIO, 0)  # no photodiode at a pin
+        self._configure(atime, astep, gain, led_mA)
+        for register, value in _SET_UP:
+            self._write(register, value)
+        self._bus.write(b"\x00" + image)
+        self._write(_ENABLE, _PON | _SMUXEN)
+        self._clock.sleep_us(_SMUX_US)
+        self.plan = tuple(plan)
+        self.gain = gain
+        chip_us = exposure.actual_us(atime, astep)
+        self.exposure_us = exposure_us if mains_hz else chip_us
+        self.full_scale = exposure.full_scale(atime, astep)
+        self.led_mA = led_mA
+        self._written = bytearray((_PON, atime, 0, gain, astep & 0xFF, astep >> 8))
+        for _ in _CHECKED:
+            self.check()  # this also checks that the SMUX command is complete
+        self._written[0] = _PON | _SP_EN
+        if self.led != "ldr":
+            self._light(False)  # the breakout's own LED, which may have been on
+        self.switch_led(True)
+        left_us = _START_US - self._clock.ticks_diff(self._ticks_us(), began)
+        if left_us > 0:
+            self._clock.sleep_us(left_us)
+        self._write(_STATUS, _AINT)
+        self._write(_ENABLE, _PON | _SP_EN)
+        self.fifo = _TRIAL
+        self.waits = self._known = self._at = 0
+        self._odd = 0  # 1 if the FIFO level was not a multiple of 6, `_BROKEN` if a transfer failed
+        self.complete = now = self._ticks_us()
+        self._settled = self._add(now, -self.exposure_us)  # the LED is on already
+        pacing.start(now, chip_us)
+
+    def drifted(self):
+        """Return whether the measured exposure differs too much from the attribute `exposure_us`.
+
+        The limit is 0.7 of the exposure's smallest step, because rounding to steps alone causes
+        errors up to 0.5 of it. The next `start` with `mains_hz` corrects the exposure. Allocates
+        nothing if the result is False.
+        """
+        pacing = self.pacing
+        expected_us = pacing.sampled * self.exposure_us
+        step_us = pacing.sampled * _STEP_US * (self._written[1] + 1)
+        return not pacing.lasted_us - step_us <= expected_us <= pacing.longest_us + step_us
+
+    def stop(self):
+        """Stop sampling and switch the LED off."""
+        self.switch_led(False)
+        self._write(_ENABLE, _PON)
+
+    def burst_us(self):
+        """Return the fixed part of the last FIFO read's duration in us; 1 if no FIFO is used.
+
+        The rest of the duration is proportional to the number of samples. The result is negative
+        if the FIFO had overflowed, so that no sample was read.
+        """
+        # The level of the FIFO is one byte. Its transfer, from `asked` to `_known`, takes about as
+        # long as the overhead of the next transfer, which reads the samples.
+        return 2 * self._clock.ticks_diff(self._known, self.asked) + 1 if self.fifo > 0 else 1
+
+    def switch_led(self, on):
+        """Switch the LED on or off.
+
+        The attribute `steady` is False for samples that began before this call.
+
+        With the setting ``led=always``, the user must unplug the LED or plug it in again. This
+        call then only records the state of the LED.
+        """
+        if self.led == "ldr":
+            on = on and self.led_mA > 0
+            self._light(on)
+        elif self.led == "gpio":
+            self.gpio(on)
+        self.led_on = on
+        self.steady = False
+        self._settled = self._ticks_us()
+
+    def fetched(self):
+        """Return how many samples of the last FIFO read `poll` has returned; 1 without a FIFO."""
+        return max(1, (self._at - _FIFO_DATA) // _SAMPLE)
+
+    def poll(self):
+        """Fetch a new sample, if there is one. Allocates nothing.
+
+        One transfer reads all samples in the FIFO. This call returns the oldest sample, and the
+        next calls return the following ones. Without the FIFO, each transfer reads one sample. The
+        chip's status bit AVALID cannot show a new sample, because it stays set between samples. The
+        status bit AINT can, because each sample sets it. This method clears AINT after the read of
+        the register ASTATUS, which latches the counts.
+
+        Returns
+        -------
+        bool
+            True if there is a new sample. It is in the attributes `counts`, `saturated`, `steady`
+            and `complete` (ticks at the end of the integration).
+
+        Raises
+        ------
+        SensorError
+            If no sample arrived for two exposures plus the duration of the chip's auto-zero, or if
+            the chip samples more slowly than its exposure allows.
+        OSError
+            If all transfers failed during this time. Until then, each poll repeats the transfer.
+        """
+        waits = self.waits
+        if waits > 1:
+            self.complete = self._add(self.complete, self._step_us)
+        else:
+            if not waits:
+                self.asked = self._ticks_us()
+                try:
+                    if not (self._read_fifo() if self.fifo > 0 else self._read_burst()):
+                        return self._wait()
+                except OSError:
+                    self._fail()
+                    if self._is_overdue():
+                        raise
+                    return False
+                waits = self.waits
+            if waits:
+                self.complete = self.pacing.held(self.asked, self._known, waits)
+                if waits > 2:
+                    self._step_us = self.pacing.skip(waits - 2)
+            elif not self._take():
+                return False
+        if waits:
+            self.waits = waits - 1
+        self.saturated = unpack(self._burst, self.counts, self._at) >= self.full_scale
+        if self._burst[1] >= _ASAT:
+            self.saturated = True
+        self._at += _SAMPLE
+        if not self.steady:
+            self._settle()
+        return True
+
+    def _read_burst(self):
+        burst = self._burst
+        self._bus.read_into(ADDRESS, _STATUS, self._status)
+        if not burst[0] & _AINT:
+            return False
+        self._write(_STATUS, _AINT)
+        if self.fifo < 0:
+            self.fifo += 1
+            self._bus.read_into(ADDRESS, _FIFO_LVL, self._level)
+            held = 0
+            if burst[_LEVEL] >= _ENTRIES:
+                self.pacing.sure = 1
+                held = self._read_fifo()
+                self.pacing.sure = 0
+            if held:
+                self.fifo = 0
+                for at in range(_OLDEST, _OLDEST + _SAMPLE * held, _SAMPLE):
+                    i = 2
+                    while i < _LEVEL and burst[i] == burst[at - 2 + i]:
+                        i += 1
+                    if i == _LEVEL:
+                        self.fifo = 1
+                if not self.fifo:
+                    self.waits = 0
+        return True
+
+    def _read_fifo(self):
+        """Read all samples of the FIFO; return their number.
+
+        If the FIFO certainly contains a sample, one transfer reads the level and the oldest sample:
+        the chip's register pointer goes on from the level to the data. If the FIFO is empty then, a
+        sample that the chip stores during the transfer may be read in part. So the FIFO is cleared,
+        and the sample counts as missed.
+        """
+        sure = self.pacing.sure > 0
+        self._bus.read_into(ADDRESS, _FIFO_LVL, self._levelled if sure else self._level)
+        level = self._burst[_LEVEL]
+        # The clock is read only where its time is needed: on CircuitPython this allocates.
+        self._known = self.asked if level < _ENTRIES << sure else self._ticks_us()
+        # While the chip stores a sample, the level may for a moment not be a multiple of 6.
+        odd = 1 if level % _ENTRIES else 0
+        if level > _FULL or self._odd + odd > 1 or (sure and level < _ENTRIES):
+            self._clear()
+            level = odd = 0
+        level //= _ENTRIES
+        if not level:
+            # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
+            self._bus.read_into(ADDRESS, _ASTATUS, self._byte)
+            self._burst[1] = self._byte[0]
+        elif level > sure:
+            self._odd = _BROKEN  # unless the transfer succeeds
+            self._bus.read_into(ADDRESS, _FDATA, self._views[level - sure])
+        self._at = _OLDEST if sure else _FIFO_DATA
+        self.waits = level
+        self._odd = odd
+        return level
+
+    def _clear(self):
+        self._write(_CONTROL, _FIFO_CLR)
+        self.complete = self.asked = self._ticks_us()
+        self.pacing.overrun(self.asked)
+        if self.fifo < 0:
+            self._write(_STATUS, _AINT)  # the sample of this AINT is no longer in the FIFO
+            self.fifo = _TRIAL
+
+    def _take(self):
+        complete = self.pacing.found(self.asked, self._ticks_us())
+        self.complete = self.asked if complete is None else complete
+        self._at = _COUNTS
+        return complete is not None
+
+    def _fail(self):
+        if self.pacing.sure > 0:
+            self._odd = _BROKEN  # the transfer may have read a part of a sample
+        self.recover()
+        if not self._is_overdue():
+            self.retries += 1
+            self._clock.sleep_us(_AGAIN_US)
+
+    def _wait(self):
+        if self._is_overdue():
+            raise SensorError("the AS7341 stopped sampling; check its supply and wiring")
+        pacing = self.pacing
+        if pacing.is_slow():
+            raise SensorError(
+                "the AS7341 samples every %d us instead of every %d us; check its supply and wiring"
+                % (pacing.lasted_us // pacing.sampled, pacing.exposure_us)
+            )
+        pacing.early(self.asked)
+        return False
+
+    def _settle(self):
+        # Not called after `steady` is True: ticks wrap, so that old ticks compare wrongly.
+        # The sample began at most `longest_us` before its end: the oscillator may be 1/16 slow.
+        longest_us = (self.exposure_us * 17 >> 4) + self.pacing.slack_us
+        self.steady = self._clock.ticks_diff(self.complete, self._settled) >= longest_us
+
+    def check(self):
+        """Check that two registers of the chip still contain the written values.
+
+        Each call checks the next two registers; three calls check all six. The check is necessary
+        because I2C has no checksum, and because a chip can lose its register values.
+
+        Raises
+        ------
+        SensorError
+            If a register differs from the written value.
+        OSError
+            If the I2C transfer fails.
+        """
+        i = self._check
+        self._check = (i + 1) % len(_CHECKED)
+        self._bus.read_into(ADDRESS, _CHECKED[i], self._pair)
+        if self._pair[0] != self._written[2 * i] or self._pair[1] != self._written[2 * i + 1]:
+            raise SensorError("the AS7341 has lost its settings; check its supply and wiring")
+
+    def recover(self):
+        """Free the wires of the bus after a failed transfer; a runtime can override this method."""
+        self._bus.recover()
+
+    def saturation(self):
+        """Return the saturation of the last sample (STATUS2): 'analog', 'digital' or None."""
+        self._bus.read_into(ADDRESS, _STATUS2, self._byte)
+        return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
+
+    def report(self, reply):
+        """Add counters and state of this sensor to a reply to ``get`` (dict); no bus transfer."""
+        reply["missed"] = self.pacing.missed
+        reply["retries"] = self.retries
+        reply["fifo"] = max(self.fifo, 0)
+        reply["full_scale"] = self.full_scale
+
+    def _is_overdue(self):
+        longest_us = 2 * self.exposure_us + _AUTO_ZERO_US
+        return self._clock.ticks_diff(self.asked, self.complete) > longest_us
+
+    def _configure(self, atime, astep, gain, led_mA):
+        """Write exposure (registers `atime` and `astep`), gain code and LED current to the chip.
+
+        Called while the chip is powered and does not sample.
+        """
+        self._write(_ATIME, atime)
+        self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
+        self._write(_CFG1, gain)
+        self._led_code = exposure.led_code(led_mA)
+
+    def _light(self, on):
+        """Switch the chip's LED driver on or off."""
+        self._write_bank_1(_CONFIG, _LED_SEL)
+        self._write_bank_1(_LED, self._led_code | (_LED_ON if on else 0))
+
+    def _identify(self):
+        try:
+            self._ask_id()
+        except OSError:
+            # The chip does not answer for about 200 us after power-up (section 8.2). A third
+            # attempt is left to the caller, because each failure allocates an exception.
+            self._clock.sleep_us(_POWER_UP_US)
+            try:
+                self._ask_id()
+            except OSError:
+                self.recover()
+                raise SensorError("no chip answers at 0x39; check wiring and supply")
+        if self._byte[0] >> 2 != 9:
+            raise SensorError(
+                "the chip at 0x39 is not an AS7341 (ID 0x%02x): check the breakout" % self._byte[0]
+            )
+
+    def _ask_id(self):
+        self._write(_CFG0, 0)  # a failed transfer may have left bank 1 selected
+        self._bus.read_into(ADDRESS, _ID, self._byte)
+
+    def _write_bank_1(self, register, value):
+        self._write(_CFG0, _BANK_1)
+        try:
+            self._write(register, value)
+        finally:
+            self._write(_CFG0, 0)
+
+    def _write(self, register, value):
+        self._pair[0] = register
+        self._pair[1] = value
+        self._bus.write(self._pair)

@@ -1,0 +1,49 @@
+"""A sensor behind an I2C multiplexer TCA9548A.
+
+Only boards with ``MUX_CHANNEL`` in their configuration get this module.
+"""
+
+from ..runtime.common import MULTIPLEXER
+
+
+def connect(sensor, channel):
+    """Connect a sensor, which is not started yet, through a channel of the multiplexer.
+
+    Parameters
+    ----------
+    sensor : as7341.AS7341
+        The sensor.
+    channel : int
+        Its channel, 0 to 7.
+    """
+    if sensor._bus is None:  # CircuitPython: the sensor opens its bus later, at its start
+        from ..runtime.multiplexer_circuitpython import I2CChannel
+
+        sensor.open_i2c = I2CChannel(channel).open
+    else:
+        sensor._bus = ChannelBus(sensor._bus, channel)
+
+
+class ChannelBus:
+    """A sensor's I2C bus behind the multiplexer; selects the channel before each transfer.
+
+    Parameters
+    ----------
+    bus : object
+        The bus of the board, see `as7341`; its ``write_to(address, buffer)`` writes to any chip.
+    channel : int
+        Channel of the sensor, 0 to 7.
+    """
+
+    def __init__(self, bus, channel):
+        self.recover = bus.recover
+        self._bus = bus
+        self._channel = bytes((1 << channel,))
+
+    def read_into(self, address, register, buffer):
+        self._bus.write_to(MULTIPLEXER, self._channel)
+        self._bus.read_into(address, register, buffer)
+
+    def write(self, buffer):
+        self._bus.write_to(MULTIPLEXER, self._channel)
+        self._bus.write(buffer)

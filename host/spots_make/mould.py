@@ -1,0 +1,355 @@
+"""Moulds, caps and base of a strip as closed meshes. Needs manifold3d and trimesh.
+
+Each part lies as it is printed: with its lower face at z = 0, and without overhangs except short
+bridges. A mould is a tray and a lid. The tray's pins fit the lid in one orientation only.
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from spots import atomic
+from spots.errors import missing
+
+from .shape import (
+    BACK,
+    BEYOND,
+    CABLE_NOTCH,
+    CAP_WALL,
+    CLEARANCE,
+    END_LENGTH,
+    END_WALL,
+    FLOOR,
+    GAP_WIDTH,
+    GROOVE_DEPTH,
+    GROOVE_WIDTH,
+    GUIDE_THICKNESS,
+    GUIDE_WIDTH,
+    LAND,
+    LED_DEPTH,
+    LED_DIAMETER,
+    LID,
+    LID_PLATE,
+    LID_PLUG,
+    MIDDLE_WALL,
+    NOSE_GAP,
+    NOSE_WALL,
+    PARTS_HEIGHT,
+    PCB,
+    PIN_FOOT,
+    PIN_HEIGHT,
+    PIN_HOLE,
+    PIN_INSET,
+    PIN_TOP,
+    POST,
+    RAIL,
+    SEPTUM,
+    SIDE_WALL,
+    SLOPE,
+    STRIP_THICKNESS,
+    STRIP_WIDTH,
+    TEST_JIG,
+    TEST_LENGTH,
+    TONGUE_HEIGHT,
+    TONGUE_WIDTH,
+    StripShape,
+)
+
+_ROUND = 48  # sides of a circle
+_CUT = 1.0  # a cut reaches this far out of the surface that it opens
+
+
+def require() -> None:
+    """Raise SpotsError if manifold3d or trimesh is not installed."""
+    for package in ("manifold3d", "trimesh"):
+        if find_spec(package) is None:
+            raise missing("making moulds needs", package, "moulds")
+
+
+def parts(shape: StripShape) -> dict:
+    """Return the printed parts of a strip.
+
+    Parameters
+    ----------
+    shape : StripShape
+        Dimensions of the strip.
+
+    Returns
+    -------
+    dict of str to manifold3d.Manifold
+        Closed solids in mm. Each key is the name of the part's STL file, without its suffix.
+    """
+    guides, support = _cavities_y(2, GUIDE_WIDTH), _cavities_y(1, STRIP_WIDTH)
+    return {
+        "guides_tray": _guide_tray(shape.guide_mm),
+        "guides_lid": _lid(shape.guide_mm, guides, GUIDE_WIDTH),
+        "support_tray": _support_tray(shape),
+        "support_lid": _lid(shape.support_mm, support, STRIP_WIDTH)
+        + _frustum(GUIDE_WIDTH, shape.support_mm - 2 * CLEARANCE, GUIDE_THICKNESS).translate(
+            (0, 0, LID)
+        ),
+        "test_tray": _guide_tray(TEST_LENGTH),
+        "test_lid": _lid(TEST_LENGTH, guides, GUIDE_WIDTH),
+        "test_jig": _box(TEST_JIG, STRIP_WIDTH, STRIP_THICKNESS)
+        - _box(TEST_JIG + 2 * _CUT, GUIDE_WIDTH + 2 * CLEARANCE, GUIDE_THICKNESS + _CUT).translate(
+            (0, 0, STRIP_THICKNESS - GUIDE_THICKNESS)
+        ),
+        "sensor_cap": _sensor_cap(shape),
+        "sensor_lid": _sensor_lid(shape),
+        "led_cap": _led_cap(shape),
+        "base": _base(shape),
+    }
+
+
+def write(shape: StripShape, folder: Path) -> list[Path]:
+    """Write each part of a strip to a binary STL file in mm.
+
+    Parameters
+    ----------
+    shape : StripShape
+        Dimensions of the strip.
+    folder : Path
+        Existing folder.
+
+    Returns
+    -------
+    list of Path
+        Paths of the STL files.
+
+    Raises
+    ------
+    SpotsError
+        If a package is missing, or a file cannot be written.
+    """
+    require()
+    import trimesh
+
+    made = []
+    for name, solid in parts(shape).items():
+        mesh = solid.to_mesh()
+        faces = trimesh.Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts, process=False)
+        path = folder / f"{name}.stl"
+        with atomic.replacing(path) as file:
+            file.write(faces.export(file_type="stl"))
+        made.append(path)
+    return made
+
+
+def _rectangle(x: float, y: float):
+    from manifold3d import CrossSection
+
+    return CrossSection.square((x, y), center=True)
+
+
+def _box(x: float, y: float, z: float):
+    """Return a box of the size `x`, `y`, `z` in mm, on the plane z = 0, centred on the z axis."""
+    return _rectangle(x, y).extrude(z)
+
+
+def _between(x: tuple, y: tuple, z: tuple):
+    """Return a box whose sides lie at (low, high) along `x`, `y` and `z`, in mm."""
+    size = x[1] - x[0], y[1] - y[0], z[1] - z[0]
+    return _box(*size).translate(((x[0] + x[1]) / 2, (y[0] + y[1]) / 2, z[0]))
+
+
+def _frustum(width: float, length: float, height: float):
+    """Return a box along x that narrows upwards; its foot is `width` by `length` mm.
+
+    It is `height` mm high.
+    """
+    top = 1 - 2 * SLOPE * height / length, 1 - 2 * SLOPE * height / width
+    return _rectangle(length, width).extrude(height, scale_top=top)
+
+
+def _cylinder(height: float, foot: float, top: float | None = None):
+    from manifold3d import Manifold
+
+    return Manifold.cylinder(height, foot / 2, (foot if top is None else top) / 2, _ROUND)
+
+
+def _cavities_y(count: int, width: float) -> list[float]:
+    """Return the y coordinates in mm of the centre lines of `count` cavities in a mould.
+
+    Each cavity is `width` mm wide.
+    """
+    pitch = width + MIDDLE_WALL
+    return [(i - (count - 1) / 2) * pitch for i in range(count)]
+
+
+def _mould_width(middles: list[float], width: float) -> float:
+    return max(middles) - min(middles) + width + 2 * SIDE_WALL
+
+
+def _pins(length: float, wide: float) -> list[tuple[float, float]]:
+    """Return x and y in mm of the pins of a tray that is `length` by `wide` mm.
+
+    The pins are not symmetric, so that the lid fits in one orientation only.
+    """
+    x, y = length / 2 - 2 * PIN_INSET, wide / 2 - PIN_INSET
+    return [(-x, y), (x, y), (-x / 2, -y)]
+
+
+def _tray(length: float, middles: list[float], width: float, depth: float):
+    """Return a tray without its cavities: a block with pins, and grooves for overflowing rubber.
+
+    `length`, `width` and `depth` are those of a cavity in mm; `middles` are the y coordinates of
+    the cavities' centre lines.
+    """
+    wide, top = _mould_width(middles, width), FLOOR + depth
+    block = _box(length + 2 * END_WALL, wide, top)
+    for x, y in _pins(length, wide):
+        block += _cylinder(PIN_HEIGHT, PIN_FOOT, PIN_TOP).translate((x, y, top))
+    beside = {
+        round(m + side * (width / 2 + LAND + GROOVE_WIDTH / 2), 6)
+        for m in middles
+        for side in (-1, 1)
+    }
+    for y in beside:
+        groove = _box(length, GROOVE_WIDTH, GROOVE_DEPTH + _CUT)
+        block -= groove.translate((0, y, top - GROOVE_DEPTH))
+    # Slots to lever the lid off.
+    for side in (-1, 1):
+        slot = _box(10.0, 2.0, GROOVE_DEPTH + _CUT)
+        block -= slot.translate((length / 4, side * wide / 2, top - GROOVE_DEPTH))
+    return block
+
+
+def _lid(length: float, middles: list[float], width: float):
+    wide = _mould_width(middles, width)
+    plate = _box(length + 2 * END_WALL, wide, LID)
+    for x, y in _pins(length, wide):
+        # The tray's pins, mirrored: the lid is turned over about its long axis.
+        plate -= _cylinder(LID + 2 * _CUT, PIN_HOLE).translate((x, -y, -_CUT))
+    return plate
+
+
+def _cavity(width: float, length: float, depth: float):
+    """Return a cavity whose opening, `width` by `length` mm, is at z = 0; it is `depth` mm deep."""
+    return _frustum(width, length, depth).mirror((0, 0, 1))
+
+
+def _guide_tray(length: float):
+    middles = _cavities_y(2, GUIDE_WIDTH)
+    tray = _tray(length, middles, GUIDE_WIDTH, GUIDE_THICKNESS)
+    for y in middles:
+        opening = _opened(GUIDE_WIDTH, length, GUIDE_THICKNESS)
+        tray -= opening.translate((0, y, FLOOR + GUIDE_THICKNESS))
+    return tray
+
+
+def _opened(width: float, length: float, depth: float):
+    """Return a `_cavity` with a box above its opening, to be subtracted from a tray."""
+    return _cavity(width, length, depth) + _box(length, width, _CUT)
+
+
+def _support_tray(shape: StripShape):
+    length, depth = shape.support_mm, STRIP_THICKNESS
+    tray = _tray(length, [0.0], STRIP_WIDTH, depth)
+    tray -= _opened(STRIP_WIDTH, length, depth).translate((0, 0, FLOOR + depth))
+    # Cores of the dyed guide's pocket, which is open at both ends, and of the air gap above it.
+    pocket = _frustum(GUIDE_WIDTH, length + END_WALL, GUIDE_THICKNESS)
+    gap_mm = depth - 2 * GUIDE_THICKNESS
+    gap = _frustum(GAP_WIDTH, shape.length_mm, gap_mm).translate((0, 0, GUIDE_THICKNESS))
+    return tray + (pocket + gap).translate((0, 0, FLOOR))
+
+
+def _end_socket():
+    """Return the hole for the end of a strip, open at z = 0; the strip's lower face is at y = 0."""
+    c = CLEARANCE
+    return _between(
+        (-STRIP_WIDTH / 2 - c, STRIP_WIDTH / 2 + c),
+        (-c, STRIP_THICKNESS + c),
+        (-_CUT, END_LENGTH),
+    )
+
+
+def _window(middle_y: float, top: float):
+    """Return the hole in a cap for a light guide, from the socket of the strip up to `top`.
+
+    `middle_y` is the height of the guide's centre line above the strip's lower face. All in mm.
+    """
+    width, high = GUIDE_WIDTH / 2 + CLEARANCE, GUIDE_THICKNESS / 2 + CLEARANCE
+    return _between(
+        (-width, width), (middle_y - high, middle_y + high), (END_LENGTH - _CUT, top + _CUT)
+    )
+
+
+def _mortise(bottom: float):
+    c = CLEARANCE
+    return _between(
+        (-TONGUE_WIDTH / 2 - c, TONGUE_WIDTH / 2 + c),
+        (bottom - _CUT, bottom + TONGUE_HEIGHT + c),
+        (-_CUT, END_LENGTH + c),
+    )
+
+
+def _pocket(shape: StripShape) -> tuple[tuple, tuple]:
+    """Return the x range and the y range in mm of the breakout's pocket in the sensor cap.
+
+    The chip of a breakout in the pocket faces the dyed guide.
+    """
+    board, (x, y) = shape.board, shape.board.window_mm
+    middle = GUIDE_THICKNESS / 2
+    return (
+        (-x - CLEARANCE, board.width_mm - x + CLEARANCE),
+        (middle - y - CLEARANCE, middle + board.height_mm - y + CLEARANCE),
+    )
+
+
+def _grown(span: tuple, by: float) -> tuple:
+    return span[0] - by, span[1] + by
+
+
+def _sensor_cap(shape: StripShape):
+    x, y = _pocket(shape)
+    floor = END_LENGTH + SEPTUM
+    board = floor + PARTS_HEIGHT
+    top = board + PCB + BACK
+    cap = _between(_grown(x, CAP_WALL), _grown(y, CAP_WALL), (0, top))
+    cap -= _between(x, y, (floor, top + _CUT))
+    # Posts for the breakout, a tube (nose) around the guide, and a notch for the cable.
+    inside = _between(_grown(x, CAP_WALL / 2), _grown(y, CAP_WALL / 2), (floor - _CUT, board))
+    for px in ((x[0] - CAP_WALL, x[0] + POST[0]), (x[1] - POST[0], x[1] + CAP_WALL)):
+        for py in ((y[0] - CAP_WALL, y[0] + POST[1]), (y[1] - POST[1], y[1] + CAP_WALL)):
+            cap += _between(px, py, (floor, board)) ^ inside
+    middle, around = GUIDE_THICKNESS / 2, CLEARANCE + NOSE_WALL
+    nose = board - NOSE_GAP
+    cap += _between(
+        (-GUIDE_WIDTH / 2 - around, GUIDE_WIDTH / 2 + around),
+        (middle - GUIDE_THICKNESS / 2 - around, middle + GUIDE_THICKNESS / 2 + around),
+        (floor - _CUT, nose),
+    )
+    at = (y[0] + y[1] - CABLE_NOTCH) / 2
+    cap -= _between(
+        (x[1] - _CUT, x[1] + CAP_WALL + _CUT), (at, at + CABLE_NOTCH), (floor, top + _CUT)
+    )
+    return cap - _end_socket() - _window(middle, nose) - _mortise(-shape.base_mm)
+
+
+def _sensor_lid(shape: StripShape):
+    x, y = _pocket(shape)
+    x = -x[1], -x[0]  # the lid is turned over to close the cap
+    plate = _between(_grown(x, CAP_WALL), _grown(y, CAP_WALL), (0, LID_PLATE))
+    plug = _between(_grown(x, -CLEARANCE), _grown(y, -CLEARANCE), (0, LID_PLATE + LID_PLUG))
+    return plate + plug
+
+
+def _led_cap(shape: StripShape):
+    middle = STRIP_THICKNESS - GUIDE_THICKNESS / 2
+    half = STRIP_WIDTH / 2 + CLEARANCE + CAP_WALL
+    led = END_LENGTH + BEYOND
+    high = middle + LED_DIAMETER / 2 + CLEARANCE + CAP_WALL
+    cap = _between((-half, half), (-shape.base_mm, high), (0, led + LED_DEPTH))
+    hole = _cylinder(LED_DEPTH + _CUT, LED_DIAMETER + 2 * CLEARANCE)
+    cap -= hole.translate((0, middle, led))
+    return cap - _end_socket() - _window(middle, led) - _mortise(-shape.base_mm)
+
+
+def _base(shape: StripShape):
+    """Return the bar under the strip, with a tongue for each cap and rails beside the strip."""
+    wide = STRIP_WIDTH + 2 * (CLEARANCE + RAIL)
+    bar = _box(shape.length_mm, wide, shape.base_mm + RAIL)
+    bed = _box(shape.length_mm + 2 * _CUT, STRIP_WIDTH + 2 * CLEARANCE, RAIL + _CUT)
+    tongue = _box(shape.support_mm, TONGUE_WIDTH, TONGUE_HEIGHT)
+    return bar - bed.translate((0, 0, shape.base_mm)) + tongue

@@ -1,0 +1,36 @@
+"""The unique id of a virtual board: a hash of its sensor file without the table ``[change]``."""
+
+from __future__ import annotations
+
+import hashlib
+
+import msgspec
+
+from ..strip.change import Temperature
+from ..strip.files import SensorFile
+from ..strip.silicone import Silicone
+
+# Keys that later versions of the sensor file added, with their defaults. A key that has its default
+# does not affect the id, so a file without the key has the same id as before.
+_LATER = {
+    ("temperature", None): msgspec.to_builtins(Temperature()),
+    ("silicone", None): msgspec.to_builtins(Silicone()),
+    ("led", "wired"): "ldr",
+    ("led", "fixed_mA"): 20.0,
+    ("surroundings", "flicker_phase_deg"): 0.0,
+    ("converter", "ratio_noise_ppm"): 0.0,
+}
+
+
+def board_id(sensor: SensorFile) -> str:
+    """Return the id of a sensor's virtual board: 8 bytes in hexadecimal.
+
+    The table ``[change]`` of the sensor file does not affect the id.
+    """
+    keys = msgspec.to_builtins(sensor)
+    del keys["change"]
+    for (table, key), default in _LATER.items():
+        within, name = (keys, table) if key is None else (keys[table], key)
+        if within[name] == default:
+            del within[name]
+    return hashlib.sha256(msgspec.json.encode(keys)).hexdigest()[:16]

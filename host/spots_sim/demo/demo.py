@@ -1,0 +1,274 @@
+"""``spots demo``: runs a virtual board with an application, such as the keyboard."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import partial
+
+from spots.errors import SpotsError
+from spots.keyboard.layout import load as load_layout
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.terminal.monitor import watch
+from spots.web.board_feed import BoardReader, finder
+from spots.web.state import PageState
+from spots.web.twin_feed import driven_readers
+
+from ..board.faults import Faults, FaultyLink, of_scenario
+from ..board.link_wrapper import Tap
+from ..board.lockstep import LockstepLink
+from ..board.runtimes import headline
+from ..measure.rezeroed import recalibrated
+from ..measure.score import Score
+from ..person.stage import calibrate, set_as_calibrated
+from ..strip.files import ScenarioFile, SensorFile, load
+from ..strip.scenario import Scenario
+from . import browser
+from .demo_applications import DEMO_LAYOUT, play_controller, show_gestures, type_on_board
+from .linkage_demo import demonstrate, endless
+from .virtual import VIRTUAL, open_virtual
+
+FIVEBAR = "fivebar"
+KEYBOARD = "keyboard"
+_PAGE_LAYOUT = "digits"
+
+
+def demo(
+    sensor: str,
+    scenario: str | None,
+    seed: int,
+    seconds: float | None,
+    fast: bool,
+    quiet: bool,
+    use: str = "strip",
+    layout: str | None = None,
+    rezeroed: bool = False,
+    warm: bool = False,
+    cpu: str | None = None,
+) -> dict:
+    """Run the virtual board, show its readings, and return the results of the run.
+
+    Parameters
+    ----------
+    sensor : str
+        Sensor file: a path, or a name such as ``default``.
+    scenario : str or None
+        Scenario file: a path, or a name such as ``demo``. None selects the application's default.
+    seed : int
+        Random seed of the noise.
+    seconds : float or None
+        Duration of the run in seconds. None for no limit, but with `quiet` the application
+        ``keyboard`` ends with its scenario, and with `fast` ``fivebar`` ends with its path.
+    fast : bool
+        True for simulated time: as fast as possible, with the same bytes in each run.
+    quiet : bool
+        True to print nothing on standard output.
+    use : str
+        Application: a key of `USES`, or `FIVEBAR` for two boards on a simulated linkage.
+    layout : str, optional
+        Key layout of the application ``keyboard``: a path, or a name such as ``mini``.
+    rezeroed : bool, optional
+        Whether the calibration was corrected with a few presses (re-zero) after the change that
+        the table ``[change]`` of the sensor file describes. Needs `fast`.
+    warm : bool, optional
+        Whether the LED is warm at the start. Needs `fast`.
+    cpu : str, optional
+        Name of a processor, see `cpu.Cpu`. Needs `fast`.
+
+    Returns
+    -------
+    dict
+        Results of the run, with values that JSON supports: see `score.Score.summary` for the
+        application ``strip``, `linkage_demo.demonstrate` for ``fivebar``, and
+        `demo_applications` for the other applications. With `fast` and without ``fivebar``,
+        ``stream_sha256`` is the hash of all bytes from the board.
+
+    Raises
+    ------
+    SpotsError
+        If `use` or `cpu` is unknown, a file is missing or invalid, or the virtual board does not
+        start.
+    """
+    _check_use(use)
+    if use == FIVEBAR:
+        return demonstrate(sensor, seed, seconds, fast, quiet)
+    show, usual = USES[use]
+    if layout:
+        show = partial(_keyboard, layout=layout)
+    scenario = scenario or usual
+    file = load(ScenarioFile, scenario)
+    truth = Scenario(file)
+    if fast:
+        faults = of_scenario(file, seed)
+        board, digest = open_fast(sensor, truth, seed, faults, rezeroed, warm, cpu=cpu)
+        started_s = 0.0
+    else:
+        (board, started_s), digest = open_virtual(sensor, scenario, seed), None
+    with board:
+        if not quiet:
+            print(headline(board.info["runtime"]), flush=True)
+        if file.faults:
+            board.command("save")  # otherwise a restart would lose the calibration
+        summary = show(board, truth, started_s, seconds, quiet)
+    if digest is not None:
+        summary["stream_sha256"] = digest.hexdigest()
+    return summary
+
+
+def _check_use(use: str) -> None:
+    if use not in (*USES, FIVEBAR):
+        known = ", ".join([*USES, FIVEBAR])
+        raise SpotsError(f"there is no demo of '{use}': use one of {known} with --use")
+
+
+def _strip(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    score = Score(truth, started_s)
+    watch(board, seconds, quiet, score)
+    return score.summary(board.info, board.stats)
+
+
+def _controller(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    return _with_link(board, play_controller(board, truth, started_s, seconds, quiet))
+
+
+def _keyboard(
+    board: Board,
+    truth: Scenario,
+    started_s: float,
+    seconds: float | None,
+    quiet: bool,
+    layout: str = DEMO_LAYOUT,
+) -> dict:
+    if seconds is None and quiet:
+        seconds = truth.file.seconds - (board.now_s() - started_s)
+    return _with_link(board, type_on_board(board, truth, started_s, seconds, quiet, layout))
+
+
+def _wearable(
+    board: Board, truth: Scenario, started_s: float, seconds: float | None, quiet: bool
+) -> dict:
+    return _with_link(board, show_gestures(board, seconds, quiet))
+
+
+def _with_link(board: Board, figures: dict) -> dict:
+    return {
+        "runtime": board.info["runtime"],
+        "board": board.info["board"],
+        "frames": board.stats.frames,
+        "lost": board.stats.lost,
+        "bad_crc": board.stats.bad_crc,
+        **figures,
+    }
+
+
+# Function and default scenario of each application. The function gets the board, the scenario, the
+# host time in s at the scenario's time 0, and the duration in s. Its last argument is true to
+# print nothing. It returns the results of the run.
+USES: dict[str, tuple[Callable[[Board, Scenario, float, float | None, bool], dict], str]] = {
+    "strip": (_strip, "demo"),
+    KEYBOARD: (_keyboard, "typing"),
+    "controller": (_controller, "demo"),
+    "wearable": (_wearable, "worn"),
+}
+
+
+def open_fast(
+    sensor: str,
+    truth: Scenario,
+    seed: int,
+    faults: Faults | None = None,
+    rezeroed: bool = False,
+    warm: bool = False,
+    lines: tuple[str, ...] | None = None,
+    cpu: str | None = None,
+) -> tuple[Board, hashlib._Hash]:
+    """Open a calibrated virtual board in simulated time, and hash all bytes that the board sends.
+
+    Parameters
+    ----------
+    sensor : str
+        Sensor file: a path, or a name such as ``default``.
+    truth : Scenario
+        Fingers, strain and light over time.
+    seed : int
+        Random seed of the noise.
+    faults : Faults, optional
+        Faults of the link, the I2C bus and the board.
+    rezeroed : bool, optional
+        Whether the calibration was corrected with a few presses (re-zero) after the change that
+        the table ``[change]`` of the sensor file describes. Ignored if `lines` is given.
+    warm : bool, optional
+        Whether the LED is warm at the start.
+    lines : tuple of str, optional
+        Text lines of the calibration to use; by default, the sensor is calibrated.
+    cpu : str, optional
+        Name of a processor, see `cpu.Cpu`.
+
+    Returns
+    -------
+    board : Board
+        The board, which the caller must close.
+    digest : hash object
+        SHA-256 of all bytes from the board; updated while the board is read.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor file is missing or invalid, or the processor is unknown.
+    """
+    file = load(SensorFile, sensor)
+    calibration = lines or (recalibrated(file) if rezeroed else calibrate(file))
+    bare = LockstepLink(file, truth, seed, faults=faults, warm=warm, cpu=cpu)
+    digest = hashlib.sha256()
+    link = FaultyLink(bare, faults) if faults else bare
+    board = Board(Tap(link, lambda data, now_s: digest.update(data)))
+    try:
+        set_as_calibrated(board, file)
+        prepare(board, calibration)
+    except BaseException:
+        board.close()
+        raise
+    return board, digest
+
+
+def show_page(
+    use: str | None, sensor: str, scenario: str, seed: int, layout: str | None = None
+) -> None:
+    """Serve the web UI with a virtual board, and open it with `browser.show`.
+
+    Parameters
+    ----------
+    use : str or None
+        Application to show. For ``fivebar``, the web UI shows a simulated linkage. Otherwise it
+        shows a strip, and directly below the strip the panel of the application. None for no
+        application.
+    sensor, scenario : str
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
+    seed : int
+        Random seed of the noise.
+    layout : str, optional
+        Key layout to show: a path, or a name such as ``mini``.
+
+    Raises
+    ------
+    SpotsError
+        If `use` is unknown, the layout is missing or invalid, or for ``fivebar`` the sensor file
+        is.
+    """
+    from spots.web.serve import LOOPBACK, serve
+
+    if use is not None:
+        _check_use(use)
+    state, keys = PageState(), load_layout(layout or _PAGE_LAYOUT)
+    if use == FIVEBAR:
+        readers = driven_readers(endless(sensor, seed=seed), keys, state)
+    else:
+        readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), keys, state)]
+        state.put("application", use)
+    print(headline(), flush=True)
+    serve(state, LOOPBACK, 0, readers, browser.show)

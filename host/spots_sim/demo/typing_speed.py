@@ -1,0 +1,141 @@
+"""Measures the errors of fast typing on a virtual board.
+
+Run it with ``python -m spots_sim.demo.typing_speed 60 100``; the arguments are speeds in words a minute.
+"""
+
+from __future__ import annotations
+
+import argparse
+from statistics import median
+
+import numpy as np
+
+from spots.cli.arguments import number
+from spots.keyboard.layout import load as load_layout
+
+from ..person.stage import calibrate
+from ..person.typist import fast_typing
+from ..strip.files import SensorFile, load
+from ..strip.scenario import Scenario
+from .demo import open_fast
+from .demo_applications import type_on_board
+
+_COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
+_SPEED = number("a speed in words a minute", 1, 1000)
+
+
+def typed(
+    words_per_min: float,
+    touches: int,
+    seed: int,
+    sensor: str = "default",
+    rezeroed: bool = False,
+    warm: bool = False,
+    lines: tuple[str, ...] | None = None,
+    layout: str = "digits",
+) -> dict:
+    """Type random keys on a virtual board in simulated time, and return the results.
+
+    Parameters
+    ----------
+    words_per_min : float
+        Speed in words a minute; a word has five keys.
+    touches : int
+        Number of touches.
+    seed : int
+        Random seed of the text, the touches and the noise.
+    sensor : str, optional
+        Sensor file: a path, or a name such as ``default``.
+    rezeroed : bool, optional
+        The sensor file may describe a change of the strip since its calibration (`change`). True
+        if the calibration was corrected after this change with a few presses (re-zero). Ignored if
+        `lines` is given.
+    warm : bool, optional
+        Whether the LED is warm at the start.
+    lines : tuple of str, optional
+        Text lines of the calibration to use; by default, the sensor is calibrated.
+    layout : str, optional
+        Key layout: a path, or a name such as ``mini``.
+
+    Returns
+    -------
+    dict
+        Results of the run, see `demo_applications.type_on_board`. Also ``late_ms``: the latency of
+        each correct press, in ms.
+    """
+    length_mm = load(SensorFile, sensor).length_mm
+    file = fast_typing(load_layout(layout), words_per_min, touches, length_mm, seed)
+    truth = Scenario(file)
+    board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm, lines=lines)
+    late_ms: list[float] = []
+    with board:
+        seconds = file.seconds - board.now_s()
+        run = type_on_board(board, truth, 0.0, seconds, True, layout, late_ms)
+    return {**run, "late_ms": late_ms}
+
+
+def added(runs: list[dict]) -> dict:
+    """Return the sums of the counts of several runs, and their latencies.
+
+    Parameters
+    ----------
+    runs : list of dict
+        Results of at least one run, as `typed` returns them.
+
+    Returns
+    -------
+    dict
+        Counts as in `typing_score.TypingScore.summary`. ``error_percent`` is the number of wrong,
+        missed and extra keys per hundred touches. Each of the following has the latency percentiles
+        ``p50`` and ``p99`` in ms. ``latency_ms``: the largest of the runs' percentiles.
+        ``median_latency_ms``: the median of the runs' percentiles. ``pooled_latency_ms``: the
+        percentile over all presses of all runs.
+    """
+    total = {name: sum(run[name] for run in runs) for name in _COUNTS}
+    off = total["wrong"] + total["missed"] + total["extra"]
+    late = {p: [run["latency_ms"][p] for run in runs] for p in ("p50", "p99")}
+    pooled = [one for run in runs for one in run["late_ms"]]
+    return {
+        **total,
+        "error_percent": round(100 * off / total["touches"], 2),
+        "latency_ms": {p: max(of_runs) for p, of_runs in late.items()},
+        "median_latency_ms": {p: median(of_runs) for p, of_runs in late.items()},
+        "pooled_latency_ms": {f"p{p}": round(float(np.percentile(pooled, p)), 1) for p in (50, 99)},
+    }
+
+
+def main() -> None:
+    """Parse the command line, and print the results for each speed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "words_per_min", type=_SPEED, nargs="+", help="speed in words a minute, of five keys each"
+    )
+    parser.add_argument(
+        "--touches", type=int, default=150, help="number of touches in each run (150)"
+    )
+    parser.add_argument("--seeds", type=int, default=10, help="number of runs at each speed (10)")
+    parser.add_argument("--first-seed", type=int, default=0, help="seed of the first run (0)")
+    parser.add_argument(
+        "--exposure-us", type=int, help="exposure in us; by default, the board searches for one"
+    )
+    parser.add_argument("--layout", default="digits", help="a key layout: name or path (digits)")
+    parser.add_argument("--sensor", default="default", help="sensor file: path or name (default)")
+    parser.add_argument(
+        "--rezero",
+        action="store_true",
+        help="correct the calibration with simulated presses after the change in the sensor file",
+    )
+    parser.add_argument("--warm", action="store_true", help="start with a warm LED")
+    options = parser.parse_args()
+    lines = None
+    if options.exposure_us:
+        lines = calibrate(load(SensorFile, options.sensor), options.exposure_us)
+    strip = options.sensor, options.rezero, options.warm, lines, options.layout
+    for speed in options.words_per_min:
+        seeds = range(options.first_seed, options.first_seed + options.seeds)
+        runs = [typed(speed, options.touches, seed, *strip) for seed in seeds]
+        print(f"{speed:g} words a minute: {added(runs)}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,318 @@
+"""The port ``virtual``: real firmware on a simulated sensor, in a separate process.
+
+`spots.link.ports` describes port schemes.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from spots.calibrate.bench import Bench
+from spots.calibrate.calibration_file import CalibrationFile
+from spots.calibrate.guide import Guide
+from spots.calibrate.presser import Presser
+from spots.calibrate.session import settings
+from spots.deploy.drive import Drive
+from spots.deploy.place import Place
+from spots.deploy.prompt import Prompt
+from spots.deploy.staging import Device
+from spots.errors import SpotsError
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots.link.serial_link import SerialLink
+
+from ..board.runtimes import is_cpython
+from ..board.vm import micropython_command
+from ..person.person import follow_pipe
+from ..person.stage import Stage, calibrate, set_as_calibrated
+from ..person.stage_presser import StagePresser
+from ..strip.files import ScenarioFile, SensorFile, load
+from .linkage_demo import endless, run
+
+VIRTUAL = "virtual"
+_START_S = 10.0
+_POLL_S = 0.02
+
+
+def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
+    """Open a virtual board in real time, see `open_virtual`.
+
+    Parameters
+    ----------
+    rest : str
+        Text after ``virtual:`` in the port; must be empty.
+    sensor, scenario : str
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
+    seed : int
+        Random seed of the noise.
+
+    Returns
+    -------
+    Board
+        The board, which the caller must close.
+
+    Raises
+    ------
+    SpotsError
+        If `rest` is not empty, and in the cases of `open_virtual`.
+    """
+    _check_rest(rest)
+    return open_virtual(sensor, scenario, seed)[0]
+
+
+def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
+    """Validate the sensor and scenario file of a virtual board.
+
+    Parameters
+    ----------
+    rest : str
+        Text after ``virtual:`` in the port; must be empty.
+    sensor, scenario : str
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
+    seed : int
+        Ignored.
+
+    Raises
+    ------
+    SpotsError
+        If `rest` is not empty, or a file is missing or invalid.
+    """
+    _check_rest(rest)
+    load(SensorFile, sensor)
+    load(ScenarioFile, scenario)
+
+
+def _check_rest(rest: str) -> None:
+    if rest:
+        raise SpotsError(f"there is no port {VIRTUAL}:{rest}: write {VIRTUAL}")
+
+
+def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
+    """Return a simulated strip on a simulated stage, for ``spots calibrate`` and ``spots rezero``.
+
+    For ``spots rezero``, the strip has changed as the sensor file describes. With the port
+    ``virtual:PIPE``, a person at the terminal moves the finger through a named pipe, see
+    `person.follow_pipe`.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Options of the command.
+    made_with : Session or CalibrationFile
+        Session of ``spots calibrate``, or calibration for ``spots rezero``. If it was made with
+        this virtual board, its settings are sent to the board.
+    path : Path
+        Calibration file to write.
+    guide : Guide
+        Prints the progress.
+
+    Returns
+    -------
+    Bench
+        The board of the strip, and its presser: the stage, or the person with ``virtual:PIPE``.
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid.
+    """
+    sensor = load(SensorFile, options.sensor)
+    scenario = load(ScenarioFile, options.scenario)
+    stage = Stage(sensor, options.seed)
+    # The stage replaces the fingers; only the bend of the scenario is used.
+    stage.held.bend_deg = scenario.bend_deg
+    # A virtual board loses its settings when it ends: restore the settings of the calibration.
+    made = made_with.conditions
+    if isinstance(made_with, CalibrationFile):
+        stage.held.changed = sensor.change
+    if made is not None and made.board == stage.reader.conditions.board:
+        stage.board.command("set " + settings(made))
+        stage.take_dark()
+        stage.reader.set_up()
+    length_um = 1000 * (options.length_mm or sensor.length_mm)
+    presser: Presser = StagePresser(stage)
+    if pipe := options.port.partition(":")[2]:
+        follow_pipe(stage.held, Path(pipe))
+        presser = Presser(guide)
+    return Bench(stage.reader, presser, guide, length_um, path)
+
+
+# Functions that `spots.link.ports` expects in the module of a port scheme, for a whole linkage.
+linkage, run_linkage = endless, run
+
+
+@contextmanager
+def flash_place(device: Device) -> Iterator[Place]:
+    """Start a virtual board with an empty file system, for `spots.deploy.flash`."""
+    with tempfile.TemporaryDirectory() as folder, virtual_board(Path(folder), device) as there:
+        yield there
+
+
+@contextmanager
+def virtual_board(folder: Path, device: Device) -> Iterator[Place]:
+    """Start a virtual board whose file system is a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        File system of the board; for CircuitPython, its drive. No firmware is copied to it.
+    device : Device
+        The virtual board to start.
+
+    Yields
+    ------
+    Place
+        The running board, with its ports and its file system, for `spots.deploy`.
+    """
+    start, end = start_simulator("default", "demo", 0, str(folder), device.name)
+    try:
+        heard = lambda: [start["port"]]  # noqa: E731
+        if device.runtime == "circuitpython":
+            _await_drive(folder)
+            yield Place(str(folder), lambda: Drive(str(folder), start["console"]), heard)
+        else:
+            yield Place(start["port"], lambda: Prompt(start["port"]), heard)
+    finally:
+        end()
+
+
+def _await_drive(folder: Path) -> None:
+    end_s = time.monotonic() + _START_S
+    while True:
+        try:
+            Drive(str(folder)).close()
+            return
+        except SpotsError:
+            if time.monotonic() > end_s:
+                raise SpotsError(
+                    f"the virtual board did not start within {_START_S:g} s: try again"
+                ) from None
+        time.sleep(_POLL_S)
+
+
+def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
+    """Start a virtual board in real time, calibrated on the simulated stage, and open it.
+
+    Parameters
+    ----------
+    sensor, scenario : str
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
+    seed : int
+        Random seed of the noise, 0 or more.
+
+    Returns
+    -------
+    board : Board
+        The board. Closing it stops the virtual board.
+    started_s : float
+        Host time in seconds at which the scenario's time is 0.
+
+    Raises
+    ------
+    SpotsError
+        If a file is missing or invalid, `seed` is negative, or the board does not start.
+    """
+    if seed < 0:
+        raise SpotsError(f"the seed must be a whole number of 0 or more, not {seed}")
+
+    file = load(SensorFile, sensor)
+    calibration = calibrate(file)
+    start, end = start_simulator(sensor, scenario, seed)
+    try:
+        board = _opened(start["port"])
+    except BaseException:
+        end()
+        raise
+    board.when_closed(end)
+    try:
+        set_as_calibrated(board, file)
+        prepare(board, calibration)
+    except BaseException:
+        board.close()
+        raise
+    return board, start["started_s"]
+
+
+def _opened(port: str) -> Board:
+    """Open a board that may still be starting; repeat failed attempts for up to 10 s."""
+    end_s = time.monotonic() + _START_S
+    while True:
+        try:
+            return Board(SerialLink(port))
+        except SpotsError:
+            if time.monotonic() > end_s:
+                raise
+
+
+def start_simulator(
+    sensor: str,
+    scenario: str,
+    seed: int,
+    folder: str = "",
+    board: str = VIRTUAL,
+    strips: int = 1,
+) -> tuple[dict, Callable[[], None]]:
+    """Start a virtual board in a separate process.
+
+    Parameters
+    ----------
+    sensor, scenario : str
+        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
+    seed : int
+        Random seed of the noise.
+    folder : str
+        Folder that is the board's file system; no firmware is copied into it. Only possible with
+        MicroPython. If empty, a temporary folder with the firmware is used.
+    board : str
+        Name of the virtual board: ``virtual`` or ``virtual_circuitpython``.
+    strips : int
+        Number of strips on the board, 1 or 2.
+
+    Returns
+    -------
+    start : dict
+        ``port``: port for frames. ``console``: port with the prompt; it differs from ``port`` only
+        on CircuitPython. ``started_s``: host time of power-on in seconds.
+    end : callable
+        ``end()`` stops the board and waits for its process.
+
+    Raises
+    ------
+    SpotsError
+        If the board does not start.
+    """
+    if not folder and is_cpython(board):
+        module, more = "cpython_realtime", (str(strips),)
+    else:
+        micropython_command()  # raises SpotsError before the process starts
+        module, more = "realtime", (board, folder, str(strips))
+    process = subprocess.Popen(
+        [sys.executable, "-m", f"spots_sim.{module}", sensor, scenario, str(seed), *more],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+    def end():
+        process.stdin.close()
+        process.wait()
+        process.stdout.close()  # only now, because a starting process still writes to it
+
+    try:
+        line = process.stdout.readline()
+    except BaseException:
+        end()
+        raise
+    start = json.loads(line or '{"error": "the simulator did not start: see its error above"}')
+    if "error" in start:
+        end()
+        raise SpotsError(start["error"])
+    return start, end

@@ -1,0 +1,150 @@
+"""The Cramer-Rao bound: the smallest standard deviation that an unbiased estimate can have.
+
+The bound is computed from the simulated optics and noise. It does not depend on the calibration.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..chip.as7341 import GAIN
+from ..strip.change import NONE
+from ..strip.files import SensorFile
+from ..strip.optics import Optics
+from ..strip.scenario import Press
+from ..strip.silicone import Memory
+from ..strip.world import coupling
+
+_ROUNDING_VARIANCE = 1 / 12  # of a count, by rounding to whole counts
+_STEP_MM = 1e-3
+_STEP_MN = 1.0
+
+
+class Bound:
+    """The Cramer-Rao bound of a simulated sensor, for readings with six counts.
+
+    `sigma` returns the bounds for the position of a press, and for the light that the press couples
+    into the dyed light guide. `force_sigma_mN` returns the bound for its force.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor.
+    plan : sequence of str
+        Names of the six diodes, in the order of the counts.
+    gain : int
+        Register code of the gain, 0 to 10.
+    exposure_us : float
+        Integration time in us.
+    led_mA : float
+        LED current that is set in the chip, in mA.
+    average : int
+        Number of samples in a reading.
+    change : Change
+        Change of the sensor since its calibration.
+    """
+
+    def __init__(
+        self, sensor: SensorFile, plan, gain: int, exposure_us, led_mA, average=1, change=NONE
+    ):
+        led_mA = sensor.led.current_mA(led_mA)
+        optics = Optics(sensor, change, sensor.temperature.led_K_per_mA * led_mA)  # warm LED
+        self._sensor = sensor
+        self._optics = optics
+        self._columns = [optics.names.index(diode) for diode in plan]
+        self._average = average
+        self._led = sensor.led.noise_ppm_10ms * 1e-6 * (10_000 / exposure_us / average) ** 0.5
+        converter = sensor.converter
+        scale = GAIN[gain] * exposure_us / 1000
+        self._scale = scale * optics.source_uW_cm2(led_mA)
+        self._electrons = converter.electrons_per_count_1x / GAIN[gain]
+        dark = converter.dark_counts_512x * GAIN[gain] / GAIN[10] * exposure_us / 98_000
+        outside = scale * optics.ambient(sensor.surroundings.irradiance_uW_cm2)
+        self._pedestal = dark + outside[self._columns]
+
+    def counts(self, position_um, force_mN, width_mm=4.0, strain=0.0, bend_deg=0.0):
+        """Return the six expected counts of one sample, without dark counts and ambient light.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end, in um.
+        force_mN : float
+            Force of the press in mN.
+        width_mm : float
+            Width of the press along the strip, in mm.
+        strain : float
+            Strain of the strip: elongation divided by the length at rest.
+        bend_deg : float
+            Bending angle of the strip in degrees.
+
+        Returns
+        -------
+        numpy.ndarray, shape (6,)
+            Expected counts.
+        """
+        rates = self._optics.press(position_um / 1000, width_mm, strain, bend_deg)
+        return rates[self._columns] * self._scale * self._coupling(force_mN)
+
+    def _coupling(self, force_mN: float) -> float:
+        # The first press of a strip has no creep and no hysteresis. The largest earlier force,
+        # `Silicone.preload_mN`, has softened the strip.
+        effective = Memory(self._sensor.silicone).effective_mN([Press(0.0, force_mN, 0.0)], 0.0)
+        return coupling(self._sensor.contact, effective[0])
+
+    def force_sigma_mN(self, position_um: float, force_mN: float) -> float:
+        """Return the Cramer-Rao bound of a force that is estimated from one reading, in mN.
+
+        The bound includes the noise of the LED, which is the same in all channels.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end, in um.
+        force_mN : float
+            Force of the press in mN.
+
+        Returns
+        -------
+        float
+            Smallest standard deviation of the force.
+        """
+        _, light = self.sigma(position_um, force_mN)
+        ahead, back = (self._coupling(force_mN + step) for step in (_STEP_MN, -_STEP_MN))
+        return math.hypot(light, self._led) / (math.log(ahead / back) / (2 * _STEP_MN))
+
+    def sigma(self, position_um, force_mN, **press) -> tuple[float, float]:
+        """Return the Cramer-Rao bounds of position and light, from one reading.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end, in um.
+        force_mN : float
+            Force of the press in mN.
+        **press : float
+            Further parameters of `counts`: width_mm, strain, bend_deg.
+
+        Returns
+        -------
+        tuple of float
+            Smallest standard deviations: of the position in um, and of the natural logarithm of the
+            coupled light.
+        """
+        counts = self.counts(position_um, force_mN, **press)
+        step_um = 1000 * _STEP_MM
+        ahead = self.counts(position_um + step_um, force_mN, **press)
+        back = self.counts(position_um - step_um, force_mN, **press)
+        variance = (
+            self._sensor.converter.read_noise_counts**2
+            + _ROUNDING_VARIANCE
+            + (counts + self._pedestal) / self._electrons
+            + (1e-6 * self._sensor.converter.ratio_noise_ppm * counts) ** 2
+        ) / self._average
+        # Fisher information of the position and of the logarithm of the light. The noise of the LED
+        # changes only the light, because it is the same in all channels.
+        jacobian = np.stack([(ahead - back) / (2 * step_um), counts], axis=1)
+        covariance = np.linalg.inv(jacobian.T @ (jacobian / variance[:, None]))
+        return float(np.sqrt(covariance[0, 0])), float(np.sqrt(covariance[1, 1]))

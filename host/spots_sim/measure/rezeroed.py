@@ -1,0 +1,151 @@
+"""Changes a calibrated simulated strip, then corrects its calibration with presses (re-zero)."""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from spots.calibrate.bench import Bench, samples_of
+from spots.calibrate.calibration_file import CalibrationFile, Marks, now
+from spots.calibrate.guide import Guide
+from spots.calibrate.presses import FIRM_MN, MARKS
+from spots.calibrate.rezero import rezero
+from spots.calibrate.steps import DARK_S
+from spots.errors import SpotsError
+from spots_device.sensor.exposure import DEFAULT_US
+
+from ..person.kept import kept
+from ..person.stage import Stage
+from ..person.stage_presser import StagePresser
+from ..strip.change import Change
+from ..strip.files import SensorFile
+from .rig import Rig
+
+# Tremor of a resting finger as a share of its force, assumed. As in reality, it averages out the
+# rounding of small counts.
+_TREMOR = 0.02
+_NOBODY = Path("characterize")  # stands for the calibration file in error messages
+
+
+@dataclass(frozen=True)
+class Hand:
+    """Options of a re-zero: the person presses marked positions again to correct a calibration.
+
+    Attributes
+    ----------
+    marks : int
+        Number of marks to press: 0 for no re-zero, 1 for a quick re-zero, 3 for a complete one.
+    presses : int
+        Number of presses on each mark.
+    error_um : float
+        Standard deviation of the position error of a press on a mark, in um. The presses of the
+        calibration itself have no position error.
+    scale : bool
+        Whether a scale shows the force of each press, so that the force is corrected too.
+    """
+
+    marks: int = 0
+    presses: int = 1
+    error_um: float = 0.0
+    scale: bool = False
+
+    def check(self) -> None:
+        """Raise SpotsError if `marks` or `error_um` is invalid."""
+        if self.marks not in (0, 1, len(MARKS)):
+            raise SpotsError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
+        if not 0 <= self.error_um < math.inf:
+            raise SpotsError(f"--mark-error-um must be 0 or more, not {self.error_um:g}")
+
+
+NO_HAND = Hand()
+
+
+class _ShakyPresser(StagePresser):
+    def __init__(self, stage, error_um: float, rng):
+        super().__init__(stage)
+        self._error_um, self._rng = error_um, rng
+
+    def press(self, wanted) -> None:
+        off_um = self._error_um * self._rng.standard_normal()
+        self._stage.press(wanted.place_um + off_um, wanted.force_mN)
+
+
+def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
+    """Return board, strip and presser as a `Bench`, for a re-zero that prints nothing.
+
+    Parameters
+    ----------
+    stage : Stage
+        Stage with the strip.
+    presser : StagePresser
+        Presses the strip.
+
+    Returns
+    -------
+    Bench
+    """
+    guide = Guide(Console(file=io.StringIO()))
+    return Bench(stage.reader, presser, guide, stage.length_um, _NOBODY)
+
+
+@kept(tuple[str, ...])
+def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
+    """Calibrate a simulated sensor, change the sensor, and correct the calibration (re-zero).
+
+    The table ``[change]`` of the sensor file describes the change. Returns the text lines of the
+    corrected calibration.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor's readings do not allow a calibration.
+    """
+    with Rig(sensor, 0, DEFAULT_US, 1) as rig:
+        age(rig, sensor.change, Hand(len(MARKS)), 0)
+        return rig.shifted_lines
+
+
+def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
+    """Change a calibrated strip, then correct its calibration with a few presses (re-zero).
+
+    Parameters
+    ----------
+    rig : Rig
+        A calibrated strip.
+    change : Change
+        Change of the strip since its calibration.
+    hand : Hand
+        Options of the re-zero.
+    seed : int
+        Random seed of the position errors, see `Hand.error_um`.
+
+    Returns
+    -------
+    str or None
+        Description of the drift; None without a re-zero.
+    """
+    if not hand.marks:
+        rig.stage.held.changed = change
+        return None
+    rig.stage.held.tremor = _TREMOR
+    presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
+    bench, reader = silent_bench(rig.stage, presser), rig.stage.reader
+    places_um = [share * rig.stage.length_um for share in MARKS]
+    reader.set_up(dark_s=DARK_S)
+    samples = samples_of("mark", rig.conditions.exposure_us)
+    logs = rig.stage.read(places_um, [FIRM_MN], samples).logs
+    marks = Marks(
+        place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))
+    )
+    made = CalibrationFile(date=now(), **rig.conditions._asdict(), lines=rig.lines, marks=marks)
+    rig.stage.held.changed = change
+    force_mN = FIRM_MN if hand.scale else None
+    done = rezero(bench, made, hand.presses, hand.marks == 1, force_mN).rezeros[-1]
+    rig.stage.held.tremor = 0.0
+    rig.shift(done.place_um, done.shifts)
+    return done.drift

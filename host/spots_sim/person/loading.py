@@ -1,0 +1,152 @@
+"""Loads and unloads a simulated strip, to measure creep and hysteresis of its silicone.
+
+A load is a press whose force rises, may stay constant for some time, and falls again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spots.calibrate.silicone import fit_silicone
+from spots.link.board import Board, of_sensor
+from spots.link.connect import prepare
+from spots.link.frames import Touch
+from spots_device.reading.decode import LED_OFF
+
+from ..board.lockstep import LockstepLink
+from ..strip.files import Finger, ScenarioFile, SensorFile
+from ..strip.scenario import Scenario
+
+START_S, REST_S = 3.0, 10.0  # time of the first load, and pause after each load
+# Loads that calibrate the silicone: position as a share of the length, largest force in mN, and
+# durations of loading and hold in s. The first load holds its force for creep.
+SESSION = (
+    (0.5, 5000.0, 0.1, 60.0),
+    (0.3, 9500.0, 1.0, 0.0), (0.3, 9500.0, 4.0, 0.0), (0.3, 9500.0, 12.0, 0.0),
+    (0.7, 4500.0, 2.0, 0.0), (0.7, 2000.0, 1.0, 0.0),
+)  # fmt: skip
+
+
+def points(loads) -> list[list[tuple[float, float, float]]]:
+    """Return the force over time of each load, as points joined by straight lines.
+
+    Each point is a tuple: time in s, position as a share of the strip's length, force in mN. The
+    loads are those of `record`.
+    """
+    found, at_s = [], START_S
+    for share, force_mN, ramp_s, hold_s in loads:
+        times_s = at_s + np.cumsum([0.0, ramp_s, hold_s or 1e-3, ramp_s])
+        found.append([(t, share, f) for t, f in zip(times_s, (0.0, force_mN, force_mN, 0.0))])
+        at_s = times_s[-1] + REST_S
+    return found
+
+
+def record(sensor: SensorFile, lines, loads, seed: int = 0, led: str = ""):
+    """Press a simulated strip with a series of loads, and read the strip through the firmware.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor.
+    lines : sequence of str
+        Text lines of the sensor's calibration.
+    loads : sequence of (float, float, float, float)
+        Each load: its position as a share of the length, its largest force in mN, the duration of
+        the loading in s, and the duration of the hold in s. The unloading lasts as long as the
+        loading.
+    seed : int
+        Random seed of the noise.
+    led : str
+        LED settings: assignments for the board's command ``set``, such as ``led=always``. Empty if
+        the LED is on the pin LDR of the AS7341.
+
+    Returns
+    -------
+    numpy.ndarray, shape (5, n)
+        One column for each reading with the LED on. Rows: time in s, true force in mN, measured
+        force in mN, true position as a share of the length, and measured position in um.
+    """
+    whole = points(loads)
+    end_s = whole[-1][-1][0] + REST_S
+    fingers = [
+        Finger(points=[(t, share * sensor.length_mm, force) for t, share, force in load])
+        for load in whole
+    ]
+    scenario = Scenario(ScenarioFile(seconds=end_s, touch=fingers))
+    with Board(LockstepLink(sensor, scenario, seed=seed, warm=True)) as board:
+        set_light(board, sensor, led)
+        prepare(board, lines)
+        board.command("stream touch")
+        rows = [
+            (frame.time_s, frame.force_mN, frame.position_um)
+            for frame in board.frames(end_s - board.now_s())
+            if isinstance(frame, Touch) and not frame.flags & LED_OFF
+        ]
+    time_s, read_mN, read_um = np.nan_to_num(np.array(rows, float).T)
+    force_mN, place = loaded(loads, time_s)
+    return np.array([time_s, force_mN, read_mN, place, read_um])
+
+
+def silicone_lines(sensor: SensorFile, lines, led: str = "") -> tuple[str, ...]:
+    """Measure hysteresis and creep of a simulated strip, so that the board can compensate them.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor; the table ``[change]`` of its file (ageing and drift) is ignored.
+    lines : sequence of str
+        Text lines of the sensor's calibration, which compensates neither effect.
+    led : str
+        LED settings, see `record`.
+
+    Returns
+    -------
+    tuple of str
+        The calibration line ``silicone``, from which the board compensates both effects. Empty if
+        the silicone is ideal or the fit finds no effect.
+    """
+    if sensor.silicone.ideal:
+        return ()
+    line = fit_silicone(*record(sensor.unchanged(), lines, SESSION, led=led)[:4]).line
+    return (line,) if line else ()
+
+
+def set_light(board: Board, sensor: SensorFile, led: str, number: int = 0) -> None:
+    """Send the mains frequency and the LED settings to a board.
+
+    Parameters
+    ----------
+    board : Board
+        Board to change.
+    sensor : SensorFile
+        Sensor file of the strip; the mains frequency is that of its flickering lamps.
+    led : str
+        LED settings, see `record`.
+    number : int, optional
+        Number of the strip on the board.
+    """
+    if sensor.mains_hz:
+        board.command(of_sensor(f"set mains_hz={sensor.mains_hz}", number))
+    if led:
+        board.command(of_sensor("set " + led, number))
+
+
+def loaded(loads, time_s) -> tuple[np.ndarray, np.ndarray]:
+    """Return the true force and position of a series of loads at given times.
+
+    Parameters
+    ----------
+    loads : sequence of (float, float, float, float)
+        The loads, see `record`.
+    time_s : numpy.ndarray, shape (n,)
+        Times in s.
+
+    Returns
+    -------
+    force_mN, place : numpy.ndarray, shape (n,)
+        Force in mN, and position as a share of the length, at each time.
+    """
+    whole = np.array(points(loads))
+    force_mN = np.interp(time_s, whole[:, :, 0].ravel(), whole[:, :, 2].ravel())
+    last = np.searchsorted(whole[:, 0, 0], time_s, side="right") - 1
+    return force_mN, whole[last.clip(0), 0, 1]

@@ -1,0 +1,311 @@
+"""A simulated stage that presses a simulated strip, read through the real firmware."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from spots.calibrate.fit import fit
+from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
+from spots.calibrate.spectra import SpectrumReader
+from spots.errors import SpotsError
+from spots.link.board import Board
+
+from ..board.lockstep import LockstepLink
+from ..strip.files import SensorFile
+from ..strip.scenario import Held, Press
+from .kept import kept
+from .loading import set_light, silicone_lines
+
+PLACES = 33  # default number of positions in `Stage.along`
+FORCES = 30  # number of forces in `Stage.pressed`
+NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
+_WIDTH_MM = 4.0
+WARM_S = 120.0  # the LED is warm before the first press
+_OSCILLATOR_S = 30.0  # time in which a board measures its sensor's oscillator to 10 ppm
+_SEARCH_TIMEOUT_S = 600.0
+
+
+class Stage:
+    """A simulated strip on a stage that presses it with an indenter, read through the firmware.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor. The table ``[change]`` of its file (ageing and drift) is ignored; set
+        the attribute `held.changed` instead.
+    seed : int
+        Random seed of the noise.
+    settings : str
+        Assignments for the command ``set``, such as ``exposure_us=100000``. Under flickering lamps
+        `mains_hz` is set first.
+    warm_s : float
+        Time in seconds for which the LED has been on when the board boots.
+    """
+
+    def __init__(
+        self, sensor: SensorFile, seed: int = 0, settings: str = "", warm_s: float = WARM_S
+    ):
+        self.sensor = sensor
+        self.held = Held()
+        self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=warm_s))
+        if sensor.led.wired != "ldr":
+            self.board.command("set led=" + sensor.led.wired)
+        if sensor.mains_hz:
+            self.board.command(f"set mains_hz={sensor.mains_hz}")
+            for _ in self.board.frames(_OSCILLATOR_S):
+                pass
+        if settings:
+            self.board.command("set " + settings)
+        self.take_dark()
+        self.reader = SpectrumReader(self.board)
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(self, *exception) -> None:
+        self.board.close()
+
+    @property
+    def length_um(self) -> float:
+        """Present length of the strip in um, including its strain."""
+        return 1000 * self.sensor.length_mm * (1 + self.held.strain)
+
+    def expose(self, exposure_us: int | None = None) -> None:
+        """Press firmly near the sensor, and let the board search for gain and LED current.
+
+        Parameters
+        ----------
+        exposure_us : int, optional
+            Exposure in us to set after the search, because the search may lengthen the exposure.
+
+        Raises
+        ------
+        SpotsError
+            If no setting fits this strip.
+        """
+        self.press(NEAR_UM, FULL_MN)
+        self.board.command("auto", timeout_s=_SEARCH_TIMEOUT_S)
+        self.release()
+        if exposure_us is not None:
+            self.board.command(f"set exposure_us={exposure_us}")
+        self.take_dark()
+        self.reader.set_up()
+
+    def take_dark(self) -> None:
+        """Take a dark frame (counts without the LED's light) if the board cannot switch the LED.
+
+        An LED that is always on is unplugged for this time.
+        """
+        if self.sensor.led.wired == "always":
+            self.held.unplugged = True
+            self.board.command("dark off", timeout_s=_SEARCH_TIMEOUT_S)
+            self.held.unplugged = False
+
+    def press(self, position_um: float, force_mN: float) -> None:
+        """Press the strip until the next call of `press` or `release`.
+
+        Parameters
+        ----------
+        position_um : float
+            Distance of the press from the sensor's end of the strip, in um.
+        force_mN : float
+            Force of the press in mN.
+        """
+        self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
+
+    def turn(self, angle_deg: float, direction: int = 1) -> None:
+        """Turn the joint, which bends the strip and slides an indenter along it.
+
+        Parameters
+        ----------
+        angle_deg : float
+            Angle of the joint in degrees.
+        direction : int
+            1 if the angle is reached from below, -1 if from above.
+        """
+        self.held.bend_deg = angle_deg
+        self.press(self.sensor.indenter_um(angle_deg, direction), self.sensor.joint.force_mN)
+
+    def release(self) -> None:
+        """Lift the indenter."""
+        self.held.press = None
+
+    def read(self, places_um, forces_mN, samples: int) -> Presses:
+        """Press at each position with each force and return the readings.
+
+        Parameters
+        ----------
+        places_um : sequence of float
+            Distances from the sensor's end of the strip, in um.
+        forces_mN : sequence of float
+            Forces in mN.
+        samples : int
+            Samples for each press; the reading is their mean.
+
+        Returns
+        -------
+        Presses
+            One row for each press: first all positions with the first force, then all positions
+            with the second force, and so on.
+        """
+        rows = []
+        for force_mN in forces_mN:
+            for place_um in places_um:
+                self.press(place_um, force_mN)
+                r = self.reader.read(samples)
+                rows.append((place_um, force_mN, r.counts, r.variance, r.saturated))
+        self.release()
+        return Presses(*(np.array(column) for column in zip(*rows)))
+
+    def along(self, places: int = PLACES, samples: int = 24) -> Presses:
+        """Press with the force `FIRM_MN` at positions along the whole strip.
+
+        Parameters
+        ----------
+        places : int
+            Number of positions, evenly spaced from end to end.
+        samples : int
+            Samples that are averaged at each position.
+
+        Returns
+        -------
+        Presses
+            One row for each position.
+        """
+        return self.read(np.linspace(0, self.length_um, places), [FIRM_MN], samples)
+
+    def pressed(self, samples: int = 8) -> Presses:
+        """Press at a few positions with forces from the smallest detectable one to `FULL_MN`.
+
+        Parameters
+        ----------
+        samples : int
+            Samples that are averaged for each press.
+        """
+        places_um = [share * self.length_um for share in FORCE_PLACES]
+        forces_mN = np.geomspace(self._least_mN(max(places_um)), FULL_MN, FORCES)
+        return self.read(places_um, forces_mN, samples)
+
+    def _least_mN(self, place_um: float) -> float:
+        # Bisection for the smallest force with light in every channel.
+        low_mN, high_mN = 1.0, FULL_MN
+        while high_mN > 1.02 * low_mN:
+            middle_mN = (low_mN * high_mN) ** 0.5
+            self.press(place_um, middle_mN)
+            if self.reader.read(4).dark:
+                low_mN = middle_mN
+            else:
+                high_mN = middle_mN
+        return high_mN
+
+
+def calibrate(sensor: SensorFile, exposure_us: int | None = None) -> tuple[str, ...]:
+    """Calibrate a simulated sensor, and return the text of the calibration.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor.
+    exposure_us : int, optional
+        Exposure in microseconds; by default, the board searches for one.
+
+    Returns
+    -------
+    tuple of str
+        Text lines of the calibration.
+
+    Raises
+    ------
+    SpotsError
+        If the sensor's readings do not allow a calibration.
+    """
+    return _calibrated(sensor, exposure_us)[0]
+
+
+def strip_lines(lines, number: int) -> list[str]:
+    """Return calibration lines, changed so that they are valid for another strip of the board.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Calibration lines of strip 0.
+    number : int
+        New number of the strip; with 0, the lines stay unchanged.
+
+    Returns
+    -------
+    list of str
+        Calibration lines of the other strip.
+    """
+    end = f"-{number}" if number else ""
+    return [line + end if line.startswith("board ") else line for line in lines]
+
+
+def check_light(along: Presses, pressed: Presses) -> None:
+    """Raise an error if a press along the strip is too dark, or if any press is saturated.
+
+    Parameters
+    ----------
+    along : Presses
+        Presses along the strip, see `Stage.along`.
+    pressed : Presses
+        Presses with different forces, see `Stage.pressed`.
+
+    Raises
+    ------
+    SpotsError
+        If a press is too dark or saturated. The message names the position of the press.
+    """
+    too_dark = "too dark: choose a longer exposure or a brighter strip"
+    for presses, bad, trouble in (
+        (along, (along.counts < 1).any(axis=1), too_dark),
+        (along, along.saturated, "saturated: choose a shorter exposure"),
+        (pressed, pressed.saturated, "saturated: choose a shorter exposure"),
+    ):
+        if bad.any():
+            where_mm = presses.position_um[bad][0] / 1000
+            raise SpotsError(f"the press at {where_mm:g} mm is {trouble}")
+
+
+def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None:
+    """Send a board the settings that `calibrate` used: mains frequency, LED and dark frame.
+
+    Parameters
+    ----------
+    board : Board
+        Board to change.
+    sensor : SensorFile
+        Sensor file of the strip; it also describes the LED's wiring, and lamps in the room.
+    number : int, optional
+        Number of the strip on the board.
+    """
+    set_light(board, sensor, led_settings(sensor), number)
+
+
+def led_settings(sensor: SensorFile) -> str:
+    """Return the LED settings that `calibrate` used, as assignments for ``set``.
+
+    They are empty if the LED is on the pin LDR of the AS7341.
+    """
+    return "" if sensor.led.wired == "ldr" else _calibrated(sensor, None)[1]
+
+
+@kept(tuple[tuple[str, ...], str])
+def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str, ...], str]:
+    """Calibrate a sensor at an exposure; return calibration lines and LED settings.
+
+    If `exposure_us` is None, the board searches for the exposure. The LED settings are
+    assignments such as ``led=gpio`` for the board's command ``set``.
+    """
+    with Stage(sensor) as stage:
+        stage.expose(exposure_us)
+        along, pressed = stage.along(), stage.pressed()
+        noise = Noise.of(along, pressed)
+        check_light(along, pressed)
+        lines = tuple(fit({0: along}, pressed, noise, stage.reader.conditions))
+        led = "led=" + sensor.led.wired
+        if sensor.led.wired == "always":
+            state = stage.board.command("get")
+            numbers = state["gain"], state["exposure_us"], *state["dark"]
+            led += " dark=" + ",".join(map(str, numbers))
+    return (*lines, *silicone_lines(sensor, lines, "" if sensor.led.wired == "ldr" else led)), led

@@ -1,0 +1,349 @@
+"""A simulated typist: converts text to touches of a strip; also converts key events to text."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from spots.errors import SpotsError
+from spots.keyboard.layout import KeyLayout, parts_of
+from spots.outputs.usages import KEYBOARD, USAGES, name_of, usage_of
+from spots_device.keys import layout as lines_of
+
+from ..strip.files import Finger, ScenarioFile
+
+_SHIFT = 0x22  # bits of the left and the right shift key
+_SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
+_CHARACTERS = {" ": "SPACEBAR", "\n": "ENTER"}
+_RISE_S, _FIRM_MN = 0.02, 7000.0
+
+
+class TypedText:
+    """Converts key events to the text that a computer would show.
+
+    Attributes
+    ----------
+    text : str
+        The typed text. A key without a character appears as its name in angle brackets.
+    down : set of (int, int)
+        HID usage page and usage of each pressed key.
+    presses : int
+        Number of key presses.
+    """
+
+    def __init__(self):
+        self.text = ""
+        self.down: set[tuple[int, int]] = set()
+        self.presses = 0
+
+    def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
+        """Handle a key event.
+
+        Parameters
+        ----------
+        page, usage : int
+            HID usage page and usage of the key.
+        modifiers : int
+            Bits of the modifier keys that are pressed with the key.
+        pressed : bool
+            True for a press, False for a release.
+        """
+        if not pressed:
+            self.down.discard((page, usage))
+            return
+        self.down.add((page, usage))
+        self.presses += 1
+        name = name_of(page, usage)
+        if name == "BACKSPACE":
+            self.text = self.text[:-1]
+        else:
+            self.text += _character(page, usage, modifiers) or f"<{name}>"
+
+
+def _character(page: int, usage: int, modifiers: int) -> str | None:
+    by_name = {name: character for character, name in _CHARACTERS.items()}
+    known = USAGES.get((page, usage))
+    if known is None or modifiers & ~_SHIFT:
+        return None
+    if known.name in by_name:
+        return by_name[known.name]
+    character = known.pynput
+    if page != KEYBOARD or character is None or len(character) != 1:
+        return None
+    if not modifiers:
+        return character
+    return _SHIFTED.get(character, character.upper())
+
+
+class Typist:
+    """Converts text to a scenario of fingers with random position, force and duration.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+        Keys of the strip.
+    length_mm : float
+        Length of the strip, in mm.
+    rng : numpy.random.Generator
+        Generator of the random values.
+    pause_s : tuple of float
+        Shortest and longest pause after a touch, in seconds.
+    start_s : float
+        Time of the first touch, in seconds.
+    """
+
+    def __init__(
+        self, layout: KeyLayout, length_mm: float, rng, pause_s=(0.12, 0.3), start_s: float = 0.5
+    ):
+        self._layout = layout
+        self._length_mm = length_mm
+        self._rng = rng
+        self._pause_s = pause_s
+        self._rows = list(layout.layers.values())
+        # A compiled layout has one line for each of its limits.
+        said = (line.split() for line in layout.lines)
+        self._limits = {words[0]: int(words[1]) for words in said if words[0] in lines_of.LIMITS}
+        self.touches: list[Finger] = []
+        self.seconds = start_s
+
+    def type(self, text: str) -> None:
+        """Add to the scenario the touches that type a text.
+
+        Raises
+        ------
+        SpotsError
+            If the layout has no key for a character.
+        """
+        for character in text:
+            for layer, key, slot in self._way(character):
+                self.do(self._rows[layer][key], slot)
+
+    def do(self, key, slot: str = "tap") -> None:
+        """Add a touch that triggers an action of a key, at a random position on the key.
+
+        Parameters
+        ----------
+        key : PlacedKey
+            Key to press.
+        slot : str
+            Action of the key: ``tap``, ``hold``, ``firm`` or ``double``.
+        """
+        margin = 0.1 * (key.high - key.low)
+        share = self._rng.uniform(key.low + margin, key.high - margin)
+        limits = self._limits
+        held_s = self._rng.uniform(0.07, 0.14)
+        force_mN = self._rng.uniform(1000, 2500)
+        if slot == "firm":
+            force_mN = _FIRM_MN
+        elif slot == "hold":
+            held_s = limits["tapping_ms"] / 1000 + 0.1
+        self.press(share, held_s, force_mN)
+        if slot == "double":
+            self.seconds += self._rng.uniform(0.06, 0.12)
+            self.press(share, held_s, force_mN)
+        pause_s = self._rng.uniform(*self._pause_s)
+        if key.actions["hold"]:
+            pause_s = max(pause_s, limits["quick_ms"] / 1000 + 0.02)
+        if key.actions["double"]:
+            pause_s = max(pause_s, limits["double_ms"] / 1000 + 0.05)
+        self.seconds += pause_s
+
+    def press(self, share: float, held_s: float, force_mN: float) -> None:
+        """Add a touch of one finger to the scenario.
+
+        Parameters
+        ----------
+        share : float
+            Position as a share of the strip's length, from 0 at the sensor to 1.
+        held_s : float
+            Time for which the force is above half of its maximum, in seconds.
+        force_mN : float
+            Largest force, in mN.
+        """
+        start_s = self.seconds
+        x_mm = share * self._length_mm
+        times = (0, _RISE_S, held_s, held_s + _RISE_S)
+        forces = (0, force_mN, force_mN, 0)
+        points = [(start_s + after_s, x_mm, force) for after_s, force in zip(times, forces)]
+        self.touches.append(Finger(points=points))
+        self.seconds = points[-1][0]
+
+    def scenario(self) -> ScenarioFile:
+        """Return all touches as a scenario that ends half a second after the last pause."""
+        return ScenarioFile(seconds=self.seconds + 0.5, touch=self.touches)
+
+    def _way(self, character: str) -> list[tuple[int, int, str]]:
+        """Return the keys to press for a character: keys that change the layer come first.
+
+        Each key is a tuple: layer, index of the key in the layer, and `slot` as in `do`.
+        """
+        wanted = _action_of(character)
+        waiting = deque([(0, [])])
+        seen = {0}
+        while waiting:
+            layer, way = waiting.popleft()
+            for i, key in enumerate(self._rows[layer]):
+                for slot, action in key.actions.items():
+                    if action == wanted:
+                        return [*way, (layer, i, slot)]
+                    kind, there, _ = parts_of(action)
+                    if kind == lines_of.ONCE and there not in seen:
+                        seen.add(there)
+                        waiting.append((there, [*way, (layer, i, slot)]))
+        raise SpotsError(f"the layout '{self._layout.name}' has no key for '{character}'")
+
+
+def _action_of(character: str) -> int:
+    unshifted = {shifted: plain for plain, shifted in _SHIFTED.items()}
+    modifiers = 0
+    if character in unshifted:
+        character, modifiers = unshifted[character], 2
+    page, usage = usage_of(_CHARACTERS.get(character, character))
+    return lines_of.action(page, usage, modifiers)
+
+
+@dataclass(frozen=True)
+class Hands:
+    """Statistics of typing, from published studies where possible.
+
+    Attributes
+    ----------
+    dwell_s, dwell_sd_s : float
+        Mean duration of a touch and its standard deviation, in seconds. Source: Dhakal et al.,
+        Observations on Typing from 136 Million Keystrokes, CHI 2018, doi 10.1145/3173574.3174220.
+        The duration hardly depends on the speed: fast typists press the next key before they
+        release the last one.
+    spread : float
+        Standard deviation of the natural logarithm of the time between two key presses. With the
+        default, 12 % of the touches overlap the previous touch at 60 words a minute, 46 % at 100.
+    force_mN, force_spread : float
+        Median of the largest force of a touch in mN, and standard deviation of its natural
+        logarithm. Source: Effects of key stiffness on force and the development of fatigue while
+        typing, Am. Ind. Hyg. Assoc. J. 57, 849, 1996, doi 10.1080/15428119691014549. People press a
+        key that needs 0.28 N with 4.1 to 7.0 times this force; a key that needs 0.83 N, with 2.2 to
+        3.5 times this force.
+    ramp_s : tuple of float
+        Shortest and longest time in which the force rises or falls, in seconds. This value and all
+        values below are *assumed*.
+    same_s, least_s : float
+        Shortest pause between two touches of the same finger, and shortest time between two key
+        presses, in seconds.
+    apart_mm : float
+        Smallest distance between two fingers, in mm.
+    roll_mm : float
+        Standard deviation of the distance that a finger rolls during a touch, in mm.
+    """
+
+    dwell_s: float = 0.116
+    dwell_sd_s: float = 0.024
+    spread: float = 0.40
+    force_mN: float = 2000.0
+    force_spread: float = 0.35
+    ramp_s: tuple[float, float] = (0.012, 0.03)
+    same_s: float = 0.03
+    least_s: float = 0.03
+    apart_mm: float = 8.0
+    roll_mm: float = 0.15
+
+
+def fast_typing(
+    layout: KeyLayout,
+    words_per_min: float,
+    touches: int,
+    length_mm: float,
+    seed: int = 0,
+    start_s: float = 3.0,
+    hands: Hands = Hands(),
+) -> ScenarioFile:
+    """Return the scenario of a person who types random keys at a given speed, with rollover.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+        Keys of the strip. Only keys of the first layer are typed, and each with a tap.
+    words_per_min : float
+        Speed in words a minute; a word has five keys.
+    touches : int
+        Number of touches.
+    length_mm : float
+        Length of the strip, in mm.
+    seed : int
+        Random seed of the text, and of position, force and duration of the touches.
+    start_s : float
+        Earliest time of the first touch, in seconds. A random delay of up to 10 ms (one exposure)
+        is added.
+    hands : Hands, optional
+        Statistics of typing.
+
+    Returns
+    -------
+    ScenarioFile
+        Scenario that ends half a second after the pause that follows the last touch.
+    """
+    rng = np.random.default_rng(seed)
+    keys = [key for key in next(iter(layout.layers.values())) if key.actions["tap"]]
+    spread = np.log1p((hands.dwell_sd_s / hands.dwell_s) ** 2) ** 0.5
+    mean_s = 12.0 / words_per_min
+    due_s = now_s = start_s + rng.uniform(0.0, 0.01)
+    fingers: list[Finger] = []
+    for _ in range(touches):
+        key = keys[rng.integers(len(keys))]
+        middle, half = (key.low + key.high) / 2, 0.4 * (key.high - key.low)
+        x_mm = length_mm * (middle + half * np.clip(rng.normal(0, 0.5), -1, 1))
+        for other in fingers[-6:]:
+            # A finger lifts before its next touch; two fingers cannot be at the same position.
+            if abs(other.points[-1][1] - x_mm) < hands.apart_mm:
+                now_s = max(now_s, other.points[-1][0] + hands.same_s)
+        rise_s, fall_s = rng.uniform(*hands.ramp_s, 2)
+        dwell_s = hands.dwell_s * np.exp(spread * rng.normal() - spread**2 / 2)
+        force_mN = hands.force_mN * np.exp(hands.force_spread * rng.normal())
+        force_mN = float(np.clip(force_mN, 800, 6000))
+        rolled_mm = x_mm + rng.normal(0, hands.roll_mm)
+        full_s = now_s + max(rise_s + 0.01, dwell_s - fall_s)
+        points = [
+            (now_s, x_mm, 0.0),
+            (now_s + rise_s, x_mm, force_mN),
+            (full_s, rolled_mm, force_mN),
+            (full_s + fall_s, rolled_mm, 0.0),
+        ]
+        fingers.append(Finger(points=[tuple(map(float, point)) for point in points]))
+        # After a delay, the next touches are faster until the average speed is reached.
+        due_s += mean_s * np.exp(hands.spread * rng.normal() - hands.spread**2 / 2)
+        now_s = max(now_s + hands.least_s, due_s)
+    end_s = max(finger.points[-1][0] for finger in fingers)
+    return ScenarioFile(seconds=end_s + 0.5, touch=fingers)
+
+
+def typing(
+    layout: KeyLayout, text: str, length_mm: float, seed: int = 0, start_s: float = 0.5
+) -> ScenarioFile:
+    """Return the scenario of a person who types a text.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+        Keys of the strip.
+    text : str
+        Text to type.
+    length_mm : float
+        Length of the strip, in mm.
+    seed : int
+        Random seed of position, force and duration of the touches.
+    start_s : float
+        Time of the first touch, in seconds.
+
+    Returns
+    -------
+    ScenarioFile
+        Scenario that ends half a second after the pause that follows the last touch.
+
+    Raises
+    ------
+    SpotsError
+        If the layout has no key for a character.
+    """
+    typist = Typist(layout, length_mm, np.random.default_rng(seed), start_s=start_s)
+    typist.type(text)
+    return typist.scenario()

@@ -1,0 +1,244 @@
+"""The light that a simulated chip receives from a strip in a scenario."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache, partial
+
+import numpy as np
+
+from ..chip.as7341 import AS7341, ChipNoise, Quirks
+from .change import NONE, Change
+from .files import ContactFile, SensorFile
+from .optics import Optics
+from .scenario import flicker
+from .silicone import Memory
+
+# Longest time step within one integration; a finger counts as still during a step.
+_STEP_US = 2_500.0
+# The LED's temperature is rounded to this digit, so that optics can be cached: error below 1 um.
+_LED_K_DIGITS = 2
+_KEPT = 512  # number of cached `Optics` of a sensor
+_SENSORS = 4  # number of sensors whose optics are cached
+
+
+def coupling(contact: ContactFile, force_mN: float) -> float:
+    """Return the contact area under a finger at a force, as a share of full contact.
+
+    The material is hyper-elastic: each further newton adds less area (paper, section III.B and
+    Fig. 3A). Below the force of first contact (``threshold_mN``), a small share of the light
+    crosses the air gap.
+
+    Parameters
+    ----------
+    contact : ContactFile
+        Table of the sensor file: contact area as a function of force.
+    force_mN : float
+        Force of the press in mN.
+
+    Returns
+    -------
+    float
+        Share of full contact, from 0 to 1.
+    """
+    over_mN = force_mN - contact.threshold_mN
+    if over_mN <= 0:
+        return contact.early_share * math.exp(over_mN / contact.early_mN)
+    over = over_mN / contact.half_mN
+    return contact.early_share + (1 - contact.early_share) * over / (1 + over)
+
+
+@lru_cache(_SENSORS)
+def _optics(sensor: SensorFile) -> Callable[[Change, float], Optics]:
+    """Return a function that computes and caches `Optics`.
+
+    Its arguments are the `Change` of the sensor since the calibration, and the LED's temperature
+    rise in K.
+    """
+    return lru_cache(_KEPT)(partial(Optics, sensor))
+
+
+class World:
+    """The light that a simulated chip receives: from the LED through the strip, and ambient light.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor.
+    scenario : scenario.Scenario or scenario.Held
+        Fingers, strain and ambient light over time.
+    rng : numpy.random.Generator
+        Random generator for the LED's noise.
+    warm : bool, optional
+        True if the LED has its final temperature from the start; False if it warms up first.
+    """
+
+    def __init__(self, sensor: SensorFile, scenario, rng, warm: bool = False):
+        self._sensor = sensor
+        self._scenario = scenario
+        self._rng = rng
+        self._optics_at = _optics(sensor)
+        self._state = NONE, 0.0  # change and temperature of the LED that `_optics` is for
+        self._optics = self._optics_at(*self._state)
+        self._seen: tuple = ()  # what `_parts` is for
+        self._parts: list[np.ndarray] = []
+        self._led_K = 0.0  # at the time `_led_us`
+        self._led_us = 0.0
+        self._warm_start = warm
+        self._pin_on = False
+        self._memory = None if sensor.silicone.ideal else Memory(sensor.silicone)
+
+    def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
+        """Return the counts of each diode for an ideal converter at gain 1x.
+
+        Parameters
+        ----------
+        start_us, end_us : float
+            Bounds of the integration, in us of simulated time.
+        led_mA : float
+            Current of the chip's LED driver, in mA; 0 for off. The current has no effect if the
+            LED is not wired to this driver.
+
+        Returns
+        -------
+        dict of str to float
+            Counts by name of the diode.
+        """
+        duration_us = end_us - start_us
+        led_mA = self._strip_mA(led_mA)
+        steps = 1 if self._scenario.still else math.ceil(duration_us / _STEP_US)
+        step_us = duration_us / steps
+        self._warm(end_us, led_mA)
+        change = self._sensor.change + self._scenario.change((start_us + end_us) * 0.5e-6)
+        state = change, round(self._led_K, _LED_K_DIGITS)
+        if state != self._state:
+            self._state, self._optics = state, self._optics_at(*state)
+        rates = np.zeros(len(self._optics.names))
+        if led_mA > 0:
+            level = self._led_level(start_us, duration_us)
+            unloaded = self._memory is None or self._memory.unloaded
+            # Most samples of a scenario are without a finger.
+            if not (unloaded and self._scenario.is_dark(start_us * 1e-6, end_us * 1e-6)):
+                for i in range(steps):
+                    for part in self._light((start_us + (i + 0.5) * step_us) * 1e-6):
+                        rates += part
+                rates /= steps
+                rates *= self._optics.source_uW_cm2(led_mA) * level
+        ambient_uW_cm2 = self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
+        if ambient_uW_cm2:
+            rates += self._optics.ambient(ambient_uW_cm2)
+        return dict(zip(self._optics.names, (rates * duration_us / 1000).tolist()))
+
+    def switch(self, on: bool) -> None:
+        """Set the level of the board's LED pin; switches the LED if ``led.wired`` is ``gpio``."""
+        self._pin_on = on
+
+    def _strip_mA(self, driver_mA: float) -> float:
+        led = self._sensor.led
+        if led.wired == "ldr":
+            dark = False
+        else:
+            dark = self._scenario.unplugged if led.wired == "always" else not self._pin_on
+        return 0.0 if dark else led.current_mA(driver_mA)
+
+    def outside(self, start_us: float, end_us: float) -> float:
+        """Return the mean irradiance of the ambient light in an interval.
+
+        Parameters
+        ----------
+        start_us, end_us : float
+            Start and end of the interval, in us of simulated time.
+
+        Returns
+        -------
+        float
+            Irradiance in uW/cm2.
+        """
+        return self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
+
+    def _ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
+        around = self._sensor.surroundings
+        steady = around.irradiance_uW_cm2
+        if steady:
+            steady *= flicker(around, start_s, end_s)
+        return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
+
+    def _light(self, time_s: float) -> list[np.ndarray]:
+        # Return the count rates by each press and by the leak, at one moment.
+        pose = self._scenario.pose(time_s)
+        presses = self._scenario.presses(time_s)
+        forces_mN = [press.force_mN for press in presses]
+        if self._memory:
+            forces_mN = self._memory.effective_mN(presses, time_s)
+        seen = self._optics, pose, presses, forces_mN
+        if seen == self._seen:  # successive samples of a constant press
+            return self._parts
+        self._seen, self._parts = seen, []
+        for press, force_mN in zip(presses, forces_mN):
+            share = coupling(self._sensor.contact, force_mN)
+            if share > 0:
+                rates = self._optics.press(
+                    press.position_mm,
+                    press.width_mm,
+                    pose.strain,
+                    pose.bend_deg,
+                    press.tilt_percent,
+                )
+                self._parts.append(share * rates)
+        if pose.leak_share > 0:
+            rates = self._optics.press(pose.leak_mm, 0.0, pose.strain, pose.bend_deg)
+            self._parts.append(pose.leak_share * rates)
+        return self._parts
+
+    def _warm(self, end_us: float, led_mA: float) -> None:
+        # The LED approaches its final temperature at the present current, also between two calls.
+        warmth = self._sensor.temperature
+        in_the_end_K = warmth.led_K_per_mA * led_mA
+        if self._warm_start and in_the_end_K:
+            self._led_K, self._warm_start = in_the_end_K, False
+        share = math.exp(-max(end_us - self._led_us, 0.0) * 1e-6 / warmth.led_warm_up_s)
+        self._led_K = in_the_end_K + share * (self._led_K - in_the_end_K)
+        self._led_us = end_us
+
+    def _led_level(self, start_us: float, duration_us: float) -> float:
+        led = self._sensor.led
+        warm = led.warm_up_percent / 100 * math.exp(-start_us * 1e-6 / led.warm_up_s)
+        white = led.noise_ppm_10ms * 1e-6 * math.sqrt(10_000 / duration_us)
+        return 1 + warm + white * self._rng.standard_normal()
+
+
+def chip(sensor: SensorFile, scenario, seed: int, warm: bool = False) -> AS7341:
+    """Return a simulated AS7341 that receives the light of a strip.
+
+    Parameters
+    ----------
+    sensor : SensorFile
+        Simulated sensor: strip and converter.
+    scenario : Scenario or Held
+        Fingers, strain and ambient light over time.
+    seed : int
+        Random seed of the noise.
+    warm : bool, optional
+        True if the LED has its final temperature from the start; False if it warms up first.
+
+    Returns
+    -------
+    AS7341
+    """
+    rng = np.random.default_rng(seed)
+    c = sensor.converter
+    return AS7341(
+        World(sensor, scenario, rng, warm),
+        ChipNoise(
+            c.read_noise_counts, c.electrons_per_count_1x, c.dark_counts_512x, c.ratio_noise_ppm
+        ),
+        rng,
+        Quirks(
+            c.auto_zero_at_every_start,
+            c.avalid_clears_on_read,
+            c.aint_needs_sp_ien,
+            c.smux_us,
+            c.clock_error_percent,
+        ),
+    )
