@@ -10,14 +10,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 HOST = ROOT / "host"
-ROW = re.compile(r"^\| (\w+) \| .* \| (.*) \|$", re.MULTILINE)
+ROW = re.compile(r"^\| `?([\w/]+?)/?`? \| .* \| (.*) \|$", re.MULTILINE)
 FIRMWARE = ROOT / "firmware"
 PATHS = [(HOST, p) for p in HOST.rglob("*.py")]
 PATHS += [(FIRMWARE, p) for p in (FIRMWARE / "spots_device").rglob("*.py")]
 NAMES = {".".join(p.relative_to(top).with_suffix("").parts): p for top, p in PATHS}
 MODULES = {name.removesuffix(".__init__"): path for name, path in NAMES.items()}
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
-OURS = "spots", "spots_sim", "spots_device"
+OURS = "spots", "spots_sim", "spots_make", "spots_device"
 OPTIONAL = "aiohttp", "mcap"  # packages that only some functions need
 
 
@@ -27,14 +27,19 @@ def rules():
     for room, may in ROW.findall(table):
         if room != "room":
             above = set(found) if "all rooms above" in may else set()
-            found[room] = above | set(re.findall(r"\w+", may)) - {"all", "rooms", "above"}
+            named = set(re.findall(r"[\w/]+", may)) - {"all", "rooms", "above"}
+            # The name of a package stands for all of its rooms.
+            within = {one for one in found if one.split("/")[0] in named}
+            # Every room may use what its package itself defines, such as a version.
+            found[room] = above | named | within | {room.split("/")[0]}
     return found
 
 
 def room(module):
     top, *inner = module.split(".")
     if top != "spots":
-        return {"spots_device": "device"}.get(top, top)
+        inside = inner and (MODULES[top].parent / inner[0]).is_dir()
+        return f"{top}/{inner[0]}" if inside else top
     if not inner or inner == ["__main__"]:
         return "top"
     return inner[0] if (HOST / "spots" / inner[0]).is_dir() else "common"
@@ -98,16 +103,21 @@ def test_no_circle_of_modules():
 
 def test_functions_import_only_modules_that_need_an_optional_package_or_are_dispatched():
     needing = {m for m, target, lazy in all_imports() if target.startswith(OPTIONAL) and not lazy}
-    dispatching = {"spots_sim.cli", *(module for module in MODULES if room(module) == "cli")}
+    dispatching = {
+        "spots_sim.cli",
+        "spots_make.cli",
+        *(module for module in MODULES if room(module) == "cli"),
+    }
     unexpected = [
         f"{module} -> {target}"
         for module, target, lazy in arrows()
         if lazy and module not in dispatching and target not in needing
-        if room(module) != "device"  # there, a late import saves memory
+        if not module.startswith("spots_device.")  # there, a late import saves memory
     ]
     assert unexpected == []
 
 
-def test_the_product_does_not_name_the_laboratory():
+def test_the_product_names_neither_laboratory_nor_workshop():
     files = [path for path in (HOST / "spots").rglob("*") if path.suffix in (".py", ".js", ".html")]
-    assert [path for path in files if "spots_sim" in path.read_text(encoding="utf-8")] == []
+    named = re.compile("spots_(sim|make)")
+    assert [path for path in files if named.search(path.read_text(encoding="utf-8"))] == []

@@ -132,7 +132,7 @@ def test_each_function_documents_all_of_its_parameters_and_what_it_returns(check
 
 
 def test_both_packages_are_checked(checked):
-    assert {name.partition(".")[0] for name in checked} == {"spots", "spots_sim"}
+    assert {name.partition(".")[0] for name in checked} == {"spots", "spots_sim", "spots_make"}
     assert len(checked) > 300
 
 

@@ -5,7 +5,7 @@ Runs in the interpreter of the virtual board: MicroPython or CPython.
 
 import sys
 
-_TAKEN = 27  # decode.TAKEN
+_TAKEN = 27  # reading.decode.TAKEN
 
 
 def _kind_of_contact(tracker, *_):
@@ -26,9 +26,9 @@ def _kind_of_sample(strip):
 # By name of a function whose time varies: a function that returns the kind of a call that has
 # ended. The kind "" stands for all other kinds.
 _KINDS = {
-    "strip.Strip.take": _kind_of_sample,
-    "contact.ContactTracker.take": _kind_of_contact,
-    "command.Commands.handle": _kind_of_command,
+    "reading.strip.Strip.take": _kind_of_sample,
+    "fingers.tracker.ContactTracker.take": _kind_of_contact,
+    "board.command.Commands.handle": _kind_of_command,
 }
 
 
@@ -48,7 +48,8 @@ def slow_down(package, times_us, spend_us):
         Name of the firmware's package.
     times_us : dict
         Additional time of a call in whole us, by the function's name in the package, such as
-        ``app.BoardApp.step``. For the functions in `_KINDS`: a dict of times by kind of the call.
+        ``board.app.BoardApp.step``. For the functions in `_KINDS`: a dict of times by kind of the
+        call.
         The name ``gc.collect`` stands for the garbage collections of all modules.
     spend_us : callable
         ``spend_us(us)`` advances the board's clock by this time.
@@ -58,14 +59,12 @@ def slow_down(package, times_us, spend_us):
         if name == "gc.collect":
             _slow_collections(package, time_us, spend_us)
             continue
-        module, *inner, function = name.split(".")
+        room, module, *inner, function = name.split(".")
         try:
-            holder = __import__(package + "." + module, None, None, ("*",))
+            holder = __import__(package + "." + room + "." + module, None, None, ("*",))
         except ImportError:  # a board with one strip has no module `several`
             continue
         for attribute in inner:
-            if not hasattr(holder, attribute):  # a module of a package
-                __import__(holder.__name__ + "." + attribute)
             holder = getattr(holder, attribute)
         called = getattr(holder, function)
         if name in _KINDS:

@@ -33,8 +33,8 @@ up. The last column is measured after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
 10 ms. The statistics of these touches are from publications, which
-[typist.py](../host/spots_sim/person/typist.py) cites. "Errors" are wrong, missed and extra keys; "no
-finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The
+[typist.py](../host/spots_sim/person/typist.py) cites. "Errors" are wrong, missed and extra keys;
+"no finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The
 latency is the time from the start of a touch to the report of the correct key. For each of its
 percentiles p50 and p99, the table shows the largest value of all seeds. In the rows `controller`,
 the simulated fingers of the demo move the axes of the game controller for {seconds:g} s;

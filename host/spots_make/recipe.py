@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 from spots.errors import SpotsError
-from spots_sim.strip.files import DATA
 
 from .shape import (
     BEYOND,
@@ -151,7 +151,7 @@ def tint_g(mixed_g: float, dose: float) -> float:
 
 
 def text(shape: StripShape, strips: int, dye_per_mm: float, command: str) -> str:
-    """Return the build instructions as Markdown: the template ``data/build.md.in``, filled in.
+    """Return the build instructions as Markdown: the template ``build.md.in``, filled in.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def text(shape: StripShape, strips: int, dye_per_mm: float, command: str) -> str
     """
     mixed = batches(shape, strips)
     return (
-        (DATA / "build.md.in")
+        (Path(__file__).parent / "build.md.in")
         .read_text(encoding="utf-8")
         .format(
             length_mm=shape.length_mm,

@@ -1,40 +1,16 @@
-"""The commands ``spots demo``, ``spots characterize`` and ``spots design``."""
+"""The commands ``spots demo`` and ``spots characterize``."""
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from spots.cli import arguments
 from spots.cli.parser import Parser
 from spots.errors import SpotsError
 
 PURPOSE = "simulate, without hardware"
-
-
-def _whole(text: str) -> int:
-    with _explained(text, "whole number"):
-        return int(text)
-
-
-def _number(text: str) -> float:
-    with _explained(text, "number"):
-        value = float(text)
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a finite number")
-    return value
-
-
-@contextmanager
-def _explained(text: str, what: str) -> Iterator[None]:
-    try:
-        yield
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a {what}") from None
 
 
 def demo(parser: Parser):
@@ -100,17 +76,17 @@ def characterize(parser: Parser):
     parser.add_argument("--seed", type=arguments.seed, default=0, help="random seed of the noise")
     parser.add_argument(
         "--exposure-us",
-        type=_whole,
+        type=arguments.whole,
         default=100_000,
         help="integration time in us, 1000 to 1000000",
     )
     parser.add_argument(
-        "--average", type=_whole, default=1, help="samples averaged in a reading, 1 to 64"
+        "--average", type=arguments.whole, default=1, help="samples averaged in a reading, 1 to 64"
     )
     _add_change(parser)
     parser.add_argument(
         "--rezero",
-        type=_whole,
+        type=arguments.whole,
         default=0,
         metavar="MARKS",
         help="correct the calibration after the change (--change) with simulated presses on this "
@@ -124,7 +100,7 @@ def characterize(parser: Parser):
     )
     parser.add_argument(
         "--mark-error-um",
-        type=_number,
+        type=arguments.finite,
         default=0.0,
         help="standard deviation of the position of a press on a mark, in um",
     )
@@ -133,76 +109,7 @@ def characterize(parser: Parser):
     return _characterize
 
 
-def design(parser: Parser):
-    """Find the dye and exposure for a strip, and make its moulds, drawings and recipe.
-
-    examples:
-      spots design --length-mm 85 --resolution-um 50 --rate-hz 100
-      spots design --length-mm 85 --resolution-um 50 --rate-hz 100 --out strip --strips 2
-      spots design --length-mm 85 --resolution-um 50 --rate-hz 100 --measure-dye --test-dose 2
-    """
-    parser.add_argument(
-        "--length-mm", type=_number, required=True, help="length of the strip in mm"
-    )
-    parser.add_argument(
-        "--resolution-um", type=_number, required=True, help="position resolution to reach, in um"
-    )
-    parser.add_argument("--rate-hz", type=_number, required=True, help="readings per second")
-    parser.flag("--json", "print one JSON object")
-    parser.option(
-        "--out", "DIR", "write sensor file, figure, moulds, drawings and recipe into this folder"
-    )
-    parser.option(
-        "--strips", "N", "number of strips in the recipe; 1 if not given", type=_whole, default=1
-    )
-    parser.option(
-        "--breakout",
-        "NAME",
-        "AS7341 breakout that the caps must fit: adafruit-4698 (if not given) or sparkx-17719",
-        default="adafruit-4698",
-    )
-    parser.flag("--measure-dye", "read a clear and a dyed test piece, and print the dose of dye")
-    parser.option(
-        "--test-dose",
-        "G",
-        "dose of the dyed test piece: g of tint in 100 g of rubber; 2 if not given",
-        type=_dose,
-        default=2.0,
-    )
-    parser.option(
-        "--test-length-mm",
-        "N",
-        "length of both test pieces in mm; 60 if not given",
-        type=_test_mm,
-        default=60.0,
-    )
-    arguments.add_port(parser)
-    return _design
-
-
-_dose = arguments.number("a dose in g per 100 g", 1e-4, 60)
-_test_mm = arguments.number("the length of a test piece in mm", 10, 300)
-
-
-def _design(options: argparse.Namespace) -> None:
-    for name, given, belongs in (
-        ("--port", options.port, options.measure_dye),
-        ("--out", options.out, not options.measure_dye),
-    ):
-        if given and not belongs:
-            with_or_without = "without" if options.measure_dye else "with"
-            raise SpotsError(f"give {name} only {with_or_without} --measure-dye")
-    if options.measure_dye:
-        from spots_make.dye_dose import measure_dye_command
-
-        measure_dye_command(options)
-        return
-    from spots_make.design import design_command
-
-    design_command(options)
-
-
-COMMANDS = demo, characterize, design
+COMMANDS = demo, characterize
 
 
 def _add_change(parser: argparse.ArgumentParser) -> None:

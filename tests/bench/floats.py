@@ -9,6 +9,7 @@ import json
 import math
 import struct
 
+from spots.calibrate.decoded import bounds_of, coarse_of, segments_of
 from spots_device.reading.calibration import ONE_Q13, Calibration
 
 _STATUS = 0x93
@@ -37,8 +38,8 @@ class FloatPath:
         self._clock = clock
         self._serial = serial
         self._raw = bytearray(14)
-        self._coarse = _weights(calibration.coarse)
-        self._bounds = _logs(calibration.bounds)
+        self._coarse = _weights(coarse_of(calibration))
+        self._bounds = _logs(bounds_of(calibration))
         self._segments = [
             (
                 _weights(part.position),
@@ -47,7 +48,7 @@ class FloatPath:
                 part.positions_um,
                 _logs(part.offsets),
             )
-            for part in calibration.segments
+            for part in segments_of(calibration)
         ]
         self._brightnesses = _logs(calibration.brightnesses)
         self._forces_mN = calibration.forces_mN

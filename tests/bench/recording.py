@@ -14,6 +14,8 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
+from touch_framer import TouchFramer
+
 from spots.link.frames import Decoder
 from spots.recording.export import EXPORTS, export
 from spots.recording.recorder import Recorder
@@ -21,7 +23,6 @@ from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
 from spots_device import PROTOCOL
 from spots_device.reading.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
-from spots_device.views import TouchFramer
 
 _READINGS = 5000
 _ROUNDS = 5

@@ -8,9 +8,10 @@ from __future__ import annotations
 import json
 import time
 
+from touch_framer import TouchFramer
+
 from spots_device import PROTOCOL
 from spots_device.reading.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
-from spots_device.views import TouchFramer
 
 CLOSING_UM = -1
 _IDLE_S = 0.05

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
+from touch_framer import TouchFramer
 
 from bench import arrays, host
 from bench.report import _host, _text
 from spots.link.frames import Decoder
 from spots.recording import arrays as of_recordings
-from spots_device.views import TouchFramer
 
 
 class Sink(bytearray):

@@ -1,6 +1,7 @@
 """Fast typing with overlapping touches (rollover): share of wrong keys, and latency of keys.
 
-`python -m spots_sim.demo.typing_speed 40 60 80 100` measures the same with ten times as many touches.
+`python -m spots_sim.demo.typing_speed 40 60 80 100` measures the same with ten times as many
+touches.
 """
 
 import numpy as np

@@ -52,9 +52,9 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, built, capsys):
     (empty / "settings.txt").write_text("mine\n")
     (empty / "calibration.txt").write_text("mine too\n")
     (empty / "notes.py").write_text("the user's own")
-    (empty / "spots_device").mkdir()
+    (empty / "spots_device" / "board").mkdir(parents=True)
     (empty / "spots_device" / "board" / "app.py").write_text("an older version")
-    (empty / "spots_device" / "log2.mpy.part").write_text("half")
+    (empty / "spots_device" / "board" / "app.mpy.part").write_text("half")
     (empty / "spots_device" / "hers.py").write_text("the user's own")
     wanted = files_of(built("virtual"))
     with virtual_board(empty) as port:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from spots import SpotsError
+from spots.calibrate.decoded import Decoded
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import Noise, Presses
 from spots_device.reading.calibration import Calibration, Conditions
-from spots_device.views import Decoded
 from spots_sim.measure.bound import Bound
 from spots_sim.person.stage import calibrate
 from spots_sim.strip.files import SensorFile, load

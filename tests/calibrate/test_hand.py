@@ -13,12 +13,12 @@ from spots import SpotsError
 from spots.calibrate import calibration_file as file
 from spots.calibrate import hand, steps
 from spots.calibrate.bench import Bench
+from spots.calibrate.decoded import Decoded
 from spots.calibrate.guide import Guide
 from spots.calibrate.presser import Presser
 from spots.calibrate.session import Session, settings
 from spots.calibrate.typed import typed
 from spots_device.reading.calibration import Calibration
-from spots_device.views import Decoded
 from spots_sim.person.person import Habits, Person, follow
 from spots_sim.person.stage import Stage
 from spots_sim.person.stage_presser import StagePresser

@@ -15,6 +15,7 @@ from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
 from spots.calibrate import steps
 from spots.calibrate.bench import Bench
+from spots.calibrate.decoded import bounds_of, coarse_of, fit_of, segments_of
 from spots.calibrate.drift import described
 from spots.calibrate.guide import Guide
 from spots.calibrate.make import make
@@ -186,21 +187,21 @@ def test_tables_are_shifted_by_the_sums_of_the_channels_shifts(made):
     lines = shifted(made.lines, places, np.array([c(x) for x in places]))
     for strain in (0, 100_000):
         old, new = Calibration(made.lines, strain), Calibration(lines, strain)
-        for a, b in zip(old.segments, new.segments):
+        for a, b in zip(segments_of(old), segments_of(new)):
             for i, x_um in enumerate(a.positions_um):
                 shift = c(x_um)
                 sums = (
                     (b.contrasts[i] - a.contrasts[i], a.position, 1 << 20),
-                    (b.fits[i] - a.fits[i], new.fit, 1 << 12),
+                    (b.fits[i] - a.fits[i], fit_of(new), 1 << 12),
                     (b.offsets[i] - a.offsets[i], a.force, 1 << 20),
                 )
                 for moved, weights, one in sums:
                     assert moved == pytest.approx(shift @ np.array(weights) / 8192 * one, abs=0.51)
-        ends = np.array([s.positions_um[0] for s in old.segments])
-        borders = np.linspace(ends.min(), old.length_um, len(old.segments) + 1)[:-1]
+        ends = np.array([s.positions_um[0] for s in segments_of(old)])
+        borders = np.linspace(ends.min(), old.length_um, len(segments_of(old)) + 1)[:-1]
         for k, x_um in enumerate(borders):
-            moved = c(x_um) @ np.array(old.coarse) / 8192 * 2**20
-            assert new.bounds[k] - old.bounds[k] == pytest.approx(moved, abs=0.51 + k)
+            moved = c(x_um) @ np.array(coarse_of(old)) / 8192 * 2**20
+            assert bounds_of(new)[k] - bounds_of(old)[k] == pytest.approx(moved, abs=0.51 + k)
 
 
 def test_a_drift_beyond_the_tables_is_one_sentence(made):

@@ -21,6 +21,7 @@ from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
 from spots.calibrate import steps
 from spots.calibrate.bench import Bench
+from spots.calibrate.decoded import Decoded, bounds_of, coarse_of, segments_of
 from spots.calibrate.guide import Guide
 from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
@@ -32,7 +33,6 @@ from spots.link.frames import Spectrum, Touch
 from spots_device.board.settings import checksum
 from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.decode import DARK_SAMPLES
-from spots_device.views import Decoded
 from spots_sim.measure.bound import Bound
 from spots_sim.person.stage import Stage
 from spots_sim.person.stage_presser import StagePresser
@@ -618,11 +618,11 @@ def float_estimates(calibration, counts, dark):
         Six sums of four dark samples.
     """
     logs = np.log2(np.asarray(counts, float) - np.asarray(dark) / 4) * 2**20
-    coarse = logs @ np.array(calibration.coarse) / 2**13
+    coarse = logs @ np.array(coarse_of(calibration)) / 2**13
     found = []
     for slack in (-16, 16):
-        at = max(np.searchsorted(calibration.bounds, coarse + slack, side="right") - 1, 0)
-        part = calibration.segments[at]
+        at = max(np.searchsorted(bounds_of(calibration), coarse + slack, side="right") - 1, 0)
+        part = segments_of(calibration)[at]
         contrast = logs @ np.array(part.position) / 2**13
         brightness = logs @ np.array(part.force) / 2**13
         brightness -= np.interp(contrast, part.contrasts, part.offsets)

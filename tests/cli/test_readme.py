@@ -39,7 +39,7 @@ NEEDS_HARDWARE = {
     "sudo udevadm control --reload": _ROOT,
     "esptool --port PORT erase_flash": _CHIP,
     "esptool --port PORT write_flash 0 FILE.bin": _CHIP,
-    "mpremote mip install usb-device-hid": "needs a real board and the Internet",
+    "mpremote mip install usb-device-hid + reset": "needs a real board and the Internet",
     "spots dark": "a person unplugs the LED; calibrate/test_dark_command.py simulates the person",
 }
 _NO_BOARD = {"spots ports", "spots boards"}

@@ -1,4 +1,4 @@
-"""The package works without the simulator, and its help does not mention the simulator."""
+"""The package works without simulator and workshop, and its help does not mention them."""
 
 import os
 import re
@@ -11,12 +11,12 @@ HIDE = """
 import importlib.metadata as metadata, sys
 class Hide:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] == "spots_sim":
+        if name.partition(".")[0] in ("spots_sim", "spots_make"):
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, Hide())
 every = metadata.entry_points()
 found = [one for group in every.groups for one in every.select(group=group)]
-product = [one for one in found if not one.value.startswith("spots_sim")]
+product = [one for one in found if not one.value.startswith(("spots_sim", "spots_make"))]
 metadata.entry_points = lambda: metadata.EntryPoints(product)
 """
 COMMANDS = "ports boards build flash erase doctor dark command monitor serve keys keyboard "

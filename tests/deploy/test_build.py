@@ -21,8 +21,8 @@ from spots.deploy.names import shorten
 from spots.deploy.staging import board_names, device_of, stage
 from spots_sim.board.vm import micropython_command
 
-VIPER = ("kernel", "locate", "pair", "steady")
-MACHINE_CODE = {f"spots_device/{name}.mpy" for name in VIPER}
+VIPER = ("reading/kernel", "fingers/locate", "fingers/pair", "fingers/steady")
+MACHINE_CODE = {f"spots_device/{name}.mpy" for name in (*VIPER, "sensor/burst")}
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -67,7 +67,7 @@ def test_a_board_has_one_form_of_a_module_by_one_name(board, viper, module, tmp_
     assert device_of(board).viper is viper
     stage(board, tmp_path)
     forms = list((tmp_path / "spots_device").glob(f"{module}*"))
-    assert [path.name for path in forms] == [f"{module}.py"]
+    assert forms == [tmp_path / "spots_device" / f"{module}.py"]
     assert ("@micropython.viper" in forms[0].read_text()) is viper
 
 

@@ -531,7 +531,7 @@ def test_a_serial_port_is_opened_again_by_its_name(tmp_path):
     with pytest.raises(PortLostError):
         link.read(1.0)
     name.unlink()
-    with pytest.raises(SpotsError, match="there is no port"):
+    with pytest.raises(SpotsError, match="was disconnected"):
         link.reopen()
     second = plug()
     link.reopen()

@@ -5,6 +5,7 @@ from array import array
 import pytest
 from smallint import SmallInt
 
+from spots.calibrate.decoded import bounds_of, segments_of
 from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
 GOOD = """\
@@ -43,11 +44,11 @@ def test_the_real_one_is_good(calibration):
     made = Calibration(calibration)
     assert made.conditions.plan == ("F3", "F4", "F5", "F6", "F7", "F8")
     assert made.length_um == 85_000
-    assert min(min(part.positions_um) for part in made.segments) == 0
+    assert min(min(part.positions_um) for part in segments_of(made)) == 0
 
 
 def test_segments_have_weights_and_tables_of_their_own():
-    first, second = Calibration(GOOD).segments
+    first, second = segments_of(Calibration(GOOD))
     assert first.position.tolist() == [-8192, 0, 0, 0, 0, 8192]
     assert second.force.tolist() == [0, 0, 0, 0, 8192, 0]
     assert second.contrasts.tolist() == [90_000, 200_000]
@@ -56,17 +57,17 @@ def test_segments_have_weights_and_tables_of_their_own():
 
 def test_a_known_strain_is_its_own_block():
     made = Calibration(GOOD, 100_000)
-    assert made.bounds.tolist() == [0, 70_000]
-    assert made.segments[1].positions_um.tolist() == [7700, 17_600]
+    assert bounds_of(made) == [0, 70_000]
+    assert segments_of(made)[1].positions_um.tolist() == [7700, 17_600]
     assert made.length_um == 17_600
 
 
 def test_between_two_strains_everything_goes_in_straight_lines():
     made = Calibration(GOOD, 50_000)
-    assert made.bounds.tolist() == [0, 80_000]
-    assert made.segments[0].contrasts.tolist() == [0, 90_000]
-    assert made.segments[0].positions_um.tolist() == [0, 8400]
-    assert made.segments[0].offsets.tolist() == [200, 300]
+    assert bounds_of(made) == [0, 80_000]
+    assert segments_of(made)[0].contrasts.tolist() == [0, 90_000]
+    assert segments_of(made)[0].positions_um.tolist() == [0, 8400]
+    assert segments_of(made)[0].offsets.tolist() == [200, 300]
 
 
 @pytest.mark.parametrize("strain_ppm", [-1, 100_001])
@@ -124,7 +125,7 @@ def test_every_accepted_number_is_a_small_int(calibration):
                 check(part)
 
     made = Calibration(calibration)
-    for owner in (made, *made.segments):
+    for owner in (made, *segments_of(made)):
         check(list(vars(owner).values()))
 
 

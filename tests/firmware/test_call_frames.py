@@ -22,16 +22,17 @@ _BYTECODE = 0  # kind of code in an .mpy file
 
 # Functions that run for every sample of a calibrated and touched strip that streams TOUCH frames.
 EACH_SAMPLE = {
-    "app": "_pass",
-    "as7341": "poll _read_fifo",
-    "contact": "take",
-    "frame": "send _send_body",
-    "kernel": "unpack estimate _take_logs _locate _judge _odd_light",
-    "log2": "log2_q20",
-    "pacing": "early found held skip",
+    "board/app": "_pass",
+    "sensor/as7341": "poll _read_fifo",
+    "fingers/tracker": "take",
+    "reading/frame": "send _send_body",
+    "reading/kernel": "estimate _take_logs _locate _judge _odd_light",
+    "reading/log2": "log2_q20",
+    "sensor/burst": "unpack",
+    "sensor/pacing": "early found held skip",
     "runtime/micropython": "write _has_room _put read",
-    "strip": "take _take_any _stamp _process _use _finish",
-    "uses": "take",
+    "reading/strip": "take _take_any _stamp _process _use _finish",
+    "board/uses": "take",
 }
 
 

@@ -8,10 +8,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from smallint import SmallInt, small
 
+from spots.calibrate.decoded import Decoded, segments_of
 from spots_device.reading import decode, kernel
 from spots_device.reading.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
 from spots_device.reading.log2 import ONE
-from spots_device.views import Decoded
 
 LOG_MAX = 24 * ONE
 logs = st.lists(st.integers(0, LOG_MAX), min_size=6, max_size=6)
@@ -136,7 +136,7 @@ def test_one_channel_no_brighter_than_its_dark_ends_the_touch(decoder, channel):
 
 def shifted(made, misfit):
     """Shift the misfits that a calibration expects, so that `LIT` has the misfit `misfit` (Q12)."""
-    for segment in made.calibration.segments:
+    for segment in segments_of(made.calibration):
         for i in range(len(segment.fits)):
             segment.fits[i] -= misfit
 

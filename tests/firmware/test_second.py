@@ -7,13 +7,13 @@ import pytest
 from smallint import SmallInt
 
 from keys import DECAY
+from spots.calibrate.decoded import Decoded
 from spots_device.fingers import locate as locate_module
 from spots_device.fingers import state as contact_state
 from spots_device.fingers.locate import locate, power
 from spots_device.fingers.second import may_rest, weigh
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import DARK_SUBTRACTED, MISFIT
-from spots_device.views import Decoded
 from spots_sim.strip.optics import Optics
 
 

@@ -28,7 +28,7 @@ GET_DESCRIPTOR, GET_REPORT, SET_REPORT = b"\x81\x06", b"\xa1\x01", b"\x21\x09"
 
 
 def fresh(monkeypatch, name, **modules):
-    """Import a new copy of the module `name` of `spots_device.runtime`.
+    """Import a new copy of the module `name` of `spots_device`.
 
     `modules` are substitutes for modules of the runtime: name to dict of attributes; ``__`` in a
     name stands for a dot.
@@ -37,7 +37,7 @@ def fresh(monkeypatch, name, **modules):
         stand_in = ModuleType(module)
         vars(stand_in).update(content)
         monkeypatch.setitem(sys.modules, module.replace("__", "."), stand_in)
-    name = "spots_device.runtime." + name
+    name = "spots_device." + name
     monkeypatch.delitem(sys.modules, name, raising=False)
     return importlib.import_module(name)
 
@@ -107,7 +107,7 @@ class Substitute:
 
         self.module = fresh(
             monkeypatch,
-            "usb_micropython",
+            "keys.usb_micropython",
             usb={"device": SimpleNamespace(get=lambda: self)},
             usb__device={"get": lambda: self},
             usb__device__hid={"HIDInterface": HIDInterface},
@@ -211,7 +211,7 @@ class Published:
             monkeypatch.setattr(time, name, function, raising=False)
         self.module = fresh(
             monkeypatch,
-            "usb_micropython",
+            "keys.usb_micropython",
             machine={"USBDevice": self.USBDevice, "idle": lambda: None},
         )
 
@@ -354,7 +354,7 @@ class Port:
 @pytest.fixture
 def serial(monkeypatch):
     """The firmware's `StdioSerial`, and the substitute `Port` that it uses."""
-    module = fresh(monkeypatch, "micropython", micropython={}, machine={})
+    module = fresh(monkeypatch, "runtime.micropython", micropython={}, machine={})
     port, turn = Port(), 1 << 30
     module.sys, module.select = port, port
     port.POLLIN, port.POLLOUT = 1, 4
@@ -457,7 +457,7 @@ def test_micropython_sends_after_minutes_without_a_frame(serial, minutes):
 
 def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypatch):
     machine = {"USBDevice": None}
-    module = fresh(monkeypatch, "micropython", micropython={}, machine=machine)
+    module = fresh(monkeypatch, "runtime.micropython", micropython={}, machine=machine)
     monkeypatch.setitem(sys.modules, "spots_device.keys.usb_micropython", None)  # not installed
     for platform, version, why in (
         ("esp32", (1, 26, 1), "1.26 sends empty reports"),
@@ -483,7 +483,7 @@ class Pin:
 
 @pytest.mark.parametrize("level", [0, 1])
 def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
-    module = fresh(monkeypatch, "micropython", micropython={}, machine={"Pin": Pin})
+    module = fresh(monkeypatch, "runtime.micropython", micropython={}, machine={"Pin": Pin})
     usb = module.MachineUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Pin.made.number, Pin.made.level) == ("LED", 1 - level)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
@@ -553,7 +553,7 @@ def circuitpython(monkeypatch):
     hid = {"Device": Device, "devices": ()}
     module = fresh(
         monkeypatch,
-        "usb_circuitpython",
+        "keys.usb_circuitpython",
         supervisor={"ticks_ms": world.ticks_ms, "runtime": world},
         usb_hid=hid,
     )
@@ -688,7 +688,7 @@ def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
     modules = ("adafruit_as7341", "busio", "microcontroller", "storage", "supervisor", "usb_cdc")
     module = fresh(
         monkeypatch,
-        "circuitpython",
+        "runtime.circuitpython",
         **{name: {} for name in modules},
         adafruit_bus_device__i2c_device={"I2CDevice": None},
         board={"LED": "the red one"},

@@ -42,11 +42,11 @@ def _own_app():
 
     It stores files in a folder of its own. Neither it nor the modules that it uses collect garbage.
     """
-    module, command = own("app"), own("command")
-    store = own("store")
+    module, command = own("board.app"), own("board.command")
+    store = own("board.store")
     use_folder(store, Path(_STORE.name))
     module.Store = store.Store
-    module.Commands, module.Reconnect = command.Commands, own("reconnect").Reconnect
+    module.Commands, module.Reconnect = command.Commands, own("board.reconnect").Reconnect
     return module
 
 

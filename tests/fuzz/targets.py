@@ -24,6 +24,7 @@ from smallint import small
 import desk
 import spots
 from spots.calibrate import calibration_file
+from spots.calibrate.decoded import Decoded
 from spots.controller import controller_settings
 from spots.controller.gamepad_engine import Controller
 from spots.errors import SpotsError
@@ -45,7 +46,6 @@ from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import Layout, LayoutError
 from spots_device.reading.calibration import Calibration, CalibrationError
 from spots_device.reading.decode import AVERAGE_MAX
-from spots_device.views import Decoded
 from spots_sim.board.cpython_board import use_folder
 from spots_sim.board.faults import BoardFaults, of_scenario
 from spots_sim.person import mechanism as linkage
@@ -57,7 +57,7 @@ from test_frames import encoded
 _TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 FOLDER = Path(_TEMPORARY.name)
 _SEALED = b"="
-_store = desk.own("store")
+_store = desk.own("board.store")
 use_folder(_store, FOLDER)
 _SOME_TIMES_S = (0.0, 0.3, 12.5, 1e6)
 

@@ -111,8 +111,8 @@ class Machine:
         kept = self._compiled(self.viper)
         self._slipped = self.folder.with_name("slipped")
         shutil.copytree(kept / "code", self._slipped)
-        source = self.folder.with_name(f"{module}.py")
-        original = kept / "source" / "spots_device" / source.name
+        source = self.folder.with_name("slipped.py")
+        original = kept / "source" / "spots_device" / f"{module}.py"
         source.write_text(original.read_text(encoding="utf-8") + code, encoding="utf-8")
         compile_module(source, self._slipped / "spots_device" / f"{module}.mpy")
 

@@ -313,7 +313,7 @@ def _dots(tables, first, state):
 
 @pytest.mark.parametrize("slip", SLIPS)
 def test_what_allocates_is_found(machine, given, slip):
-    machine.slip("strip", SLIPS[slip])
+    machine.slip("reading/strip", SLIPS[slip])
     with pytest.raises(RuntimeError, match="MemoryError"):
         machine.run("sample_path", given)
 
@@ -321,7 +321,7 @@ def test_what_allocates_is_found(machine, given, slip):
 def test_what_leaves_a_small_integer_is_found_by_the_machine_of_32_bits(
     machine, machine_bits, given, expected
 ):
-    machine.slip("kernel", PRODUCT_OF_MORE_THAN_31_BITS)
+    machine.slip("reading/kernel", PRODUCT_OF_MORE_THAN_31_BITS)
     if machine_bits == 32:
         with pytest.raises(RuntimeError, match="MemoryError"):
             machine.run("sample_path", given)
@@ -330,5 +330,5 @@ def test_what_leaves_a_small_integer_is_found_by_the_machine_of_32_bits(
 
 
 def test_what_stays_allocated_is_counted(machine, given):
-    machine.slip("strip", SLIPS["a list"])
+    machine.slip("reading/strip", SLIPS["a list"])
     assert int(machine.run("sample_path", {**given, "lock": False})[-1]) > 0

@@ -25,12 +25,12 @@ import numpy as np
 from playwright.sync_api import sync_playwright
 
 from spots.calibrate import calibration_file as file
+from spots.calibrate.decoded import Decoded
 from spots.calibrate.session import settings
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots_device.reading.calibration import Calibration
-from spots_device.views import Decoded
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.demo.demo_applications import type_on_board
 from spots_sim.person.loading import record

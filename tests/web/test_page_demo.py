@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-import spots_sim.demo
+import spots_sim.demo.demo
 from serving import apart
 from spots.cli import main
 from spots.errors import SpotsError
@@ -30,8 +30,8 @@ def at_a_screen(monkeypatch):
 def shown(monkeypatch):
     """List of what the demo has opened: ``page`` (the web UI) or ``terminal``."""
     shown = []
-    monkeypatch.setattr(spots_sim.demo, "show_page", lambda *_: shown.append("page"))
-    monkeypatch.setattr(spots_sim.demo, "demo", lambda *_: shown.append("terminal") or {})
+    monkeypatch.setattr(spots_sim.demo.demo, "show_page", lambda *_: shown.append("page"))
+    monkeypatch.setattr(spots_sim.demo.demo, "demo", lambda *_: shown.append("terminal") or {})
     return shown
 
 
@@ -80,7 +80,7 @@ def test_the_page_of_the_keyboard_shows_the_layout_that_was_named(monkeypatch):
     layouts = []
     monkeypatch.setattr("spots.web.serve.serve", lambda *_: None)
     monkeypatch.setattr(
-        spots_sim.demo, "BoardReader", lambda open_board, layout, state: layouts.append(layout)
+        spots_sim.demo.demo, "BoardReader", lambda open_board, layout, state: layouts.append(layout)
     )
     for more in ([], ["--layout", "mini"]):
         assert apart(main, ["demo", "--page", "--use", "keyboard", *more]) == 0

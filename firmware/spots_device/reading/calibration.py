@@ -86,8 +86,7 @@ class Calibration:
         Corrects the force for hysteresis and creep; None if these were not calibrated.
     tables : array of int
         All weights and tables, see `decode.SEGMENTS`. The attributes `brightnesses`, `forces_mN`
-        and `tolerances`, the columns of the force table, are views of this array; on the host,
-        views.py adds views of the other parts.
+        and `tolerances`, the columns of the force table, are views of this array.
     drift_max : int
         Keys work until the misfit has shifted by this much since the calibration. The misfit shows
         how far a spectrum is from that of a single press, in log2 units, Q12. A drift of the LED
@@ -149,11 +148,6 @@ class Calibration:
         first, last = knots[middle][0], knots[middle][-1]
         fall = (last[0] - first[0] << 7) // (sum(map(abs, weights)) or 1) << 11
         self.decay = min(abs(fall // (last[1] - first[1])), 1000)
-
-    def __getattr__(self, name):
-        from ..views import view  # not on boards
-
-        return view(self, name)
 
     def mismatch(self, conditions):
         """Return why this calibration cannot be used for readings under `conditions`, or None.

@@ -78,13 +78,14 @@ HEADER_SIZE = 7  # bytes of a frame before its body
 CRC_SIZE = 4  # bytes of a CRC-32
 
 DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
+
 AVERAGE_MAX = 64  # 64 samples times 4 dark samples times full scale (65535) is just below 2**24
 
 _NO_TABLES = array("i", bytes(4))
 
 
 class Decode:
-    """Inputs and results of `kernel.estimate` for one strip; the host uses `views.Decoded`.
+    """Inputs and results of `kernel.estimate` for one strip.
 
     Attributes
     ----------

@@ -1,11 +1,11 @@
 """Arithmetic and framing of a sample in portable Python.
 
 These functions, from counts to framed bytes, take most of the processing time of a sample. Boards
-with ``viper = true`` in board.toml get kernel_viper.py instead of this file: `unpack`, `process`
-and `frame` with identical results, in machine code. All integers fit 31 bits; the functions
+with ``viper = true`` in board.toml get kernel_viper.py instead of this file: `process` and `frame`
+with identical results, in machine code. All integers fit 31 bits; the functions
 allocate nothing.
 
-On a board, the arguments of these three functions that are sequences of integers must be
+On a board, the arguments of these two functions that are sequences of integers must be
 ``array('i')``, because kernel_viper.py reads the memory of these arrays directly.
 """
 
@@ -101,14 +101,6 @@ TOUCH_BODY = "<BiiiH"  # flags, contrast, brightness, position_um, force_mN
 TOUCH_SIZE = HEADER_SIZE + 15
 _TOUCH = "<BHHH" + TOUCH_BODY[1:]  # with the header
 _TOUCH_COPY = "%ds" % TOUCH_SIZE
-
-
-def unpack(burst, counts, at):
-    """Copy six little-endian counts from `burst`, byte `at` onwards; return the largest count."""
-    for i in range(CHANNELS):
-        counts[i] = burst[at] | burst[at + 1] << 8
-        at += 2
-    return max(counts)
 
 
 def process(state, tables, counts, flags, head, payload, encoded):

@@ -21,19 +21,6 @@ import micropython
 from .log2 import TABLE
 
 
-@micropython.viper
-def unpack(burst: ptr8, counts: ptr32, at: int) -> int:
-    # 6: CHANNELS. Each count has two bytes, the low byte first.
-    most = 0
-    for i in range(6):
-        count = burst[at] | burst[at + 1] << 8
-        at += 2
-        counts[i] = count
-        if count > most:
-            most = count
-    return most
-
-
 def _crc_table():
     # Table for half a byte; a table for a whole byte would be sixteen times as large.
     table = array("I", bytes(64))

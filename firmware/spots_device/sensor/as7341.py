@@ -18,9 +18,9 @@ buffer is the number of the first register. Both raise OSError if the chip does 
 from array import array
 
 from .. import const
-from ..reading.kernel import unpack
 from ..runtime.common import ADDRESS
 from . import exposure
+from .burst import unpack
 from .pacing import Pacing
 from .smux import CHANNELS, smux_map
 

@@ -41,7 +41,7 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
     Returns
     -------
     list of int
-        Dark counts of the six channels, summed over `spots_device.reading.decode.DARK_SAMPLES` samples.
+        Dark counts of the six channels, summed over `decode.DARK_SAMPLES` samples.
 
     Raises
     ------

@@ -16,6 +16,7 @@ from spots_device.reading.calibration import ONE_Q13, Calibration
 from spots_device.reading.log2 import ONE as ONE_Q20
 from spots_device.sensor.smux import CHANNELS
 
+from .decoded import fit_of, segments_of
 from .fit import ONE_Q12
 
 _DEGREE = 7  # of the curve of each channel, a Chebyshev series in the position
@@ -50,7 +51,7 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
         If the lines are not a calibration, or have no table for this strain.
     """
     made = Calibration(lines, strain_ppm)
-    places = np.concatenate([segment.positions_um for segment in made.segments])
+    places = np.concatenate([segment.positions_um for segment in segments_of(made)])
     low, high = places.min(), places.max()
 
     def polynomials(position_um):
@@ -58,12 +59,12 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
         return chebyshev.chebvander(2 * share - 1, _DEGREE)
 
     rows, values = [], []
-    for segment in made.segments:
+    for segment in segments_of(made):
         basis = polynomials(segment.positions_um)
         for weights, knots, one, sigma in (
             (segment.position, segment.contrasts, ONE_Q20, _SUM_SIGMA),
             (segment.force, segment.offsets, ONE_Q20, _SUM_SIGMA),
-            (made.fit, segment.fits, ONE_Q12, _MISFIT_SIGMA),
+            (fit_of(made), segment.fits, ONE_Q12, _MISFIT_SIGMA),
         ):
             rows.append(np.kron(np.array(weights) / ONE_Q13, basis) / sigma)
             values.append(np.array(knots) / one / sigma)

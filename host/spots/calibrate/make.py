@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from msgspec.structs import replace
 
+from spots.calibrate.decoded import Decoded
 from spots_device.reading.calibration import Calibration, CalibrationError
-from spots_device.views import Decoded
 
 from ..errors import SpotsError
 from . import calibration_file as file

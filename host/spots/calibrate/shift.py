@@ -3,7 +3,7 @@
 Drift adds c_i(x) to log2 of the counts of channel i at the position x. c_i is a polynomial through
 the drift that was measured at the known positions, called marks. The tables contain weighted sums
 of log2 of the counts: contrasts (which show the position), expected misfits, corrections of the
-brightness, and the coarse contrast at which each segment begins, see `spots_device.reading.calibration`. A
+brightness, and the coarse contrast at which each segment begins, see `reading.calibration`. A
 sum with the weights w_i changes by the sum of w_i c_i(x). The weights do not change.
 """
 

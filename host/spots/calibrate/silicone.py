@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from spots.calibrate.decoded import Decoded
 from spots_device.reading.calibration import Calibration
-from spots_device.views import Decoded
 
 from ..errors import SpotsError
 from .fit import ONE_Q12

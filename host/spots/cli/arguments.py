@@ -1,7 +1,11 @@
 """Options that several commands share, and the types of option values."""
 
+from __future__ import annotations
+
 import argparse
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from ..link.ports import known
 from ..plugins import entry_points
@@ -83,6 +87,21 @@ def open_board(options: argparse.Namespace):
     return open_named(options)
 
 
+def whole(text: str) -> int:
+    """Convert the text of an option to a whole number."""
+    with _explained(text, "whole number"):
+        return int(text)
+
+
+def finite(text: str) -> float:
+    """Convert the text of an option to a finite number."""
+    with _explained(text, "number"):
+        value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a finite number")
+    return value
+
+
 def number(what: str, low: float, high: float, kind: type = float):
     """Return a converter for the ``type`` of argparse that accepts numbers in a range.
 
@@ -128,3 +147,11 @@ places = number("the number of places, forces or angles", 0, 1000, int)
 sigma_mm = number("a standard error in mm", 1e-6, 100)
 http_port = number("a port for web browsers", 0, 65535, int)
 exposure_us = number("an exposure in us", 2000, 200_000, int)
+
+
+@contextmanager
+def _explained(text: str, what: str) -> Iterator[None]:
+    try:
+        yield
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a {what}") from None

@@ -186,7 +186,6 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
         folder / "spots_device",
         ignore=shutil.ignore_patterns(
             "__pycache__",
-            "views.py",
             f"*{others}.py",
             *([] if device.viper else [f"*{VIPER}.py"]),
             *([] if strips > 1 else _SEVERAL),
@@ -203,7 +202,7 @@ def stage(board: str, folder: Path, strips: int = 1) -> None:
 
 def use_viper(package: Path) -> None:
     """Replace modules in a copy of the firmware's package by their ``_viper`` versions."""
-    for path in package.glob(f"*{VIPER}.py"):
+    for path in package.rglob(f"*{VIPER}.py"):
         path.replace(path.with_stem(path.stem.removesuffix(VIPER)))
 
 

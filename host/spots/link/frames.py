@@ -205,7 +205,7 @@ class Contact(NamedTuple):
     id : int
         Number of the finger, modulo 256.
     state : int
-        A state from `spots_device.fingers.contacts`. First frame of a finger: `DOWN` (0). While another
+        A state from `fingers.contacts`. First frame of a finger: `DOWN` (0). While another
         finger may be on the strip, or this finger may have lifted: `PROVISIONAL` (1). While this
         finger is alone: `CONFIRMED` (2). Last frame: `UP` (3), or `NEVER_ALONE` (4) if no frame of
         this finger was `CONFIRMED`.

@@ -165,7 +165,7 @@ class Arrays:
     """Frames of a recording, or of a block of a recording, as structured arrays.
 
     Values are the integers of the frames: an unknown position or force is 0, not NaN as in `Touch`.
-    The column ``flags`` (bits of `spots_device.reading.decode`) shows which values are unknown. Rows are in
+    The column ``flags`` (bits of `reading.decode`) shows which values are unknown. Rows are in
     the order of arrival. The first columns of the four arrays are the same:
 
     ========== === =============================================================

@@ -39,7 +39,7 @@ _REST_S = 0.25  # least rest before a slide
 _SQUEEZE_MN = 5_000  # least force of a squeeze
 _SQUEEZE_S = 0.1  # least duration of this force
 _KEPT = 4096  # largest number of stored readings of a touch
-# Limits for `ContactTracker`, see `spots_device.keys.layout`: largest movement of a finger between two
+# Limits for `ContactTracker`, see `keys.layout`: largest movement of a finger between two
 # readings, delay of a release, and time after which an object that does not move is no finger.
 _TUNING = ["jump_um 12000", "release_ms 30", "stuck_ms 20000"]
 

@@ -16,7 +16,7 @@ from spots import toml
 from spots.deploy.staging import device_of
 from spots.errors import SpotsError
 
-_FILE = Path(__file__).parent / "data" / "cpus.toml"
+_FILE = Path(__file__).parents[1] / "data" / "cpus.toml"
 _Time = Annotated[float, msgspec.Meta(ge=0, le=10_000_000)]
 
 

@@ -34,7 +34,9 @@ from .usb import UsbHost
 
 _TICKS = protocol.PERIOD_US
 _slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
-_MODULES = "app", "as7341", "several"
+# Modules that only MicroPython or CircuitPython can import.
+_OTHERS = VIPER, "circuitpython", "_micropython"
+_MODULES = "board.app", "sensor.as7341", "board.several"
 
 _numbers = itertools.count()
 
@@ -165,12 +167,12 @@ class CPythonBoard:
             requests = clock
             if config.I2C_ID:
                 requests = _SecondBus(self, clock)
-            sensor = modules["as7341"].AS7341(_Sensor(requests), strip_clock)
+            sensor = modules["sensor.as7341"].AS7341(_Sensor(requests), strip_clock)
             sensor.gpio = requests.light
             return sensor
 
         several = hasattr(self._config, "SENSORS")
-        kind = modules["several"].SeveralApp if several else modules["app"].BoardApp
+        kind = modules["board.several"].SeveralApp if several else modules["board.app"].BoardApp
         self._app = kind(
             self._config,
             f"cpython {platform.python_version()}",
@@ -198,10 +200,10 @@ def _load(folder: Path) -> str:
     package = importlib.util.module_from_spec(spec)
     sys.modules[name] = package
     spec.loader.exec_module(package)
-    for module in pkgutil.iter_modules(package.__path__):
-        if not (module.ispkg or module.name.endswith(VIPER)):
-            importlib.import_module(f"{name}.{module.name}")
-    use_folder(sys.modules[f"{name}.store"], folder)
+    for module in pkgutil.walk_packages(package.__path__, f"{name}."):
+        if not (".runtime." in module.name or module.name.endswith(_OTHERS)):
+            importlib.import_module(module.name)
+    use_folder(sys.modules[f"{name}.board.store"], folder)
     # `gc.collect` would search the memory of the whole program, so samples would be lost.
     for module in [sys.modules[key] for key in sys.modules if key.startswith(f"{name}.")]:
         if hasattr(module, "gc"):

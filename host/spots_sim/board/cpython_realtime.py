@@ -1,7 +1,8 @@
 """A virtual board on CPython in real time: a process with a pseudo-terminal or a loopback socket.
 
-Run it as ``python -m spots_sim.board.cpython_realtime SENSOR SCENARIO SEED STRIPS``. It prints one JSON
-object with its port, see `realtime`. It ends when its standard input closes or its parent ends.
+Run it as ``python -m spots_sim.board.cpython_realtime SENSOR SCENARIO SEED STRIPS``. It prints one
+JSON object with its port, see `realtime`. It ends when its standard input closes or its parent
+ends.
 """
 
 from __future__ import annotations

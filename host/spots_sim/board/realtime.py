@@ -1,8 +1,8 @@
 """A virtual board in real time: a process with pseudo-terminals that pyserial opens.
 
-Run it as ``python -m spots_sim.board.realtime SENSOR SCENARIO SEED BOARD FOLDER STRIPS``. FOLDER is the
-board's file system, firmware included. If FOLDER is an empty string, a temporary folder is made and
-the firmware copied to it. STRIPS is 1 or 2; the second strip has the same sensor and scenario.
+Run it as ``python -m spots_sim.board.realtime SENSOR SCENARIO SEED BOARD FOLDER STRIPS``. FOLDER is
+the board's file system, firmware included. If FOLDER is an empty string, a temporary folder is made
+and the firmware copied to it. STRIPS is 1 or 2; the second strip has the same sensor and scenario.
 
 The process prints one JSON object: the port for frames, the port for the prompt, and the host's
 monotonic time of power-on. The two ports differ only on CircuitPython. The process ends when its

@@ -1,7 +1,7 @@
 """Measures the position error of a finger that slides while another finger rests.
 
-Run it with ``python -m spots_sim.demo.anchored 50``; the arguments are speeds of the sliding finger in
-mm/s. The resting finger touches the strip first and is called the first finger.
+Run it with ``python -m spots_sim.demo.anchored 50``; the arguments are speeds of the sliding finger
+in mm/s. The resting finger touches the strip first and is called the first finger.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Measures errors of typing, and of a joint's angle, while the LED of the strip warms up.
 
-Run it with ``python -m spots_sim.demo.from_cold 20``; the argument is a number of simulated minutes. The
-strip was calibrated with a warm LED. Since its calibration the strip has changed as the table
-``[change]`` of its sensor file describes.
+Run it with ``python -m spots_sim.demo.from_cold 20``; the argument is a number of simulated
+minutes. The strip was calibrated with a warm LED. Since its calibration the strip has changed as
+the table ``[change]`` of its sensor file describes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Measures the errors of fast typing on a virtual board.
 
-Run it with ``python -m spots_sim.demo.typing_speed 60 100``; the arguments are speeds in words a minute.
+Run it with ``python -m spots_sim.demo.typing_speed 60 100``; the arguments are speeds in
+words a minute.
 """
 
 from __future__ import annotations

@@ -294,7 +294,7 @@ def start_simulator(
         micropython_command()  # raises SpotsError before the process starts
         module, more = "realtime", (board, folder, str(strips))
     process = subprocess.Popen(
-        [sys.executable, "-m", f"spots_sim.{module}", sensor, scenario, str(seed), *more],
+        [sys.executable, "-m", f"spots_sim.board.{module}", sensor, scenario, str(seed), *more],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,

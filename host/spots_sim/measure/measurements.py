@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from spots.calibrate.decoded import coarse_of
 from spots.errors import SpotsError
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import TOO_DARK, TOUCHING
@@ -256,7 +257,7 @@ def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
         "channels": channels,
     }
     run.summary["position"] = {
-        "r2": _r2(along.position_um, along.logs @ np.array(Calibration(rig.lines).coarse)),
+        "r2": _r2(along.position_um, along.logs @ np.array(coarse_of(Calibration(rig.lines)))),
         "resolution_um": _mean(series["resolution"]),
         "accuracy_um": _mean(series["accuracy"]),
         "bound_um": _mean(series["bound"]),

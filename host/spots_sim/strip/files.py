@@ -24,7 +24,7 @@ from spots import toml
 from .change import Change, ChangeInTime, Temperature
 from .silicone import Silicone
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 
 _MOST = 1e12  # excludes infinity
 Positive = Annotated[float, msgspec.Meta(gt=0, le=_MOST)]
@@ -74,7 +74,7 @@ class Led(toml.Strict):
     noise_ppm_10ms: NotNegative
     warm_up_percent: Annotated[float, msgspec.Meta(gt=-100, le=100)]
     warm_up_s: Positive
-    # Wiring of the LED, one of `spots_device.board.light.LEDS`. The chip sets the current only for `ldr`;
+    # Wiring of the LED, one of `board.light.LEDS`. The chip sets the current only for `ldr`;
     # for the others, the current is `fixed_mA`.
     wired: Literal["ldr", "gpio", "always"] = "ldr"
     fixed_mA: Positive = 20.0

@@ -56,6 +56,7 @@ from spots_device.reading.decode import (
 )
 from spots_device.reading.frame import Time32
 from spots_device.reading.log2 import log2_q20
+from spots_device.sensor.burst import unpack as unpack_burst
 from spots_device.sensor.pacing import Pacing
 
 _BURST_US = 390
@@ -122,7 +123,7 @@ def prepare_unpack(cases):
 def unpack(cases, results):
     for i in range(len(cases)):
         burst, counts = cases[i]
-        results[7 * i] = kernel.unpack(burst, counts, 2)
+        results[7 * i] = unpack_burst(burst, counts, 2)
         for j in range(6):
             results[7 * i + 1 + j] = counts[j]
 

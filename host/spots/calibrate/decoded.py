@@ -1,12 +1,12 @@
-"""Access by name to the parts of a calibration and of a reading; only on the host."""
+"""The parts of a calibration's tables, and a reading's results, by name."""
 
-from array import array
+from __future__ import annotations
 
-from .reading.decode import (
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.decode import (
     BOUNDS,
     FLOOR,
     FLOOR_SAMPLES,
-    KIND,
     SAMPLES,
     SEGMENTS,
     SUMS,
@@ -14,9 +14,8 @@ from .reading.decode import (
     Decode,
     columns_of,
 )
-from .reading.frame import TOUCH, Framer
-from .reading.kernel import estimate, touch
-from .sensor.smux import CHANNELS
+from spots_device.reading.kernel import estimate
+from spots_device.sensor.smux import CHANNELS
 
 _FIELDS = "flags", "contrast", "brightness", "position_um", "force_mN"
 _MEAN_SAMPLES = 64  # mean counts are multiplied by this number before they are rounded
@@ -49,28 +48,26 @@ class Segment:
         self.contrasts, self.positions_um, self.fits, self.offsets = columns
 
 
-def view(calibration, name):
-    """Return weights, bounds or segments of a calibration by name.
+def coarse_of(calibration: Calibration) -> memoryview:
+    """Return the six weights of the contrast that selects a segment, Q13."""
+    return memoryview(calibration.tables)[WEIGHTS : WEIGHTS + CHANNELS]
 
-    Parameters
-    ----------
-    calibration : calibration.Calibration
-        Calibration whose `tables` are viewed.
-    name : str
-        ``coarse`` or ``fit``, six weights each; ``bounds``, the contrasts at which segments begin;
-        or ``segments``, a tuple of `Segment`.
-    """
-    if name not in ("coarse", "fit", "bounds", "segments"):
-        raise AttributeError(name)
+
+def fit_of(calibration: Calibration) -> memoryview:
+    """Return the six weights of the misfit, Q13."""
+    return memoryview(calibration.tables)[WEIGHTS + CHANNELS : WEIGHTS + 2 * CHANNELS]
+
+
+def bounds_of(calibration: Calibration) -> list[int]:
+    """Return the coarse contrast, Q20 of log2, at which each segment begins."""
+    tables = calibration.tables
+    return [tables[BOUNDS + 2 * i] for i in range(tables[SEGMENTS])]
+
+
+def segments_of(calibration: Calibration) -> tuple[Segment, ...]:
+    """Return a view of each segment's weights and tables; writing to it changes the calibration."""
     tables = memoryview(calibration.tables)
-    if name == "coarse":
-        return tables[WEIGHTS : WEIGHTS + CHANNELS]
-    if name == "fit":
-        return tables[WEIGHTS + CHANNELS : WEIGHTS + 2 * CHANNELS]
-    places = range(BOUNDS, BOUNDS + 2 * tables[SEGMENTS], 2)
-    if name == "bounds":
-        return array("i", [tables[place] for place in places])
-    return tuple(Segment(tables, tables[place + 1]) for place in places)
+    return tuple(Segment(tables, tables[BOUNDS + 2 * i + 1]) for i in range(tables[SEGMENTS]))
 
 
 class Decoded(Decode):
@@ -90,7 +87,7 @@ class Decoded(Decode):
         try:
             return self.state[_FIELDS.index(name)]
         except ValueError:
-            raise AttributeError(name)
+            raise AttributeError(name) from None
 
     def update(self, sums, samples, dark, flags):
         """Decode one reading.
@@ -124,12 +121,3 @@ class Decoded(Decode):
         """
         sums = [max(round(_MEAN_SAMPLES * count), 0) for count in counts]
         self.update(sums, _MEAN_SAMPLES, [0] * CHANNELS, 0)
-
-
-class TouchFramer(Framer):
-    """A framer that sends readings as TOUCH frames, without a `strip.Strip`."""
-
-    def touch(self, sensor, state):
-        """Send the reading in `state` as a TOUCH frame; return whether it was sent."""
-        self._head[KIND] = TOUCH | sensor << 4
-        return self.send(touch(self._head, self.payload, state, self.encoded))

@@ -1,0 +1,1 @@
+"""Finds which fingers touch the strip, and where."""

@@ -1,0 +1,1 @@
+"""Turns fingers into keys, axes and USB reports."""

@@ -1,0 +1,1 @@
+"""Counts in, position and force out: logarithms, calibration, dark frames, frames."""

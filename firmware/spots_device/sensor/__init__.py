@@ -1,0 +1,1 @@
+"""Reads the AS7341: its registers, samples, exposure, and the LED."""

@@ -1,0 +1,1 @@
+"""Designs a real strip: length, dye, moulds, drawings and recipe."""

@@ -1,0 +1,1 @@
+"""Virtual boards: the firmware in MicroPython or CPython, in simulated or real time."""

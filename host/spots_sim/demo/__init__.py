@@ -1,0 +1,1 @@
+"""The port virtual, and the demonstrations."""

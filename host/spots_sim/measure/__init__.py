@@ -1,0 +1,1 @@
+"""Measures simulated strips, and scores typing, controllers and linkages."""

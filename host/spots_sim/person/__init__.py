@@ -1,0 +1,1 @@
+"""What touches a strip: a person, a typist, a stage, a linkage."""

@@ -1,0 +1,1 @@
+"""The strip: optics, silicone, changes since the calibration, and what happens to it over time."""
