@@ -4,7 +4,6 @@ import ast
 import json
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,6 @@ from spots.deploy import build as builder
 from spots.deploy import staging
 from spots.deploy.build import ARCHITECTURES, build, files_of, mpy_header
 from spots.deploy.constants import inline
-from spots.deploy.names import shorten
 from spots.deploy.staging import board_names, device_of, stage
 from spots_sim.board.vm import micropython_command
 
@@ -276,34 +274,3 @@ def test_constants_become_numbers_and_their_definitions_and_imports_vanish(tmp_p
     two = (tmp_path / "part" / "two.py").read_text()
     assert "from ..one import TWICE, WORDS\n" in two
     assert two.endswith("    pass\n    return x[(16)] + (1) * one.SEEN + TWICE\n")
-
-
-def test_arguments_and_private_names_become_short(tmp_path):
-    (tmp_path / "one.py").write_text(
-        "_TABLE = 3\n\n\nclass Base:\n    def __init__(self, size):\n        self._size = size\n"
-        "        self._seen = 0\n        self.total = _TABLE\n\n"
-        "    def _is_next(self, size=_TABLE):\n"
-        "        return lambda more: self._size + size + more\n"
-        "\n    def _is_new(self):\n        return self._is_next(2)(3)\n"
-    )
-    (tmp_path / "two.py").write_text(
-        "from .one import Base\n\n\nclass Both(Base):\n    def grow(self, by_um, sigma_um=1):\n"
-        "        self._size += by_um\n        self._fresh = sigma_um\n"
-        "        return getattr(self, '_seen')\n\n\ndef grow(both):\n"
-        "    both.grow(4, sigma_um=5)\n    return both._size + both._is_new() + both.total\n"
-    )
-    (tmp_path / "__init__.py").write_text("")
-    shorten(tmp_path)
-    one = (tmp_path / "one.py").read_text()
-    two = (tmp_path / "two.py").read_text()
-    assert not re.search(r"_size|_TABLE|\bself\b|\bmore\b", one)
-    assert not re.search(r"_size|_fresh|by_um|\bself\b|def grow\(both", two)
-    # Names of calls and texts stay; a private function has its first letters.
-    assert "sigma_um=1" in two
-    assert "self._seen" not in two
-    assert "._seen = 0" in one
-    assert re.findall(r"def (_\w+)", one) == ["__init__", "_is_nex", "_is_new"]
-    code = f"import sys; sys.path.insert(0, {str(tmp_path.parent)!r}); "
-    code += f"from {tmp_path.name}.two import Both, grow; print(grow(Both(1)))"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert run.stdout == f"{1 + 4 + 5 + 2 + 3 + 3}\n", run.stderr

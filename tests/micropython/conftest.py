@@ -25,7 +25,6 @@ from viper import need_viper
 import spots_device
 from spots.deploy.build import mpy_cross_command
 from spots.deploy.constants import inline
-from spots.deploy.names import shorten
 from spots.deploy.staging import use_viper
 from spots_sim.board.vm import micropython_command
 
@@ -49,8 +48,8 @@ def copy_sources(folder: Path, viper: bool, inlined: bool) -> None:
     viper : bool
         Whether the package contains the sample path as machine code.
     inlined : bool
-        Whether constants are replaced by their values, and names are shortened, as on a board. Some
-        scripts import these constants.
+        Whether constants are replaced by their values, as on a board. Some scripts import these
+        constants.
     """
     clean = shutil.ignore_patterns("__pycache__")
     shutil.copytree(HERE / "scripts", folder, ignore=clean)
@@ -60,7 +59,6 @@ def copy_sources(folder: Path, viper: bool, inlined: bool) -> None:
         use_viper(folder / "spots_device")
     if inlined:
         inline(folder / "spots_device")
-        shorten(folder / "spots_device")
 
 
 def compile_module(source: Path, target: Path) -> None:

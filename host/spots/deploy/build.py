@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from .. import atomic
 from ..errors import SpotsError, missing
-from . import constants, manifest, names
+from . import constants, manifest
 from .staging import CONFIG, Device, device_of, stage
 
 # Architectures by their number in the header of an .mpy file (MicroPython, py/persistentcode.h).
@@ -144,7 +144,6 @@ def _compile(package: Path, device: Device) -> None:
     command = mpy_cross_command()
     if device.march:
         command.append(f"-march={device.march}")
-    names.shorten(package)
     for source in sorted(package.rglob("*.py")):
         # A traceback on the board shows this name of the module. -O3 omits line numbers, which take
         # 7 % of flash and heap.
