@@ -14,6 +14,24 @@ _HALF = 1 << 29
 _MASK = _HALF - 1 + _HALF  # computed without 2**30, which is not a small int on a 32-bit board
 
 
+# A small calibration of the canned board.
+CALIBRATION = [
+    "board 00",
+    "plan F3 F4 F5 F6 F7 F8",
+    "made 9 10000 20",
+    "touch 300 200",
+    "coarse -4096 -4096 0 0 4096 4096",
+    "fit 8192 -8192 0 0 0 0",
+    "segment -8192 0 0 0 0 8192 0 0 0 0 0 8192",
+    "f 1000 200 900",
+    "f 100000 6000 90",
+    "strain 0",
+    "from 0",
+    "x 0 0 5 100",
+    "x 100000 8000 5 200",
+]
+
+
 class Clock:
     """A clock that advances only in `sleep_us`; transfers and arithmetic take no time."""
 

@@ -19,21 +19,7 @@ from spots_device.runtime.common import blink
 from spots_device.sensor.as7341 import AS7341
 from spots_device.sensor.search import Search
 
-LINES = """\
-board 00
-plan F3 F4 F5 F6 F7 F8
-made 9 10000 20
-touch 300 200
-coarse -4096 -4096 0 0 4096 4096
-fit 8192 -8192 0 0 0 0
-segment -8192 0 0 0 0 8192 0 0 0 0 0 8192
-f 1000 200 900
-f 100000 6000 90
-strain 0
-from 0
-x 0 0 5 100
-x 100000 8000 5 200
-""".splitlines()
+LINES = canned.CALIBRATION
 
 
 class Usb:
