@@ -94,6 +94,10 @@ class CommandError(SpotsError):
     """Raised if the board refuses a command."""
 
 
+class NoReplyError(SpotsError):
+    """Raised if no reply to a command arrived: the board may have executed the command, or not."""
+
+
 class RefusedError(SpotsError):
     """Raised if another board or another device is now on the port of a lost board."""
 

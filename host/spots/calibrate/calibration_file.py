@@ -24,7 +24,7 @@ from .. import atomic, toml
 from ..bounded import read_text
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.connect import upload
+from ..link.connect import ensured, upload
 from .session import (
     Degrees,
     ExposureUs,
@@ -291,7 +291,7 @@ def send(board: Board, calibration: CalibrationFile) -> str:
         If the calibration was made on another board or at other settings. The board is unchanged.
     """
     upload(board, calibration.lines)
-    board.command("save")
+    ensured(board, "save")
     return checksum(list(calibration.lines))
 
 

@@ -12,7 +12,7 @@ from spots_device.reading.decode import DARK_SAMPLES
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.connect import open_named
+from ..link.connect import ensured, open_named
 from .guide import Guide
 
 _TIMEOUT_S = 60.0
@@ -63,5 +63,5 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
             "Enter: "
         )
     ask("plug the LED in again or uncover it, then press Enter: ")
-    board.command("save")
+    ensured(board, "save")
     return dark

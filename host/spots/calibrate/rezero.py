@@ -8,7 +8,6 @@ written to both the file and the board; on error, both keep the old one.
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,6 @@ from spots_device.reading.log2 import ONE as ONE_Q20
 
 from ..atomic import check_writable
 from ..errors import SpotsError
-from ..link.connect import upload
 from . import calibration_file as file
 from .bench import Bench
 from .calibrate import opened
@@ -155,15 +153,21 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
     Raises
     ------
     SpotsError
-        If the file or the board cannot be written. The calibration `made` is then restored in both.
+        If the file or the board cannot be written. The calibration `made` is then restored in both;
+        if the board does not answer, the message says that it can have either calibration.
     """
     file.save(new, bench.path)
     try:
         return file.send(bench.reader.board, new)
     except BaseException:
         file.save(made, bench.path)
-        with suppress(SpotsError):  # a board that is unplugged loads the stored calibration
-            upload(bench.reader.board, made.lines)
+        try:
+            file.send(bench.reader.board, made)
+        except SpotsError as error:
+            raise SpotsError(
+                f"{bench.path} has the calibration before the re-zero again, but the board can have "
+                f"either one ({error}): reconnect the board, and start the re-zero again"
+            ) from None
         raise
 
 

@@ -14,6 +14,7 @@ from spots_device.sensor.exposure import full_scale, registers
 
 from ..errors import SpotsError
 from ..link import lamps
+from ..link.connect import ensured
 from . import calibration_file as file
 from .bench import BadPressError, Bench, judge_force, judge_place
 from .choose import choose, passes
@@ -173,7 +174,7 @@ class _Steps:
         guide.say("measuring the flicker of lamps: touch nothing")
         if mains_hz := lamps.mains_hz(reader.board):
             reader.set_up(f"mains_hz={mains_hz}")
-            reader.board.command("save")  # a later run then sets the same exposure
+            ensured(reader.board, "save")  # a later run then sets the same exposure
             guide.say(f"lamps flicker at {2 * mains_hz} Hz: mains_hz={mains_hz}")
 
     def _auto(self, force_mN: float) -> None:

@@ -7,7 +7,7 @@ from rich.text import Text
 
 from ..errors import printable
 from ..link.board import Board
-from ..link.connect import upload_lines
+from ..link.connect import ensured, upload_lines
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
 from ..terminal.view import framed
 from .layout import LAYER_VERBS, SLOTS, KeyLayout, PlacedKey, load, parts_of
@@ -52,8 +52,8 @@ def push(board: Board, layout: KeyLayout) -> str | None:
         If the board refuses the layout or a command.
     """
     upload_lines(board, "layout", layout.lines)
-    note = board.command("set keys=1 baseline=1").get("note")
-    board.command("save")
+    note = ensured(board, "set keys=1 baseline=1").get("note")
+    ensured(board, "save")
     return note
 
 

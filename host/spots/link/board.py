@@ -23,6 +23,7 @@ from ..errors import (
     AtPromptError,
     ClosedError,
     CommandError,
+    NoReplyError,
     PortLostError,
     RefusedError,
     SpotsError,
@@ -353,7 +354,7 @@ class Board(AbstractContextManager["Board"]):
             if reply is None:
                 self._late = True
                 self._check_prompt()
-                raise SpotsError(
+                raise NoReplyError(
                     f"no reply to '{line}' within {timeout_s:g} s from the board on {self.port}: "
                     "replug the board"
                 )

@@ -4,20 +4,22 @@ import math
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from typing import Any
 
 from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
-from ..errors import SpotsError
+from ..errors import NoReplyError, SpotsError
 from .board import Board, of_sensor
 from .ports import known, scheme, scheme_name
 from .serial_link import SerialLink, usb_boards, usb_ports
 
 _LOOK_EVERY_S = 1.0  # time between two attempts with the option ``wait``
 _WAITED_FOR = "", "zenoh"  # schemes of ports whose boards come and go; empty for a serial port
+# Field of the reply to ``hello`` with the checksum of uploaded lines, by the command of the upload.
+_UPLOADED = {"cal": "calibration", "layout": "layout"}
 
 
 def open(
@@ -256,14 +258,50 @@ def upload_lines(board: Board, command: str, lines: Sequence[str], sensor: int =
     Raises
     ------
     SpotsError
-        If the board refuses the lines. The board is then unchanged.
+        If the board refuses the lines, or does not answer. The board is then unchanged. An upload
+        of which a reply is lost is repeated once, unless the board already has the lines.
     """
+    name: str = checksum(lines)
+    try:
+        _send(board, command, lines, name, sensor)
+    except NoReplyError:
+        info: Any = board.command(of_sensor("hello", sensor))
+        if info.get(_UPLOADED[command]) != name:
+            _send(board, command, lines, name, sensor)
+    return name
+
+
+def _send(board: Board, command: str, lines: Sequence[str], name: str, sensor: int) -> None:
     board.command(of_sensor(f"{command} begin", sensor))
     for line in lines:
         board.command(f"{command} {line}")
-    name: str = checksum(lines)
     board.command(f"{command} end {name}")
-    return name
+
+
+def ensured(board: Board, line: str) -> Mapping[str, Any]:
+    """Send a command that can be repeated, such as ``save``; repeat it once if no reply arrives.
+
+    Parameters
+    ----------
+    board : Board
+        The board.
+    line : str
+        Command that has the same effect if the board executes it twice.
+
+    Returns
+    -------
+    dict
+        The reply.
+
+    Raises
+    ------
+    SpotsError
+        If the board refuses the command, or does not answer twice.
+    """
+    try:
+        return board.command(line)
+    except NoReplyError:
+        return board.command(line)
 
 
 def _checked(calibration: Sequence[str]) -> Any:
