@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import IO
 
 from . import locks
+from .bounded import open_regular
 from .errors import SpotsError
 
 _PREFIX, _SUFFIX = ".spots-", ".part"
@@ -30,10 +31,22 @@ _PART = re.compile(r"\.spots-\w{8,16}\.part")
 _LOCK = "lock"  # file in a staging directory that its process locks
 # A process locks a temporary file just after its creation, and some file systems have no locks.
 _STALE_S = 3600.0
+_LOCK_S = 1.0  # longest wait for another program that replaces the same file
+
+
+class ChangedError(SpotsError):
+    """Raised if a file that should be replaced was changed by another program."""
 
 
 @contextmanager
-def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options) -> Iterator[IO]:
+def replacing(
+    path: str | Path,
+    kind: str = "b",
+    *,
+    new: bool = False,
+    was: bytes | None = None,
+    **options,
+) -> Iterator[IO]:
     """Create or replace a file atomically, when a ``with`` block ends without an exception.
 
     A symbolic link with this name is replaced and not followed. The permissions of a replaced file
@@ -47,6 +60,8 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
         ``b`` for a binary file, ``t`` for text.
     new : bool
         Whether an existing file is an error.
+    was : bytes, optional
+        Content that the existing file must still have; the file may also be missing.
     **options
         Further options of `open`, such as ``encoding``.
 
@@ -60,6 +75,8 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
     SpotsError
         If the file cannot be written, or `new` is true and it exists. An existing file is
         unchanged.
+    ChangedError
+        If the content of the file is not `was`. The file is unchanged.
     """
     path = Path(path)
     part = path.parent / f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}"
@@ -76,7 +93,10 @@ def replacing(path: str | Path, kind: str = "b", *, new: bool = False, **options
             sync(file)
         if mode is not None and stat.S_IMODE(part.stat().st_mode) != mode:
             part.chmod(mode)
-        (_place_new if new else os.replace)(part, path)
+        if was is None:
+            (_place_new if new else os.replace)(part, path)
+        else:
+            _replace_unchanged(part, path, was)
     except OSError as error:
         raise not_written(path, error) from None
     finally:
@@ -189,6 +209,52 @@ def _place_new(part: Path, path: Path) -> None:
         if os.path.lexists(path):
             raise exists(path) from None
         os.replace(part, path)
+
+
+def _replace_unchanged(part: Path, path: Path, was: bytes) -> None:
+    """Rename the complete file `part` to `path`, if the file there has the content `was`.
+
+    A second program of this package that replaces the file waits, so that neither of them loses
+    what the other one writes.
+    """
+    with locks.held(path, _LOCK_S):
+        if not has_content(path, was):
+            raise ChangedError(f"another program has changed {path}: nothing was written")
+        os.replace(part, path)
+
+
+def has_content(path: Path, content: bytes) -> bool:
+    """Return whether a file has a content, or is missing.
+
+    Parameters
+    ----------
+    path : Path
+        Name of the file.
+    content : bytes
+        The content.
+
+    Returns
+    -------
+    bool
+        False also for something that is not a readable file.
+    """
+    try:
+        with open_regular(path) as file:
+            return file.read(len(content) + 1) == content
+    except FileNotFoundError:
+        return True
+    except (OSError, SpotsError):
+        return False
+
+
+def check_writable(path: Path) -> None:
+    """Raise SpotsError if a file cannot be created or replaced; the folder is unchanged."""
+    try:
+        _replaced_mode(path, new=False)
+        with tempfile.NamedTemporaryFile(prefix=_PREFIX, suffix=_SUFFIX, dir=path.parent):
+            pass
+    except OSError as error:
+        raise not_written(path, error) from None
 
 
 def _replaced_mode(path: Path, new: bool) -> int | None:

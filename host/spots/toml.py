@@ -137,6 +137,12 @@ def loads(text: str) -> dict:
     return content
 
 
+def comments(text: str) -> list[str]:
+    """Return the comments in the text of a TOML file, each with its ``#``."""
+    found = (match[0].rstrip() for match in _STRING_OR_COMMENT.finditer(text))
+    return [one for one in found if one.startswith("#")]
+
+
 def dumps(content: dict, prefix: str = "", comments: Mapping[str, str] = {}) -> str:
     """Return a dict as TOML, without the keys whose value is None.
 

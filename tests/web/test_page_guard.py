@@ -393,8 +393,11 @@ def test_the_end_is_quiet(number):
     assert (program.returncode, error) == (0, "")
 
 
-def test_what_is_not_installed_is_told(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "aiohttp", None)
-    monkeypatch.delitem(sys.modules, "spots.web.serve", raising=False)
+@pytest.mark.parametrize("package", ["aiohttp", "tomlkit"])
+def test_what_is_not_installed_is_told(monkeypatch, capsys, package):
+    monkeypatch.setitem(sys.modules, package, None)
+    for name in ("serve", "editors", "toml_text"):
+        monkeypatch.delitem(sys.modules, f"spots.web.{name}", raising=False)
     assert main(["serve"]) == 2
-    assert "pip install 'spots-tactile[web]'" in capsys.readouterr().err
+    message = f"the web UI needs {package}: pip install 'spots-tactile[web]'"
+    assert message in capsys.readouterr().err

@@ -267,45 +267,6 @@ def test_the_page_shapes_a_signal_as_the_controller_does(serve, open_page, low):
         assert smooth == pytest.approx(filtered.take(wanted, dt_s), abs=1e-12)
 
 
-PATCH = """async ([text, was, now]) => {
-  const { patched } = await import("/static/toml.js");
-  return patched(text, was, now);
-}"""
-
-
-def test_random_changes_of_a_file_are_read_as_meant(serve, open_page):
-    page = open_page(serve(PageState()).url)
-    choice = random.Random(2)
-    text = TEXTS["controller"]
-    editor = SettingsEditor("controller", controller_settings.DEFAULT, PageState())
-    content = editor._check(type("C", (), {"text": text}))["content"]
-    for _ in range(150):
-        now = json.loads(json.dumps(content))
-        change = choice.choice(("value", "axis", "button", "remove", "smooth"))
-        if change == "value" and now.get("x"):
-            now["x"][choice.choice(("deadband", "expo"))] = round(choice.random() / 2, 2)
-            now["hold_ms"] = choice.randrange(20, 900)
-        elif change == "axis":
-            name = choice.choice("xy")
-            if name in now:
-                del now[name]
-            else:
-                now[name] = {"from": "force", "max_mN": 4000, "smooth": {"beta": 3}}
-        elif change == "button":
-            at = choice.randrange(len(now.get("button", [])) + 1)
-            now.setdefault("button", []).insert(at, {"number": 4, "when": "tapped"})
-        elif change == "remove" and now.get("button"):
-            now["button"].pop(choice.randrange(len(now["button"])))
-            if not now["button"]:
-                del now["button"]
-        elif change == "smooth" and "z" in now:
-            now["z"].pop("smooth", None)
-            now["z"]["invert"] = False
-        text = page.evaluate(PATCH, [text, content, now])
-        content = editor._check(type("C", (), {"text": text}))["content"]
-        assert content == now, text
-
-
 MESSAGES = {"do": "check"}, {"do": "save", "base": ""}
 
 

@@ -165,8 +165,8 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
             file.send(bench.reader.board, made)
         except SpotsError as error:
             raise SpotsError(
-                f"{bench.path} has the calibration before the re-zero again, but the board can have "
-                f"either one ({error}): reconnect the board, and start the re-zero again"
+                f"{bench.path} has the calibration before the re-zero again, but the board can "
+                f"have either one ({error}): reconnect the board, and start the re-zero again"
             ) from None
         raise
 

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from ..atomic import check_writable
 from ..calibrate import calibration_file
 from ..calibrate.bench import Bench
 from ..calibrate.dialog import Progress, UndoError
@@ -82,7 +83,8 @@ class PageCalibration(Orders):
     Raises
     ------
     SpotsError
-        If `path` is not the name of a file, or the session file is damaged.
+        If `path` is not the name of a file, the session file is damaged, or one of the two files
+        could not be written.
     """
 
     what = "a session"
@@ -92,6 +94,8 @@ class PageCalibration(Orders):
     def __init__(self, path: Path, state: PageState):
         if not path.name:
             raise SpotsError(f"{path} is not a session file: give a name such as calibration.jsonl")
+        for written in (path, path.with_suffix(".toml")):
+            check_writable(written)
         super().__init__()
         self._first, self._state = path, state
         self._step = 0

@@ -11,6 +11,7 @@ import numpy as np
 
 from spots_device.reading import decode
 
+from ..atomic import check_writable
 from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..recording.arrays import RecordingBlocks
@@ -42,7 +43,7 @@ class Recordings(Orders):
     Raises
     ------
     SpotsError
-        If the folder does not exist.
+        If the folder does not exist, or no file can be written into it.
     """
 
     what = "a recording"
@@ -51,6 +52,7 @@ class Recordings(Orders):
     def __init__(self, folder: Path, state: PageState):
         if not folder.is_dir():
             raise SpotsError(f"there is no folder {folder} for recordings: make it first")
+        check_writable(folder / "new.spots")
         super().__init__()
         self._folder, self._state = folder, state
         self._recorder: Recorder | None = None

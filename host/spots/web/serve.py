@@ -20,7 +20,6 @@ from ..linkage.twin_source import is_recording, linkage_factory
 from .board_feed import BoardReader, finder
 from .calibration import PageCalibration
 from .connections import Connections
-from .editors import KINDS, LayoutEditor, SettingsEditor
 from .orders import Orders
 from .recordings import Recordings
 from .state import PageState
@@ -31,9 +30,10 @@ try:
     from aiohttp import web
 
     from .app import LOG, NOTHING, PageApp
+    from .editors import KINDS, LayoutEditor, SettingsEditor
     from .guard import Guard
-except ImportError:
-    raise missing("the web UI needs", "aiohttp", "web") from None
+except ImportError as error:
+    raise missing("the web UI needs", error.name or "aiohttp", "web") from None
 
 LOOPBACK = "127.0.0.1"
 

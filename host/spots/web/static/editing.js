@@ -9,15 +9,18 @@ const CHECK_MS = 250;  // pause between the last change and the check
 
 // `opener`: the button that opens the panel. `path`: path of the requests. `store`: name of the request
 // that stores the file. `it`: the part of the state that describes the file, from the server.
-// `begin(text, content)` returns a draft. `written(value, it)` returns {text, lost}: the text of a
-// draft, and the number of comments that this text loses. `forget(value)` returns a draft without
-// these comments. `state(it, changed, loses)` returns the state of the draft in words. `refresh` draws
-// the draft. `paused` returns whether a check must wait. `first(it)` is called for the first `it`.
-export function editing(root, opener, { path, store, words, begin, written, forget, refresh, first, state: stateOf, same, differs = () => {}, paused = () => false, shown = () => {} }) {
+// `state(it, changed, loses)` returns the state of the draft in words. `refresh` draws the draft.
+// `paused` returns whether a check must wait. `first(it)` is called for the first `it`.
+//
+// A draft is {content, text, agreed}. `text` is the text of an imported or new file; without it, the
+// draft is a change of the file on the server, which writes the text of each draft. `agreed` is the
+// number of comments that may be lost.
+export function editing(root, opener, { path, store, words, refresh, first, state: stateOf, paused = () => false, shown = () => {} }) {
   const OPEN = `spots-editing-${path}`, closed = opener.textContent;
-  let it = null, may = false, open = false, problem = "", news = "", loses = [];
+  // `problem`: why the draft is invalid. `failure`: why the last request failed.
+  let it = null, may = false, open = false, problem = "", failure = "", news = "", loses = [];
   let checking = 0, asked = 0, busy = false, changed = false;
-  const draft = makeDraft(`spots-${path}`, () => { news = ""; draw(); check(); });
+  const draft = makeDraft(`spots-${path}`, () => { news = failure = ""; draw(); check(); });
 
   const undo = button("Undo", () => draft.undo()), redo = button("Redo", () => draft.redo());
   undo.ariaKeyShortcuts = "Control+Z";
@@ -62,10 +65,10 @@ export function editing(root, opener, { path, store, words, begin, written, forg
   function showState() {
     if (!it) return;
     changed = Boolean(draft.value) && !same(draft.value.content, it.content);
-    const text = problem || news || stateOf(it, changed, loses);
+    const text = problem || failure || news || stateOf(it, changed, loses);
     if (state.textContent !== text) state.textContent = text;
     const stored = it.stored === true || it.stored === "this";
-    state.dataset.kind = problem ? "bad" : changed || !stored ? "new" : "good";
+    state.dataset.kind = problem || failure ? "bad" : changed || !stored ? "new" : "good";
     push.disabled = Boolean(problem) || busy || it.stored === null || !(changed || !stored);
     shown(it, may, busy);
   }
@@ -84,43 +87,54 @@ export function editing(root, opener, { path, store, words, begin, written, forg
     clearTimeout(checking);
     if (!draft.value || !it || !may || !open || paused()) return;
     checking = setTimeout(async () => {
-      const number = ++asked, value = draft.value;
-      const answer = await request(path, { do: "check", text: written(value, it).text });
+      const number = ++asked;
+      const answer = await request(path, checkOf(draft.value));
       if (number !== asked || answer.unanswered) return;
       problem = answer.refused ?? "";
       loses = answer.loses ?? [];
       showState();
-      differs(value, answer);
     }, CHECK_MS);
   }
 
+  function checkOf({ content, text }) {
+    return { do: "check", content, ...(text !== undefined && { text }) };
+  }
+
   async function send() {
-    if (!(await mayLose(words.push))) return;
-    const message = { do: store, text: written(draft.value, it).text, base: it.base, ...(store === "push" && { loses: [] }) };
+    const { base } = it, text = await written(words.push);
+    if (text === null) return;
+    const message = { do: store, text, base, ...(store === "push" && { loses: [] }) };
     let answer = await post(message);
     if (answer.loses?.length) {
-      if (!(await question(`With this layout, nothing types ${listed(answer.loses)} any more.`, "Put it on the board"))) return;
+      if (!(await question(`With this layout, no key types: ${listed(answer.loses)}.`, "Put it on the board"))) return;
       answer = await post({ ...message, loses: answer.loses });
     }
-    problem = answer.refused ?? "";
-    news = answer.refused ? "" : answer.note ? `on the board: ${answer.note}` : "";
+    failure = answer.refused ?? "";
+    news = answer.note ? `on the board: ${answer.note}` : "";
     showState();
   }
 
-  // Asks the user before comments are lost.
-  async function mayLose(go) {
-    const value = draft.value, { lost } = written(value, it);
-    if (!lost) return true;
+  // Returns the text of the draft, which the server writes; null if there is none, or if the user does
+  // not agree that comments are lost. `go` is the button that does it nevertheless.
+  async function written(go) {
+    const value = draft.value, { text, lost, refused } = await post(checkOf(value));
+    if (refused) {
+      failure = refused;
+      showState();
+      return null;
+    }
+    if (lost <= (value.agreed ?? 0)) return text;
     const count = lost === 1 ? "1 comment" : `${lost} comments`;
-    if (!(await question(`${count} of the file will be lost${words.kept}.`, go))) return false;
-    draft.set(forget(value));
-    return true;
+    if (!(await question(`${count} of the file will be lost.`, go))) return null;
+    draft.set({ ...value, agreed: lost }, true);
+    return text;
   }
 
   async function download() {
-    if (!(await mayLose("Export"))) return;
+    const text = await written("Export");
+    if (text === null) return;
     const link = make("a");
-    link.href = URL.createObjectURL(new Blob([written(draft.value, it).text], { type: "application/toml" }));
+    link.href = URL.createObjectURL(new Blob([text], { type: "application/toml" }));
     link.download = it.file;
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
@@ -132,7 +146,7 @@ export function editing(root, opener, { path, store, words, begin, written, forg
     chooser.value = "";
     const answer = await post({ do: "check", text });
     if (answer.refused) news = `${chosen.name}: ${answer.refused}`;
-    else draft.set(begin(text, answer.content));
+    else draft.set({ content: answer.content, text });
     showState();
   });
 
@@ -172,17 +186,20 @@ export function editing(root, opener, { path, store, words, begin, written, forg
     },
     get changed() { return changed; },
     say: (text) => { news = text; showState(); },
-    fail: (text) => { problem = text; showState(); },
+    fail: (text) => { failure = text; showState(); },
     // Uses a new state of the file from the server.
     take: (part, allowed) => {
-      const begins = !it;
+      const before = it;
       it = part ?? null;
       may = Boolean(allowed);
-      if (begins && it) first(it);
+      if (!before && it) first(it);
       // A changed file on the server becomes the draft; undo returns to the draft before it.
       if (it && may && draft.base !== it.base) {
-        if (!draft.value || !same(draft.value.content, it.content)) draft.set(begin(it.text, it.content));
+        const { value } = draft, mine = value && !same(value.content, it.content);
+        const edited = mine && !(before && same(value.content, before.content));
         draft.base = it.base;
+        draft.set({ content: it.content }, !mine && Boolean(value));
+        if (edited) news = `${it.file} was changed elsewhere, and this window shows it now; Undo brings your draft back`;
       }
       show();
     },
@@ -190,5 +207,15 @@ export function editing(root, opener, { path, store, words, begin, written, forg
 }
 
 export function listed(names) {
-  return names.length > 8 ? `${names.slice(0, 7).join(", ")} and ${names.length - 7} more` : names.join(", ");
+  return names.length > 8 ? `${names.slice(0, 7).join(", ")} and ${names.length - 7} others` : names.join(", ");
+}
+
+// Returns whether two contents are equal, whatever the order of their keys.
+function same(a, b) {
+  return canonical(a) === canonical(b);
+}
+
+function canonical(it) {
+  const isTable = (part) => part !== null && typeof part === "object" && !Array.isArray(part);
+  return JSON.stringify(it, (_, part) => (isTable(part) ? Object.fromEntries(Object.entries(part).sort(([a], [b]) => (a < b ? -1 : 1))) : part));
 }

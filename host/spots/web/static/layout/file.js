@@ -1,7 +1,5 @@
-// Changes a layout, and writes it as a file. A layout is an object as the server sends it: the content
+// Changes a layout. A layout is an object as the server sends it: the content
 // of a layout file, without entries that have default values.
-
-import { value } from "../toml.js";
 
 export const SLOTS = {
   tap: "tap", double: "double tap", hold: "hold", firm: "firm press",
@@ -10,7 +8,6 @@ export const SLOTS = {
 export const SWIPES = { swipe_minus: "swipe to the sensor", swipe_plus: "swipe away" };
 export const LAYER_VERBS = ["layer", "toggle", "once"];
 export const LEAST_SHARE = 0.01;  // smallest zone, as a share of the strip
-const KEY_PARTS = [...Object.keys(SLOTS), "width", "label"];
 
 export function empty() {
   return { name: "My layout", layer: [{ name: "keys", keys: [{}] }] };
@@ -85,23 +82,4 @@ export function renameLayer(content, index, name) {
   });
   if (name) content.layer[index].name = name;
   else content.layer.splice(index, 1);
-}
-
-// Returns the text of a layout file; `head` are the comments at its beginning.
-export function written(content, head = "") {
-  const lines = [`name = ${value(content.name)}`];
-  const tuning = Object.entries(content.tuning ?? {});
-  if (tuning.length) lines.push("", "[tuning]", ...tuning.map(([name, it]) => `${name} = ${value(it)}`));
-  for (const layer of content.layer) {
-    lines.push("", "[[layer]]", `name = ${value(layer.name)}`);
-    for (const name of ["gap_percent", ...Object.keys(SWIPES)]) {
-      if (layer[name]) lines.push(`${name} = ${value(layer[name])}`);
-    }
-    lines.push("keys = [", ...layer.keys.map((key) => `  ${typeof key === "string" ? value(key) : inline(key)},`), "]");
-  }
-  return `${head}${lines.join("\n")}\n`;
-}
-
-function inline(key) {
-  return `{${KEY_PARTS.filter((name) => key[name] !== undefined).map((name) => `${name} = ${value(key[name])}`).join(", ")}}`;
 }

@@ -5,7 +5,6 @@ import { canvas, colours, make, placed } from "../dom.js";
 import { editing, listed } from "../editing.js";
 import { actionField, cap, matches, readUsages } from "../layout/actions.js";
 import * as file from "../layout/file.js";
-import { comments } from "../toml.js";
 
 // Length of a strip without a calibration; steps of a border with the arrow keys; keys of the draft that
 // are shown.
@@ -32,14 +31,7 @@ export function editor(root) {
   let usages = [], length_um = USUAL_LENGTH_UM, layer = 0, zone = 0, dragging = false;
   let drawn = { layer: "", zones: [] };
   const engine = editing(root, document.getElementById("edit"), {
-    path: "layout", store: "push", begin: (text, content) => ({ content, ...comments(text) }), same,
-    words: { push: "Put on the board", chooser: "Layout file to import", kept: ": only the comments at its beginning are kept" },
-    // An unchanged draft keeps the text of the file, with all comments.
-    written: (value, it) => {
-      const unchanged = same(value.content, it.content);
-      return { text: unchanged ? it.text : file.written(value.content, value.head), lost: unchanged ? 0 : value.others };
-    },
-    forget: (value) => ({ ...value, others: 0 }),
+    path: "layout", store: "push", words: { push: "Put on the board", chooser: "Layout file to import" },
     state: (it, changed, loses) => (it.stored === null ? STORED.null
       : changed ? `not on the board yet${loses.length ? `; nothing will type ${listed(loses)}` : ""}` : STORED[it.stored] ?? ""),
     paused: () => dragging, refresh, first: layTuning,
@@ -91,7 +83,7 @@ export function editor(root) {
   force.role = "img";
   force.ariaLabel = "Force of the last seconds, with the force and time limits of this draft";
   tuning.firstChild.after(force);
-  engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), head: "", others: 0 }); }));
+  engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), text: "" }); }));
   root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
 
   // Changes the shown layer in the draft; for `replace` see `edit` in `editing`.
@@ -131,8 +123,10 @@ export function editor(root) {
   }));
   clearer.addEventListener("click", async () => {
     const { refused } = await engine.post({ do: "clear" });
-    if (refused) engine.setOpen(true);
-    engine.say(refused ?? "the board has its default layout again; Undo restores your layout in this editor");
+    if (refused) {
+      engine.setOpen(true);
+      engine.fail(refused);
+    } else engine.say("the board has its default layout again; ‘Put on the board’ restores yours");
   });
 
   // Zones and borders. Tab reaches the chosen zone and its borders; arrows choose and move.
@@ -302,9 +296,6 @@ export function editor(root) {
       for (const [time_s, mN] of points) if (x(time_s) > -20) c.lineTo(x(time_s), y(mN));
       c.stroke();
     });
-  }
-  function same(a, b) {
-    return file.written(a) === file.written(b);
   }
   function load() {
     if (usages.length) return;
