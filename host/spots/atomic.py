@@ -247,16 +247,6 @@ def has_content(path: Path, content: bytes) -> bool:
         return False
 
 
-def check_writable(path: Path) -> None:
-    """Raise SpotsError if a file cannot be created or replaced; the folder is unchanged."""
-    try:
-        _replaced_mode(path, new=False)
-        with tempfile.NamedTemporaryFile(prefix=_PREFIX, suffix=_SUFFIX, dir=path.parent):
-            pass
-    except OSError as error:
-        raise not_written(path, error) from None
-
-
 def _replaced_mode(path: Path, new: bool) -> int | None:
     """Return the permissions of the file at `path`, or None if there is no file.
 

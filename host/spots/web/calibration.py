@@ -94,8 +94,8 @@ class PageCalibration(Orders):
     def __init__(self, path: Path, state: PageState):
         if not path.name:
             raise SpotsError(f"{path} is not a session file: give a name such as calibration.jsonl")
-        for written in (path, path.with_suffix(".toml")):
-            check_writable(written)
+        check_writable(path, append=True)
+        check_writable(path.with_suffix(".toml"))
         super().__init__()
         self._first, self._state = path, state
         self._step = 0
