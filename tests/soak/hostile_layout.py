@@ -38,6 +38,8 @@ _BASES = {name: checksum([text]) for name, text in _SETTINGS.items()}
 _WORDS = "start", "stop", "list", "live", "play\n../mine.toml", "compare\n../a.spots\n/etc/passwd"
 _MESSAGES = (
     ("layout", json.dumps({"do": "check", "text": _TEXT})),
+    ("layout", json.dumps({"do": "check", "content": load("digits").content})),
+    ("layout", json.dumps({"do": "check", "text": _TEXT, "content": load("digits").content})),
     ("layout", json.dumps({"do": "push", "text": _TEXT, "base": "", "loses": []})),
     ("layout", json.dumps({"do": "push", "text": _TEXT, "base": "0", "loses": ["A", "B"]})),
     ("layout", json.dumps({"do": "clear"})),

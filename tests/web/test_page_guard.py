@@ -313,6 +313,12 @@ def test_a_name_that_the_network_gives_this_machine_is_known(serve, monkeypatch,
     assert status(serve(PageState()).url, Host=host)[0] == 403
 
 
+def test_all_addresses_are_those_of_ip_4_too(serve):
+    server = serve(PageState(), address="::")
+    assert status(f"http://127.0.0.1:{server.port}/")[0] == 401
+    assert status(f"http://[::1]:{server.port}/")[0] == 401
+
+
 @pytest.mark.parametrize("address", ["127.0.0.1", "0.0.0.0"])
 def test_a_given_name_is_known_also_through_an_https_proxy(serve, address):
     server = serve(PageState(), address=address, hosts=["Spots.example.org", "x.example:8443"])

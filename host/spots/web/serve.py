@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import ipaddress
+import os
 import secrets
 import signal
 import socket
@@ -96,13 +97,13 @@ class Server:
         app.on_page = connections.release
         try:
             self._listener = await asyncio.get_running_loop().create_server(
-                connections, self._address, self._port
+                connections, sock=_listening(self._address, self._port)
             )
         except OSError as error:
             await self._runner.cleanup()
             raise SpotsError(
-                f"cannot serve on {self._address} port {self._port}: {error.strerror}; choose "
-                "another port with --http-port, or an address of this machine with --address"
+                f"cannot serve on {self._address} port {self._port}: {os.strerror(error.errno)}; "
+                "choose another port with --http-port, or an address of this machine with --address"
             ) from None
         address, port = self._listener.sockets[0].getsockname()[:2]
         if ipaddress.ip_address(address).is_unspecified:
@@ -217,6 +218,15 @@ def _ended_by_signal() -> asyncio.Event:
             if signal.getsignal(number) != signal.SIG_IGN:  # as nohup sets it
                 asyncio.get_running_loop().add_signal_handler(number, ended.set)
     return ended
+
+
+def _listening(address: str, port: int) -> socket.socket:
+    """Return a listening socket; with the address ``::``, it also accepts IPv4."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    both = ipaddress.ip_address(address) == ipaddress.IPv6Address("::")
+    return socket.create_server(
+        (address, port), family=family, dualstack_ipv6=both and socket.has_dualstack_ipv6()
+    )
 
 
 def _outward(address: str) -> str:
