@@ -268,6 +268,19 @@ def test_a_file_that_cannot_be_patched_is_written_again(tmp_path, monkeypatch):
     assert (answer["content"], answer["lost"]) == (now, 1)
 
 
+def test_comments_stay_with_their_entries(tmp_path):
+    rows = ['  "A",  # a', '  "B",  # b', '  {tap = "C", hold = "D"},  # c']
+    text = "\n".join(['name = "x"', "[[layer]]", 'name = "y"', "keys = [", *rows, "]", ""])
+    one = editor(tmp_path / "mine.toml", text)
+    now = json.loads(json.dumps(one._layout.content))
+    now["layer"][0]["keys"] = ["A", {"tap": "C", "hold": "D"}, "E"]
+    lines = changed(one, now)["text"].splitlines()
+    assert [line for line in lines if "#" in line] == [rows[0], rows[2]]
+    now["layer"][0]["keys"] = ["B", "B", {"tap": "C", "hold": "E"}]
+    lines = changed(one, now)["text"].splitlines()[4:7]
+    assert lines == [rows[0].replace('"A"', '"B"'), rows[1], rows[2].replace('"D"', '"E"')]
+
+
 SETTINGS = controller_settings.DEFAULT.read_text(encoding="utf-8")
 
 

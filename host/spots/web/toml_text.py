@@ -1,7 +1,7 @@
 """Changes values in the text of a TOML file, and keeps the rest of the text as it is."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, MutableMapping, MutableSequence
+from collections.abc import Callable, Mapping, MutableMapping, MutableSequence
 from difflib import SequenceMatcher
 from typing import Any
 
@@ -111,7 +111,7 @@ def _alike(table: Mapping, key: str, after: list) -> bool:
 
 
 def _update_list(items: MutableSequence, was: list, now: list) -> None:
-    for i0, i1, j0, j1 in reversed(list(_changes(was, now))):
+    for i0, i1, j0, j1 in reversed(_changes(was, now)):
         both = min(i1 - i0, j1 - j0)
         for i in reversed(range(i0 + both, i1)):
             del items[i]
@@ -127,15 +127,16 @@ def _update_list(items: MutableSequence, was: list, now: list) -> None:
                 items[i] = _item(now[j], items)
 
 
-def _changes(was: list, now: list) -> Iterator[tuple[int, int, int, int]]:
-    """Yield the changed ranges of two lists: begin and end in `was`, begin and end in `now`."""
-    if len(was) == len(now):
-        yield 0, len(was), 0, len(now)
-        return
+def _changes(was: list, now: list) -> list[tuple[int, int, int, int]]:
+    """Return the changed ranges of two lists: begin and end in `was`, begin and end in `now`."""
     texts = [[msgspec.json.encode(x, order="deterministic") for x in many] for many in (was, now)]
-    for kind, *ranges in SequenceMatcher(None, *texts, autojunk=False).get_opcodes():
-        if kind != "equal":
-            yield tuple(ranges)
+    codes = SequenceMatcher(None, *texts, autojunk=False).get_opcodes()
+    ranges = [tuple(code[1:]) for code in codes if code[0] != "equal"]
+    # Among equal entries, the matcher can take a new value for an added and a removed entry.
+    moved = sum(max(i1 - i0, j1 - j0) for i0, i1, j0, j1 in ranges)
+    if len(was) == len(now) and sum(a != b for a, b in zip(*texts)) < moved:
+        return [(0, len(was), 0, len(now))]
+    return ranges
 
 
 def _item(value: Any, inside: MutableMapping | MutableSequence) -> Any:
