@@ -38,6 +38,11 @@ def edited(text: str, read: Callable[[str], dict], content: dict) -> str:
     -------
     str
         The new text. If `content` is invalid, ``read`` raises SpotsError for this text.
+
+    Raises
+    ------
+    SpotsError
+        If `content` cannot be written as TOML.
     """
     was = read(text) if text else {}
     if was == content:
