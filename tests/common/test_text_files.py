@@ -20,7 +20,7 @@ joint = [{calibration = "a", offset_deg = 0}, {calibration = "b", offset_deg = 0
 # Größe
 """
 POINTS = "x_mm,y_mm,joint1_deg,joint2_deg,sigma1_deg,sigma2_deg\n0,100,10,20,0.1,0.1\n"
-SIM = Path(files.__file__).parent / "data"
+SIM = files.DATA
 # For each kind of file: its text, and the function that reads it.
 KINDS = {
     "layout": (layout.FOLDER / "mini.toml", lambda path: layout.load(path).lines),

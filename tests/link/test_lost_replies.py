@@ -9,10 +9,10 @@ from spots.keyboard import keys
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare, upload
-from spots_device.calibration import Calibration
-from spots_device.settings import checksum
-from spots_sim.lockstep import LockstepLink
-from spots_sim.scenario import Held
+from spots_device.board.settings import checksum
+from spots_device.reading.calibration import Calibration
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.scenario import Held
 
 MINI = load("mini")
 

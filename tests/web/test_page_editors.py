@@ -21,8 +21,8 @@ from spots.link.board import Board
 from spots.web import user_file
 from spots.web.editors import LayoutEditor, SettingsEditor
 from spots.web.state import PageState
-from spots_device.settings import checksum
-from spots_sim.scenario import Held
+from spots_device.board.settings import checksum
+from spots_sim.strip.scenario import Held
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000
