@@ -7,9 +7,12 @@ import pytest
 
 from spots.keyboard.layout import load
 from spots_sim.demo.demo import demo
+from spots_sim.demo.typing_speed import interval_percent
 from spots_sim.measure.typing_score import TypingScore
-from spots_sim.person.typist import fast_typing
+from spots_sim.person.hands import HANDS
+from spots_sim.person.typist import fast_typing, two_fingers
 from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
 
 DIGITS = load("digits")
 LENGTH_MM = 85.0
@@ -75,6 +78,52 @@ def test_touches_overlap_as_documented(words_per_min, overlap):
     share = np.mean([b.points[0][0] < a.points[-1][0] for a, b in pairs])
     assert share == pytest.approx(overlap, abs=0.02)
     assert 12 * 2000 / file.seconds == pytest.approx(words_per_min, rel=0.05)
+
+
+def test_a_finger_rolls_slides_and_trembles_as_its_keys_describe():
+    points = [(1.0, 20.0, 0.0), (1.1, 20.0, 2000.0), (1.9, 20.0, 2000.0), (2.0, 20.0, 0.0)]
+    finger = Finger(points=points, roll_mm=2.0, slide_mm=-4.0, tremor_percent=20.0)
+    scenario = Scenario(ScenarioFile(seconds=3, touch=[finger]))
+    places = [scenario.presses(time_s)[0].position_mm for time_s in (1.05, 1.5, 1.9, 1.95)]
+    assert places == pytest.approx([20.1, 21.0, 21.8, 19.9])
+    forces = [scenario.presses(time_s)[0].force_mN for time_s in np.linspace(1.1, 1.9, 200)]
+    assert (min(forces), max(forces)) == pytest.approx((1600, 2400), rel=0.01)
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_hands_move_fingers_as_documented(name):
+    hands = HANDS[name]
+    file = fast_typing(DIGITS, 60, 200, LENGTH_MM, seed=1, hands=hands)
+    for key, limits in (
+        ("roll_mm", hands.rolls_mm),
+        ("slide_mm", hands.slides_mm),
+        ("tremor_percent", hands.tremor_percent),
+        ("width_mm", hands.width_mm),
+    ):
+        sizes = [abs(getattr(finger, key)) for finger in file.touch]
+        assert limits[0] <= min(sizes) <= max(sizes) <= limits[1]
+    for finger in file.touch:
+        assert 0 <= finger.points[-1][1] + finger.roll_mm + finger.slide_mm <= LENGTH_MM
+
+
+def test_two_fingers_overlap_at_the_documented_distances():
+    touches = two_fingers(DIGITS, 200, LENGTH_MM, seed=1).touch
+    for first, second in zip(touches[::2], touches[1::2]):
+        assert 9 <= abs(first.points[0][1] - second.points[0][1]) <= 60
+        assert first.points[0][0] < second.points[0][0] < first.points[2][0]
+    ends_first = [
+        first.points[-1][0] < second.points[-1][0]
+        for first, second in zip(touches[::2], touches[1::2])
+    ]
+    assert 30 <= sum(ends_first) <= 70
+
+
+@pytest.mark.parametrize(
+    ("count", "total", "low", "high"),
+    [(0, 100, 0.0, 3.7), (5, 100, 2.15, 11.18), (100, 100, 96.3, 100)],
+)
+def test_the_interval_is_wilsons(count, total, low, high):
+    assert interval_percent(count, total) == pytest.approx((low, high), abs=0.01)
 
 
 def test_the_demo_scores_a_scenario(tmp_path):

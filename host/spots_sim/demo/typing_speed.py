@@ -1,7 +1,8 @@
 """Measures the errors of fast typing on a virtual board.
 
 Run it with ``python -m spots_sim.demo.typing_speed 60 100``; the arguments are speeds in
-words a minute.
+words a minute. With ``two-fingers`` in place of a speed, it measures touches of two fingers at the
+same time.
 """
 
 from __future__ import annotations
@@ -14,19 +15,26 @@ import numpy as np
 from spots.cli.arguments import number
 from spots.keyboard.layout import load as load_layout
 
+from ..person.hands import HANDS
 from ..person.stage import calibrate
-from ..person.typist import fast_typing
-from ..strip.files import SensorFile, load
+from ..person.typist import fast_typing, two_fingers
+from ..strip.files import ScenarioFile, SensorFile, load
 from ..strip.scenario import Scenario
 from .demo import open_fast
 from .demo_applications import type_on_board
 
 _COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
+TWO_FINGERS = "two-fingers"
 _SPEED = number("a speed in words a minute", 1, 1000)
+_SURE = 1.96  # standard deviations of a normal distribution in which 95 % of the values are
+
+
+def _speed_or_two(text: str) -> float | None:
+    return None if text == TWO_FINGERS else _SPEED(text)
 
 
 def typed(
-    words_per_min: float,
+    words_per_min: float | None,
     touches: int,
     seed: int,
     sensor: str = "default",
@@ -34,13 +42,15 @@ def typed(
     warm: bool = False,
     lines: tuple[str, ...] | None = None,
     layout: str = "digits",
+    hands: str = "usual",
 ) -> dict:
     """Type random keys on a virtual board in simulated time, and return the results.
 
     Parameters
     ----------
-    words_per_min : float
-        Speed in words a minute; a word has five keys.
+    words_per_min : float or None
+        Speed in words a minute; a word has five keys. None for pairs of fingers, see
+        `typist.two_fingers`.
     touches : int
         Number of touches.
     seed : int
@@ -57,6 +67,8 @@ def typed(
         Text lines of the calibration to use; by default, the sensor is calibrated.
     layout : str, optional
         Key layout: a path, or a name such as ``mini``.
+    hands : str, optional
+        Name of the hands in `hands.HANDS`; pairs of fingers always have the usual ones.
 
     Returns
     -------
@@ -64,8 +76,8 @@ def typed(
         Results of the run, see `demo_applications.type_on_board`. Also ``late_ms``: the latency of
         each correct press, in ms.
     """
-    length_mm = load(SensorFile, sensor).length_mm
-    file = fast_typing(load_layout(layout), words_per_min, touches, length_mm, seed)
+    what = load_layout(layout), touches, load(SensorFile, sensor).length_mm, seed
+    file = two_fingers(*what) if words_per_min is None else _file(words_per_min, *what, hands)
     truth = Scenario(file)
     board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm, lines=lines)
     late_ms: list[float] = []
@@ -73,6 +85,32 @@ def typed(
         seconds = file.seconds - board.now_s()
         run = type_on_board(board, truth, 0.0, seconds, True, layout, late_ms)
     return {**run, "late_ms": late_ms}
+
+
+def _file(words_per_min, layout, touches, length_mm, seed, hands) -> ScenarioFile:
+    return fast_typing(layout, words_per_min, touches, length_mm, seed, hands=HANDS[hands])
+
+
+def interval_percent(count: int, total: int) -> tuple[float, float]:
+    """Return the 95 % confidence interval of a share, in per cent, by Wilson's method.
+
+    Parameters
+    ----------
+    count : int
+        Number of events, such as errors.
+    total : int
+        Number of trials; more than 0.
+
+    Returns
+    -------
+    low, high : float
+        Limits in per cent. With 0 events, the upper limit is about 380 / `total`. Source: E. B.
+        Wilson, J. Am. Stat. Assoc. 22, 209 (1927), doi 10.1080/01621459.1927.10502953.
+    """
+    share, z2 = count / total, _SURE**2 / total
+    middle = (share + z2 / 2) / (1 + z2)
+    half = _SURE / (1 + z2) * (share * (1 - share) / total + z2 / (4 * total)) ** 0.5
+    return 100 * max(middle - half, 0.0), 100 * min(middle + half, 1.0)
 
 
 def added(runs: list[dict]) -> dict:
@@ -87,8 +125,10 @@ def added(runs: list[dict]) -> dict:
     -------
     dict
         Counts as in `typing_score.TypingScore.summary`. ``error_percent`` is the number of wrong,
-        missed and extra keys per hundred touches. Each of the following has the latency percentiles
-        ``p50`` and ``p99`` in ms. ``latency_ms``: the largest of the runs' percentiles.
+        missed and extra keys per hundred touches. ``error_interval_percent`` and
+        ``no_finger_interval_percent``: the 95 % confidence intervals of the errors and of the keys
+        that no finger touched, see `interval_percent`. Each of the following has the latency
+        percentiles ``p50`` and ``p99`` in ms. ``latency_ms``: the largest of the runs' percentiles.
         ``median_latency_ms``: the median of the runs' percentiles. ``pooled_latency_ms``: the
         percentile over all presses of all runs.
     """
@@ -99,17 +139,26 @@ def added(runs: list[dict]) -> dict:
     return {
         **total,
         "error_percent": round(100 * off / total["touches"], 2),
+        "error_interval_percent": _interval(off, total),
+        "no_finger_interval_percent": _interval(total["no_finger"], total),
         "latency_ms": {p: max(of_runs) for p, of_runs in late.items()},
         "median_latency_ms": {p: median(of_runs) for p, of_runs in late.items()},
         "pooled_latency_ms": {f"p{p}": round(float(np.percentile(pooled, p)), 1) for p in (50, 99)},
     }
 
 
+def _interval(count: int, total: dict) -> list[float]:
+    return [round(limit, 2) for limit in interval_percent(count, total["touches"])]
+
+
 def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "words_per_min", type=_SPEED, nargs="+", help="speed in words a minute, of five keys each"
+        "words_per_min",
+        type=_speed_or_two,
+        nargs="+",
+        help=f"speed in words a minute, of five keys each; or {TWO_FINGERS}",
     )
     parser.add_argument(
         "--touches", type=int, default=150, help="number of touches in each run (150)"
@@ -120,6 +169,9 @@ def main() -> None:
         "--exposure-us", type=int, help="exposure in us; by default, the board searches for one"
     )
     parser.add_argument("--layout", default="digits", help="a key layout: name or path (digits)")
+    parser.add_argument(
+        "--hands", choices=HANDS, default="usual", help="how the simulated fingers move (usual)"
+    )
     parser.add_argument("--sensor", default="default", help="sensor file: path or name (default)")
     parser.add_argument(
         "--rezero",
@@ -131,11 +183,12 @@ def main() -> None:
     lines = None
     if options.exposure_us:
         lines = calibrate(load(SensorFile, options.sensor), options.exposure_us)
-    strip = options.sensor, options.rezero, options.warm, lines, options.layout
+    strip = options.sensor, options.rezero, options.warm, lines, options.layout, options.hands
     for speed in options.words_per_min:
         seeds = range(options.first_seed, options.first_seed + options.seeds)
         runs = [typed(speed, options.touches, seed, *strip) for seed in seeds]
-        print(f"{speed:g} words a minute: {added(runs)}", flush=True)
+        name = f"{speed:g} words a minute" if speed else TWO_FINGERS
+        print(f"{name}: {added(runs)}", flush=True)
 
 
 if __name__ == "__main__":

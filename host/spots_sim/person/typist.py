@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from spots.outputs.usages import KEYBOARD, USAGES, name_of, usage_of
 from spots_device.keys import layout as lines_of
 
 from ..strip.files import Finger, ScenarioFile
+from .hands import USUAL, Hands
 
 _SHIFT = 0x22  # bits of the left and the right shift key
 _SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
@@ -204,50 +204,6 @@ def _action_of(character: str) -> int:
     return lines_of.action(page, usage, modifiers)
 
 
-@dataclass(frozen=True)
-class Hands:
-    """Statistics of typing, from published studies where possible.
-
-    Attributes
-    ----------
-    dwell_s, dwell_sd_s : float
-        Mean duration of a touch and its standard deviation, in seconds. Source: Dhakal et al.,
-        Observations on Typing from 136 Million Keystrokes, CHI 2018, doi 10.1145/3173574.3174220.
-        The duration hardly depends on the speed: fast typists press the next key before they
-        release the last one.
-    spread : float
-        Standard deviation of the natural logarithm of the time between two key presses. With the
-        default, 12 % of the touches overlap the previous touch at 60 words a minute, 46 % at 100.
-    force_mN, force_spread : float
-        Median of the largest force of a touch in mN, and standard deviation of its natural
-        logarithm. Source: Effects of key stiffness on force and the development of fatigue while
-        typing, Am. Ind. Hyg. Assoc. J. 57, 849, 1996, doi 10.1080/15428119691014549. People press a
-        key that needs 0.28 N with 4.1 to 7.0 times this force; a key that needs 0.83 N, with 2.2 to
-        3.5 times this force.
-    ramp_s : tuple of float
-        Shortest and longest time in which the force rises or falls, in seconds. This value and all
-        values below are *assumed*.
-    same_s, least_s : float
-        Shortest pause between two touches of the same finger, and shortest time between two key
-        presses, in seconds.
-    apart_mm : float
-        Smallest distance between two fingers, in mm.
-    roll_mm : float
-        Standard deviation of the distance that a finger rolls during a touch, in mm.
-    """
-
-    dwell_s: float = 0.116
-    dwell_sd_s: float = 0.024
-    spread: float = 0.40
-    force_mN: float = 2000.0
-    force_spread: float = 0.35
-    ramp_s: tuple[float, float] = (0.012, 0.03)
-    same_s: float = 0.03
-    least_s: float = 0.03
-    apart_mm: float = 8.0
-    roll_mm: float = 0.15
-
-
 def fast_typing(
     layout: KeyLayout,
     words_per_min: float,
@@ -255,7 +211,7 @@ def fast_typing(
     length_mm: float,
     seed: int = 0,
     start_s: float = 3.0,
-    hands: Hands = Hands(),
+    hands: Hands = USUAL,
 ) -> ScenarioFile:
     """Return the scenario of a person who types random keys at a given speed, with rollover.
 
@@ -283,6 +239,7 @@ def fast_typing(
         Scenario that ends half a second after the pause that follows the last touch.
     """
     rng = np.random.default_rng(seed)
+    habits = np.random.default_rng((seed, 1))
     keys = [key for key in next(iter(layout.layers.values())) if key.actions["tap"]]
     spread = np.log1p((hands.dwell_sd_s / hands.dwell_s) ** 2) ** 0.5
     mean_s = 12.0 / words_per_min
@@ -296,7 +253,7 @@ def fast_typing(
             # A finger lifts before its next touch; two fingers cannot be at the same position.
             if abs(other.points[-1][1] - x_mm) < hands.apart_mm:
                 now_s = max(now_s, other.points[-1][0] + hands.same_s)
-        rise_s, fall_s = rng.uniform(*hands.ramp_s, 2)
+        rise_s, fall_s = rng.uniform(*hands.rise_s), rng.uniform(*hands.lift_s)
         dwell_s = hands.dwell_s * np.exp(spread * rng.normal() - spread**2 / 2)
         force_mN = hands.force_mN * np.exp(hands.force_spread * rng.normal())
         force_mN = float(np.clip(force_mN, 800, 6000))
@@ -308,12 +265,92 @@ def fast_typing(
             (full_s, rolled_mm, force_mN),
             (full_s + fall_s, rolled_mm, 0.0),
         ]
-        fingers.append(Finger(points=[tuple(map(float, point)) for point in points]))
+        fingers.append(_finger(points, length_mm, hands, habits))
         # After a delay, the next touches are faster until the average speed is reached.
         due_s += mean_s * np.exp(hands.spread * rng.normal() - hands.spread**2 / 2)
         now_s = max(now_s + hands.least_s, due_s)
     end_s = max(finger.points[-1][0] for finger in fingers)
     return ScenarioFile(seconds=end_s + 0.5, touch=fingers)
+
+
+def two_fingers(
+    layout: KeyLayout, touches: int, length_mm: float, seed: int = 0, start_s: float = 3.0
+) -> ScenarioFile:
+    """Return the scenario of a person who touches two keys with two fingers at the same time.
+
+    The fingers of a pair are 9 to 60 mm apart. The second finger touches 30 to 150 ms after the
+    first one, and both rest for 60 to 200 ms. Then one of them lifts, and the other one 60 to
+    200 ms later. All values are random, and all but the force are *assumed*.
+
+    Parameters
+    ----------
+    layout : KeyLayout
+        Keys of the strip. Only keys of the first layer are touched, and each with a tap.
+    touches : int
+        Number of touches, an even number.
+    length_mm : float
+        Length of the strip, in mm.
+    seed : int
+        Random seed of the touches.
+    start_s : float
+        Earliest time of the first touch, in seconds. A random delay of up to 10 ms is added.
+
+    Returns
+    -------
+    ScenarioFile
+        Scenario that ends one second after the last touch.
+    """
+    rng = np.random.default_rng(seed)
+    hands = USUAL
+    now_s = start_s + rng.uniform(0.0, 0.01)
+    fingers: list[Finger] = []
+    while len(fingers) < touches:
+        first_mm, second_mm = (length_mm * _place(layout, rng) for _ in range(2))
+        if not 9 <= abs(second_mm - first_mm) <= 60:
+            continue
+        both_s = now_s + rng.uniform(0.03, 0.15)
+        ends_s = both_s + np.cumsum(rng.uniform(0.06, 0.2, 2))
+        for x_mm, began_s, end_s in zip(
+            (first_mm, second_mm), (now_s, both_s), rng.permutation(ends_s)
+        ):
+            rise_s, fall_s = rng.uniform(*hands.rise_s), rng.uniform(*hands.lift_s)
+            force_mN = hands.force_mN * np.exp(hands.force_spread * rng.normal())
+            points = [
+                (began_s, x_mm, 0.0),
+                (began_s + rise_s, x_mm, force_mN),
+                (end_s, x_mm, force_mN),
+                (end_s + fall_s, x_mm, 0.0),
+            ]
+            fingers.append(_finger(points, length_mm, hands, rng))
+        now_s = ends_s[-1] + rng.uniform(0.3, 0.4)
+    return ScenarioFile(seconds=float(now_s) + 1.0, touch=fingers)
+
+
+def _place(layout: KeyLayout, rng) -> float:
+    # Returns a random position within the inner 80 % of a key, as a share of the length.
+    keys = [key for key in next(iter(layout.layers.values())) if key.actions["tap"]]
+    key = keys[rng.integers(len(keys))]
+    return (key.low + key.high) / 2 + rng.uniform(-0.4, 0.4) * (key.high - key.low)
+
+
+def _finger(points, length_mm: float, hands: Hands, rng) -> Finger:
+    # Returns the finger with this path and with random movements of these hands.
+    roll_mm, slide_mm, tremor_percent, width_mm = (
+        float(rng.uniform(*limits))
+        for limits in (hands.rolls_mm, hands.slides_mm, hands.tremor_percent, hands.width_mm)
+    )
+    # The direction is random, but the finger does not leave the strip.
+    farthest_mm = roll_mm + slide_mm
+    direction = -1 if rng.random() < 0.5 else 1
+    if not 0 <= points[-1][1] + direction * farthest_mm <= length_mm:
+        direction = -direction
+    return Finger(
+        points=[tuple(map(float, point)) for point in points],
+        width_mm=width_mm,
+        roll_mm=direction * roll_mm,
+        slide_mm=direction * slide_mm,
+        tremor_percent=tremor_percent,
+    )
 
 
 def typing(

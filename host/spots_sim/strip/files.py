@@ -33,6 +33,7 @@ Time = NotNegative
 Cycle = Annotated[float, msgspec.Meta(ge=0.01, le=_MOST)]
 Place = Annotated[float, msgspec.Meta(ge=0, le=10_000)]
 Percent = Annotated[float, msgspec.Meta(ge=0, le=100)]
+Shift = Annotated[float, msgspec.Meta(ge=-100, le=100)]
 Strain = Annotated[float, msgspec.Meta(ge=0, le=50)]
 Bend = Annotated[float, msgspec.Meta(ge=0, le=360)]
 PercentOff = Annotated[float, msgspec.Meta(ge=-10, le=10)]
@@ -261,7 +262,9 @@ class SensorFile(toml.Strict):
 
 
 class Finger(toml.Strict):
-    """A finger that touches the strip: path, force, width and tilt.
+    """A finger that touches the strip: path, force, width, tilt, and how it moves by itself.
+
+    Fingers roll, slide as they lift, and tremble. `hands.HANDS` has sizes of these movements.
 
     Attributes
     ----------
@@ -272,11 +275,22 @@ class Finger(toml.Strict):
     tilt_percent : float
         Pressure at the edge of the finger that is far from the sensor, minus the mean pressure, in
         per cent of the mean pressure.
+    roll_mm : float
+        Distance that the contact moves during the touch, in mm, in addition to `points`; it grows
+        evenly from the first to the last point.
+    slide_mm : float
+        Distance that the contact moves between the last two points, in mm, in addition to `points`
+        and `roll_mm`: a finger that slides while it lifts.
+    tremor_percent : float
+        Amplitude of the force's tremor, in per cent of the force.
     """
 
     points: Annotated[list[tuple[Time, Place, NotNegative]], msgspec.Meta(min_length=2)]
     width_mm: NotNegative = 4.0
-    tilt_percent: Annotated[float, msgspec.Meta(ge=-100, le=100)] = 0.0
+    tilt_percent: Shift = 0.0
+    roll_mm: Shift = 0.0
+    slide_mm: Shift = 0.0
+    tremor_percent: Percent = 0.0
 
     def __post_init__(self):
         times = [point[0] for point in self.points]

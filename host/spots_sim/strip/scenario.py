@@ -194,8 +194,7 @@ class Held:
             return []
         if not self.tremor:
             return [self.press]
-        swing = 1 + self.tremor * math.sin(2 * math.pi * _TREMOR_HZ * time_s)
-        return [replace(self.press, force_mN=self.press.force_mN * swing)]
+        return [replace(self.press, force_mN=self.press.force_mN * _swing(self.tremor, time_s))]
 
     def is_dark(self, start_s: float, end_s: float) -> bool:
         return False  # unknown: `person.follow` replaces `presses`
@@ -227,7 +226,19 @@ def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float
 def _between(touch: Finger, i: int, time_s: float) -> Press:
     (t0, x0, f0), (t1, x1, f1) = touch.points[i - 1], touch.points[i]
     share = (time_s - t0) / (t1 - t0)
-    return Press(x0 + share * (x1 - x0), f0 + share * (f1 - f0), touch.width_mm, touch.tilt_percent)
+    x_mm, force_mN = x0 + share * (x1 - x0), f0 + share * (f1 - f0)
+    if touch.roll_mm:
+        first_s, last_s = touch.points[0][0], touch.points[-1][0]
+        x_mm += touch.roll_mm * (time_s - first_s) / (last_s - first_s)
+    if i == len(touch.points) - 1:
+        x_mm += touch.slide_mm * share
+    if touch.tremor_percent:
+        force_mN *= _swing(touch.tremor_percent / 100, time_s)
+    return Press(max(x_mm, 0.0), force_mN, touch.width_mm, touch.tilt_percent)
+
+
+def _swing(tremor: float, time_s: float) -> float:
+    return 1 + tremor * math.sin(2 * math.pi * _TREMOR_HZ * time_s)
 
 
 def _on_lines(points: list, time_s: float) -> tuple[float, ...]:

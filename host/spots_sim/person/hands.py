@@ -1,0 +1,75 @@
+"""Statistics of how people type, for the simulated typist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Hands:
+    """Statistics of typing, from published studies where possible.
+
+    Attributes
+    ----------
+    dwell_s, dwell_sd_s : float
+        Mean duration of a touch and its standard deviation, in seconds. Source: Dhakal et al.,
+        Observations on Typing from 136 Million Keystrokes, CHI 2018, doi 10.1145/3173574.3174220.
+        The duration hardly depends on the speed: fast typists press the next key before they
+        release the last one.
+    spread : float
+        Standard deviation of the natural logarithm of the time between two key presses. With the
+        default, 12 % of the touches overlap the previous touch at 60 words a minute, 46 % at 100.
+    force_mN, force_spread : float
+        Median of the largest force of a touch in mN, and standard deviation of its natural
+        logarithm. Source: Effects of key stiffness on force and the development of fatigue while
+        typing, Am. Ind. Hyg. Assoc. J. 57, 849, 1996, doi 10.1080/15428119691014549. People press a
+        key that needs 0.28 N with 4.1 to 7.0 times this force; a key that needs 0.83 N, with 2.2 to
+        3.5 times this force.
+    rise_s, lift_s : tuple of float
+        Shortest and longest time in which the force rises, and in which it falls, in seconds. These
+        values and all values below are *assumed*.
+    same_s, least_s : float
+        Shortest pause between two touches of the same finger, and shortest time between two key
+        presses, in seconds.
+    apart_mm : float
+        Smallest distance between two fingers, in mm.
+    roll_mm : float
+        Standard deviation of the distance that a finger rolls during a touch, in mm.
+    rolls_mm, slides_mm : tuple of float
+        Shortest and longest distance by which a finger moves, in addition to `roll_mm`: while it
+        rolls during a touch, and while it slides as it lifts. The direction is random.
+    tremor_percent : tuple of float
+        Smallest and largest amplitude of the force's tremor, in per cent of the force.
+    width_mm : tuple of float
+        Smallest and largest width of a finger along the strip, in mm.
+    """
+
+    dwell_s: float = 0.116
+    dwell_sd_s: float = 0.024
+    spread: float = 0.40
+    force_mN: float = 2000.0
+    force_spread: float = 0.35
+    rise_s: tuple[float, float] = (0.012, 0.03)
+    lift_s: tuple[float, float] = (0.012, 0.03)
+    same_s: float = 0.03
+    least_s: float = 0.03
+    apart_mm: float = 8.0
+    roll_mm: float = 0.15
+    rolls_mm: tuple[float, float] = (0.0, 0.0)
+    slides_mm: tuple[float, float] = (0.0, 0.0)
+    tremor_percent: tuple[float, float] = (0.0, 0.0)
+    width_mm: tuple[float, float] = (4.0, 4.0)
+
+
+USUAL = Hands()
+# Hands that differ from the usual ones in one behaviour. All sizes are assumed.
+HANDS = {
+    "usual": USUAL,
+    "rolling-little": Hands(rolls_mm=(1.0, 2.0)),
+    "rolling": Hands(rolls_mm=(2.0, 3.0)),
+    "sliding": Hands(slides_mm=(3.0, 6.0)),
+    "sliding-slowly": Hands(slides_mm=(3.0, 6.0), lift_s=(0.03, 0.06)),
+    "trembling": Hands(tremor_percent=(15.0, 30.0)),
+    "narrow": Hands(width_mm=(3.0, 5.0)),
+    "wide": Hands(width_mm=(14.0, 18.0)),
+}
