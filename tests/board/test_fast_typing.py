@@ -60,6 +60,24 @@ def test_five_keys_at_120_words_a_minute(tmp_path):
     check([typed(120, 100, 21, layout=str(layout))], 5, 1, 200)
 
 
+# Largest number of errors in 200 touches at 60 words a minute. Without the rule that a position
+# near a finger is its own, fingers that roll make 9, and fingers that slide 33 or more.
+@pytest.mark.parametrize(
+    ("hands", "errors"), [("rolling", 3), ("sliding", 4), ("sliding-slowly", 8), ("wide", 1)]
+)
+def test_fingers_that_roll_or_slide_are_one_key(hands, errors):
+    figures = added([typed(60, 100, seed, hands=hands) for seed in (31, 32)])
+    print(hands, figures)
+    assert figures["wrong"] + figures["missed"] + figures["extra"] <= errors
+    assert figures["stuck"] == 0
+
+
+def test_two_fingers_at_the_same_time_are_two_keys():
+    figures = typed(None, 100, 31)
+    assert figures["right"] >= 99
+    assert figures["wrong"] + figures["extra"] <= 1
+
+
 def at(key):
     """Return the middle of one of the ten keys, in mm."""
     return 8.5 * ("1234567890".index(key) + 0.5)

@@ -154,6 +154,36 @@ def test_a_finger_that_slides_is_the_same_one():
     assert desk.events == clicks(A)
 
 
+@pytest.mark.parametrize("moved_mm", [2.0, -3.5])
+def test_a_finger_that_rolls_while_its_force_changes_is_one_key(moved_mm):
+    # The new position and the lower force look as if a second finger had touched and then stayed.
+    desk = Desk(*THREE)
+    desk.press(10, 80, 2000)
+    desk.press(10 + moved_mm, 60, 1000)
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+@pytest.mark.parametrize("slid_mm", [4.0, -5.5])
+def test_a_finger_that_slides_while_it_lifts_is_one_key(slid_mm):
+    desk = Desk(*THREE)
+    desk.press(27, 80, 2000)
+    for share, force_mN in ((0.3, 1400), (0.6, 900), (0.85, 500), (1.0, 260)):
+        desk.press(27 + slid_mm * share, 10, force_mN)
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_a_finger_nine_millimetres_from_the_one_that_lifts_is_another_key():
+    desk = Desk(*THREE)
+    desk.press(27, 80, 2000)
+    for x_mm, force_mN in ((28, 2500), (33, 1600), (36, 1000)):
+        desk.press(x_mm, 10, force_mN)
+    desk.press(36, 60, 1000)
+    desk.lift()
+    assert desk.events == clicks(A, B)
+
+
 def test_what_rests_for_long_is_no_finger():
     desk = Desk(*THREE, "stuck_ms 2000")
     desk.press(10, 1900)

@@ -15,6 +15,7 @@ from .state import (
     B_LAST,
     B_NOW,
     B_SECOND,
+    B_SEEN,
     B_SINCE,
     BEGAN,
     CALM,
@@ -286,5 +287,5 @@ def has_almost_left(s):
         and not (s[SECOND] or s[THIRD])
         and s[SEEN] >= 0
         and abs(s[STEP_UM]) < _LAST_UM
-        and abs(s[X_SEEN_UM] - s[X_UM]) > APART_UM
+        and abs(s[X_SEEN_UM] - s[X_UM]) > APART_UM + 2 * noise(s[NOISE_PRODUCT], s[B_SEEN])
     )

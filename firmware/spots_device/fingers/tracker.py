@@ -14,7 +14,8 @@ UP    DOWN   `detect` consecutive readings agree on a position, or on a steady m
 UP    TWO    readings disagree for 40 ms: fingers touched together at unknown positions
 DOWN  DOWN   the position is that of the finger, or the finger slides
 DOWN  TWO    otherwise; the first finger gets the position that it had one reading *earlier*
-TWO   DOWN   the position stays where the first finger was: the second finger has left
+TWO   DOWN   the position stays where the first finger was, or nearer to it than a second finger can
+             be: the second finger has left, or the first one rolled or slid
 TWO   DOWN   the position stays elsewhere, and the first finger has left: it was lifting, or the
              brightness was never that of two fingers, or no second finger could cause this position
 TWO   DOWN   while the first finger lifts, the position approaches the second finger in ever smaller
@@ -164,7 +165,6 @@ TICK_US = 1024  # see `TICKS`
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
 _NOISE = const(90_000)
 _TYPICAL = const(289)  # decay for which `_NOISE` was measured, see `locate.locate`
-_BACK_UM = const(900)  # largest distance to the first finger after the second one has left
 _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
 _REST_T = const(12)  # least time for which the position must stay
@@ -581,9 +581,11 @@ class ContactTracker:
                 self._harden()
             return
         off_um = x_um - s[X_UM]
-        back_um = APART_UM if s[LOOSE] else _BACK_UM
-        # The first reading of a soft touch is noisier than the present one.
-        if abs(off_um) < max(back_um, 4 * noise(s[NOISE_PRODUCT], min(s[B_NOW], s[B]))):
+        # Two fingers are at least `APART_UM` apart. So a nearer position is that of the first
+        # finger, which rolled, or slid while it lifted. If a second finger is known, it may also
+        # be the position of both. The first reading of a soft touch is noisier than this one.
+        back_um = NEAR_UM if s[SECOND] else APART_UM
+        if abs(off_um) < back_um + 2 * noise(s[NOISE_PRODUCT], min(s[B_NOW], s[B])):
             firm_mN = s[FIRM_MN]
             if not s[SECOND]:
                 self._recall()
