@@ -294,8 +294,14 @@ def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
     link.gone = 100_000
     with pytest.raises(SpotsError, match="no reading within"):
         board.read_latest(0.4)
+    assert board.latest() is None
     link.gone = 1
     assert board.read_latest(5.0).position_um == 42_000
+    assert board.latest().position_um == 42_000
+    link.restart()
+    link.streams = None  # restarted, and sends nothing yet
+    board._restarted(link.now_s(), 0)
+    assert board.latest() is None
 
 
 def test_a_lost_port_is_looked_for_by_the_clock_of_its_link():
@@ -531,7 +537,7 @@ def test_a_serial_port_is_opened_again_by_its_name(tmp_path):
     with pytest.raises(PortLostError):
         link.read(1.0)
     name.unlink()
-    with pytest.raises(SpotsError, match="was disconnected"):
+    with pytest.raises(SpotsError, match="was disconnected: plug the board in again"):
         link.reopen()
     second = plug()
     link.reopen()

@@ -124,6 +124,64 @@ def test_the_newest_reading_of_a_fresh_board():
     assert link.now_s() - board.read_latest().time_s < 0.05
 
 
+def test_the_latest_reading_is_what_is_there_and_costs_no_time():
+    link = Strip()
+    board = Board(link)
+    link.read, read = (lambda timeout_s: b""), link.read
+    began_s = link.now_s()
+    board._streams = {0: ["touch"]}
+    link.streams = ["touch"]
+    assert [board.latest() for _ in range(5)] == [None] * 5
+    assert link.now_s() == began_s
+    link.read = read
+    first = board.latest()
+    assert first.position_um == 42_000
+    link.read = lambda timeout_s: b""
+    assert board.latest() is first
+    assert board.latest(sensor=1) is None
+    board._loss.expect(link.now_s() - 10)  # no reading for ten seconds
+    assert board.latest() is None
+
+
+def test_the_latest_reading_never_waits_for_a_thread_that_reads(strip):
+    _, board = strip
+    board.latest()
+    taken, release = threading.Event(), threading.Event()
+
+    def reads():
+        with board._turn:
+            taken.set()
+            release.wait(GIVE_UP_S)
+
+    thread = threading.Thread(target=reads)
+    thread.start()
+    taken.wait(GIVE_UP_S)
+    assert board.latest() is not None
+    assert thread.is_alive()
+    release.set()
+    thread.join()
+
+
+def test_readings_of_which_only_the_latest_is_wanted_are_not_kept(strip):
+    _, board = strip
+    for _ in range(300):
+        board.latest()
+    assert len(board._frames) == 0
+    assert board.stats.overrun == 0
+    keeps = board.touches()
+    for _ in range(10):
+        board.latest()
+    assert len({touch.sequence for touch in take(keeps, 10)}) == 10
+
+
+def test_a_timeout_that_is_too_short_names_the_call_that_does_not_wait(strip):
+    link, board = strip
+    board._streams = {0: ["touch"]}
+    link.streams = None
+    with pytest.raises(SpotsError, match=r"sends one every .* s: wait longer, or call latest\(\)"):
+        board.read_latest(0)
+
+
 def test_a_strip_that_the_board_does_not_have_is_refused_by_its_number(sensor):
     link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")))
     with pytest.raises(SpotsError, match="has no strip 1: leave out #1"):
@@ -327,6 +385,7 @@ def test_a_closed_board_is_said_to_be_closed(strip):
         lambda: board.command("hello"),
         board.touches,
         board.read_latest,
+        board.latest,
         lambda: take(touches, 9999),
         lambda: board.record("x.spots"),
     ):

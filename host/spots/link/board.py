@@ -186,6 +186,7 @@ class Board(AbstractContextManager["Board"]):
         self._late = False  # whether the reply to an earlier command may still arrive
         self._closed = False
         self._times_us: deque[int] = deque(maxlen=_RATE_READINGS)
+        self._latest: dict[int, Touch] = {}  # the newest reading since the last restart, by sensor
         self._on_data: list[Callable[..., None]] = []
         self._on_close: list[Callable[..., None]] = []
         self._on_state: list[Callable[..., None]] = []
@@ -553,7 +554,8 @@ class Board(AbstractContextManager["Board"]):
     def read_latest(self, timeout_s: float | None = None) -> Touch:
         """Return the newest reading and drop older readings, for a display that must not lag.
 
-        This starts the stream of readings.
+        If no unread reading has arrived, this waits for the next one, on average for half the time
+        of a reading; `latest` does not wait. This starts the stream of readings.
 
         Parameters
         ----------
@@ -574,10 +576,57 @@ class Board(AbstractContextManager["Board"]):
         for latest in touches:  # waits for the first reading only
             if not touches.unread:
                 return latest
-        raise SpotsError(
-            f"no reading within {timeout_s:g} s from the board on {self.port}: check its USB cable "
-            "and the wires of its sensor"
-        )
+        none = f"no reading within {timeout_s:g} s from the board on {self.port}"
+        if timeout_s < self._loss.every_s:
+            raise SpotsError(
+                f"{none}, which sends one every {self._loss.every_s:g} s: wait longer, or call "
+                "latest(), which does not wait"
+            )
+        raise SpotsError(f"{none}: check its USB cable and the wires of its sensor")
+
+    def latest(self, sensor: int = 0) -> Touch | None:
+        """Return the newest reading that has arrived, without waiting for one; for a control loop.
+
+        A call reads and decodes all bytes that have arrived since the last call. The first call
+        also starts the stream of readings, which takes some milliseconds. While the board is silent
+        or unplugged, a call may take 0.3 s, because it looks for the board. In contrast to
+        `read_latest`, the same reading may be returned several times; ``touch.t_us`` shows this,
+        and ``board.now_s() - touch.time_s`` is its age.
+
+        Parameters
+        ----------
+        sensor : int
+            Number of the strip, on a board with several strips.
+
+        Returns
+        -------
+        frames.Touch or None
+            None before the first reading, and when `state` is not ``connected``: a stale reading is
+            never returned.
+
+        Raises
+        ------
+        SpotsError
+            If the board is closed, or lost for longer than `patience_s`.
+
+        Examples
+        --------
+        >>> with spots.open("virtual") as board:
+        ...     first = board.read_latest()
+        ...     board.latest().t_us >= first.t_us
+        True
+        """
+        self._check_open()
+        # While another thread reads the link, `_want` would wait for it.
+        if not all("touch" in kinds for kinds in self._streams.values()) or not self._streams:
+            self._want(Touch)
+        if self._turn.take(0.0):  # otherwise another thread reads the link
+            try:
+                self._advance(0.0)
+            finally:
+                self._turn.give()
+        self._frames.skip()
+        return self._latest.get(sensor) if self.state == CONNECTED else None
 
     def close(self) -> None:
         """Stop the streams and close the port. Idempotent; iterators then raise ClosedError."""
@@ -824,6 +873,7 @@ class Board(AbstractContextManager["Board"]):
         except PortLostError:
             if not self._streams:
                 raise
+            self._latest.clear()
             self._loss.unplug(self.now_s())
 
     def _ask_time(self) -> None:
@@ -896,6 +946,7 @@ class Board(AbstractContextManager["Board"]):
         self._stopped = set(self._streams)
         self.stats.restarts += 1
         self._times_us.clear()
+        self._latest.clear()
         self._decoder.restarted(self.stats.restarts)
         self._clocks.restart(sent_s, t_us, self.now_s())
         self._loss.ask_s = self.now_s()
@@ -962,6 +1013,8 @@ class Board(AbstractContextManager["Board"]):
             frame = frame._replace(sensor=0)
         if not isinstance(frame, Key):
             self._loss.expect(self.now_s())
-        if isinstance(frame, Touch) and frame.sensor == 0:
-            self._times_us.append(frame.t_us)
+        if isinstance(frame, Touch):
+            self._latest[frame.sensor] = frame
+            if frame.sensor == 0:
+                self._times_us.append(frame.t_us)
         self._frames.append(frame, self.stats)

@@ -46,6 +46,11 @@ class FrameLog:
             self._taken = self._begin = self._begin + len(self._frames)
             self._frames.clear()
 
+    def skip(self) -> None:
+        """Count all frames as taken: a new reader begins with the next frame."""
+        with self._lock:
+            self._taken = self._begin + len(self._frames)
+
     def append(self, frame: Reading, stats: LinkStats) -> None:
         """Add a frame, and drop the oldest frame if the log is full.
 
