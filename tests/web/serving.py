@@ -17,6 +17,7 @@ from spots.web.app import NOTHING
 from spots.web.board_feed import BoardReader
 from spots.web.calibration import PageCalibration
 from spots.web.editors import LayoutEditor, SettingsEditor
+from spots.web.practice import PagePractice
 from spots.web.recordings import Recordings
 from spots.web.serve import Server
 from spots.web.state import PageState
@@ -95,6 +96,8 @@ class Bench:
         Path of each settings file to edit, by name.
     second : object, optional
         The fingers on a second strip; without it, the board has one strip.
+    practice : str, optional
+        Name of the sensor file of practice sessions.
 
     Attributes
     ----------
@@ -114,6 +117,7 @@ class Bench:
         edit=None,
         settings=None,
         second=None,
+        practice=None,
     ):
         self._speed = speed
         self._sensor, self._calibration, self._scenario = sensor, calibration, scenario
@@ -123,6 +127,8 @@ class Bench:
         self.orders = {"recording": self.recordings} if record_to else {}
         if session:
             self.orders["calibration"] = PageCalibration(session, self.state)
+        if practice:
+            self.orders["calibration"] = PagePractice(practice, 0, self.state)
         if edit:
             self.orders["layout"] = LayoutEditor(edit, load(layout), self.state)
         for name, path in (settings or {}).items():

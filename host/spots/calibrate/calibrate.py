@@ -14,10 +14,13 @@ from ..link.ports import offered
 from .bench import Bench
 from .calibration_file import CalibrationFile
 from .guide import Guide
+from .practice import KINDS, practise
 from .presser import Presser
 from .session import Session
 from .spectra import SpectrumReader
 from .steps import COUNTS, LENGTH_UM, calibrate
+
+_SESSION = "calibration.jsonl"  # default session file
 
 
 def calibrate_command(options: argparse.Namespace) -> None:
@@ -34,7 +37,9 @@ def calibrate_command(options: argparse.Namespace) -> None:
             "'spots calibrate strain' and --strain-percent belong together: give both, or leave "
             "out both"
         )
-    session = Session(Path(options.session))
+    if options.practice:
+        return _practise(options, kind, count)
+    session = Session(Path(options.session or _SESSION))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
     if out.resolve() == session.path.resolve():
         raise SpotsError(
@@ -45,6 +50,18 @@ def calibrate_command(options: argparse.Namespace) -> None:
     check_writable(out)
     with opened(options, session, out) as bench:
         calibrate(bench, session, kind, count, options.strain_percent, options)
+
+
+def _practise(options: argparse.Namespace, kind: str, count: int) -> None:
+    if kind not in KINDS:
+        raise SpotsError(f"--practice has no '{kind}': leave it out, or use --rough")
+    if options.port not in (None, "virtual") or options.session or options.out:
+        raise SpotsError(
+            "--practice presses a simulated strip and writes no file: leave out --port, --session "
+            "and --out"
+        )
+    with Guide() as guide:
+        practise(options, kind, count, guide)
 
 
 @contextmanager

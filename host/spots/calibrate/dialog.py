@@ -103,6 +103,13 @@ class Dialog(Protocol):
             The request.
         """
 
+    def instruments(self, place_um: float | None, force_mN: float | None) -> None:
+        """Show a simulated ruler and scale with the next question; only for practice.
+
+        `place_um` is the position of the finger in um, `force_mN` the force in mN; None for an
+        instrument that the question does not need.
+        """
+
     def say(self, text: str) -> None:
         """Show a message to the person."""
 

@@ -16,11 +16,33 @@ from ..terminal.view import bar, bars, framed, live, strip_columns
 from .dialog import Progress, UndoError
 from .session import Wanted
 from .spectra import Reading
+from .typed import FORCES
 
 _MESSAGES = 4
 _STRIP = "sensor ▐"
 _BAR_COUNTS = 100  # least count at which the bar of a channel has full length
+_RULER_MM, _PER_MM = 10, 6  # length of a simulated ruler, and columns for each mm
 _LOW = 24  # a terminal with at most this number of lines shows only one message
+
+
+def ruler_lines(place_um: float) -> list[str]:
+    """Return a picture of a ruler near a position: numbers, lines, and a mark at the position.
+
+    Parameters
+    ----------
+    place_um : float
+        Position of the mark in um.
+
+    Returns
+    -------
+    list of str
+        Lines of text.
+    """
+    begin_mm = max(round(place_um / 1000) - _RULER_MM // 2, 0)
+    numbers = "".join(f"{begin_mm + i:<{_PER_MM}}" for i in range(_RULER_MM + 1))
+    lines = ("|" + "." * (_PER_MM - 1)) * _RULER_MM + "|"
+    at = round((place_um / 1000 - begin_mm) * _PER_MM)
+    return [f"mm    {numbers}".rstrip(), f"ruler {lines}", " " * (6 + at) + "▲ finger"]
 
 
 class Guide:
@@ -44,6 +66,7 @@ class Guide:
         self._plan: tuple[str, ...] = ()
         self._length_um = 1.0
         self._done = self._total = 0
+        self._instruments: list[str] = []
 
     def __enter__(self) -> Guide:
         if self._console.is_terminal:
@@ -134,6 +157,20 @@ class Guide:
         """Show a request to press or to release the strip."""
         self.say(text)
 
+    def instruments(self, place_um: float | None, force_mN: float | None) -> None:
+        """Show a simulated ruler and scale with the next question.
+
+        Parameters
+        ----------
+        place_um : float or None
+            Position of the finger in um; None without a ruler.
+        force_mN : float or None
+            Force on the scale in mN; None without a scale.
+        """
+        self._instruments = [] if place_um is None else ruler_lines(place_um)
+        if force_mN is not None:
+            self._instruments.append(f"scale: {force_mN / FORCES['g']:.0f} g")
+
     def say(self, text: str) -> None:
         """Show a message to the person."""
         text = printable(text)
@@ -156,6 +193,9 @@ class Guide:
             self._live.stop()
         stdin = self._stdin or sys.stdin
         typed_ahead.drop(stdin)
+        for line in self._instruments:
+            self._console.print(line, markup=False, soft_wrap=True)
+        self._instruments = []
         self._console.print(printable(question), end="", markup=False)
         line = stdin.readline()
         if self._live is not None:

@@ -70,6 +70,7 @@ def calibrate(parser: Parser):
     """Calibrate a strip: a guided session asks for presses and computes the calibration.
 
     examples:
+      spots calibrate --practice
       spots calibrate --rough
       spots calibrate
       spots calibrate strain --strain-percent 10
@@ -83,12 +84,17 @@ def calibrate(parser: Parser):
         choices=["fine", "position", "force", "strain", "joint"],
     )
     parser.flag("--rough", "for a fingertip and a ruler, without a scale; forces are then relative")
+    parser.flag(
+        "--practice",
+        "answer the questions of a session whose strip, finger, ruler and scale are simulated; no "
+        "file is written",
+    )
     arguments.add_port(parser)
     parser.option(
         "--session",
         "FILE.jsonl",
-        "file for the presses; an existing file continues its session",
-        default="calibration.jsonl",
+        "file for the presses; an existing file continues its session; calibration.jsonl if not "
+        "given",
     )
     parser.option(
         "--out", "FILE.toml", "calibration file to write; named like the session if not given"

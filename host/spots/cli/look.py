@@ -72,6 +72,9 @@ def serve(parser: Parser):
         "FILE.jsonl",
         "let browsers with the token calibrate; this file stores the presses",
     )
+    parser.flag(
+        "--practice", "let browsers with the token practise a calibration; no file is written"
+    )
     return calls("spots.web.serve:serve_command")
 
 

@@ -17,6 +17,10 @@ and may have
     those of the command line. `made` is the `Session` of ``spots calibrate``, or the
     `CalibrationFile` that ``spots rezero`` corrects. `path` is the calibration file to write.
     `guide` prints the progress.
+``practice(options, path, guide)``
+    Returns a context manager that yields a `calibrate.practice.Practice`: a simulated strip whose
+    simulated finger follows the requests of a session. `path` is the calibration file to write, and
+    `guide` is a `calibrate.dialog.Dialog`.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
     Returns a `linkage.twin_source.DrivenLinkage`: a five-bar linkage whose method ``open``
     opens the boards of its joints. `sensor`, `linkage` and `path` (a movement) are names of files.

@@ -218,6 +218,9 @@ class PageCalibration(Orders):
         fitted = {"presses": rows.tolist(), "thin": progress.thin, **sigmas}
         self._show(fitted=fitted, done=progress.done, total=progress.total)
 
+    def instruments(self, place_um: float | None, force_mN: float | None) -> None:
+        """Do nothing: a person has a real ruler and scale, except in `practice.PagePractice`."""
+
     def say(self, text: str) -> None:
         """Show a message to the person."""
         text = printable(text)

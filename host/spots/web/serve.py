@@ -22,6 +22,7 @@ from .board_feed import BoardReader, finder
 from .calibration import PageCalibration
 from .connections import Connections
 from .orders import Orders
+from .practice import PagePractice
 from .recordings import Recordings
 from .state import PageState
 from .strip_choice import StripChoice
@@ -37,6 +38,7 @@ except ImportError as error:
     raise missing("the web UI needs", error.name or "aiohttp", "web") from None
 
 LOOPBACK = "127.0.0.1"
+_VIRTUAL = "virtual"  # port of the simulated strip
 
 
 class Server:
@@ -121,11 +123,20 @@ class Server:
 def serve_command(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
     state, layout, ports = PageState(), load(options.layout), options.port
+    if options.practice:
+        if options.session or options.record_to or options.linkage or ports not in ([], [_VIRTUAL]):
+            raise SpotsError(
+                "--practice shows a simulated strip: leave out --port, --session, --record-to and "
+                "--linkage"
+            )
+        ports = [_VIRTUAL]
     orders: dict[str, Orders] = {}
     if options.record_to is not None:
         orders["recording"] = Recordings(Path(options.record_to), state)
     elif options.session is not None:
         orders["calibration"] = PageCalibration(Path(options.session), state)
+    elif options.practice:
+        orders["calibration"] = PagePractice(options.sensor, options.seed, state)
     if options.edit is not None:
         orders["layout"] = LayoutEditor(Path(options.edit), layout, state)
     for name in KINDS:
@@ -145,7 +156,8 @@ def serve_command(options: argparse.Namespace) -> None:
     if options.session and ports and offered(ports[0], "calibration_setup"):
         raise SpotsError(
             "--session needs a person who presses the strip, and nobody can press a virtual board: "
-            f"use 'spots calibrate --port {ports[0]}', which simulates the presses"
+            f"use 'spots serve --practice' or 'spots calibrate --port {ports[0]}', which simulate "
+            "the presses"
         )
     if options.linkage is None:
         if len(ports) > 1:

@@ -33,6 +33,7 @@ from ..board.vm import micropython_command
 from ..person.person import follow_pipe
 from ..person.stage import Stage, calibrate, set_as_calibrated
 from ..person.stage_presser import StagePresser
+from ..practice import practice as begin_practice
 from ..strip.files import ScenarioFile, SensorFile, load
 from .linkage_demo import endless, run
 
@@ -146,6 +147,7 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
 
 # Functions that `spots.link.ports` expects in the module of a port scheme, for a whole linkage.
 linkage, run_linkage = endless, run
+practice = begin_practice
 
 
 @contextmanager

@@ -151,6 +151,21 @@ class Person:
         way[0] = 0.0, way[1][0], before
         self._move(way)
 
+    def shown(self, question: str) -> tuple[float | None, float | None]:
+        """Return what the person reads off ruler and scale to answer a question.
+
+        Returns
+        -------
+        place_mm, force_mN : float or None
+            Position in mm and force in mN; None if the question does not ask for it.
+        """
+        if not _QUESTION.search(question):
+            return None, None
+        if "second" in question:
+            return None, self._then_mN
+        place_mm, force_mN = self._shown
+        return place_mm, force_mN if "scale" in question else None
+
     def answer(self, question: str) -> str:
         """Return the line that the person types, without its line end.
 

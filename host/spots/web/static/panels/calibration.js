@@ -9,6 +9,8 @@ const KINDS = [
   ["fine", "Fine", "An indenter, a ruler and a scale: 45 presses at most."],
   ["rezero", "Re-zero", "A fingertip on three marks: corrects the drift of the calibration."],
 ];
+const PRACTISE = "Practise a calibration: strip, finger, ruler and scale are simulated";
+const PRACTISED = { done: "The practice is done", stopped: "The practice is stopped", failed: "The practice has ended early" };
 const WAIT = "wait, and do not touch the strip";
 const OFFER = "Calibrate the strip by hand";
 const OWNED = "The session uses the board: position, keys and controller are shown again when the session ends.";
@@ -38,6 +40,8 @@ export function calibration(root) {
   steady.ariaLabel = "Steadiness";
   steady.ariaValueMax = "100";
   const hold = make("div", "hold", make("span", "", "steady"), steady, word);
+  const reading = make("div", "reading"), drawRuler = canvas(reading, RULER_PX), scale = reading.appendChild(make("b"));
+  reading.role = "img";
   const form = make("form", "answer"), buttons = make("div", "buttons");
   const undo = button("Undo the last press", () => send({ do: "undo", step: it.step }));
   const stop = button("Stop", () => send({ do: "cancel" }));
@@ -54,7 +58,7 @@ export function calibration(root) {
     one.value = kind;
     begin.append(one);
   }
-  root.append(head, todo, where, hold, note, refused, form, buttons, watching, said, picture, hint, begin);
+  root.append(head, todo, where, hold, note, refused, reading, form, buttons, watching, said, picture, hint, begin);
 
   async function send(message) {
     for (const one of root.querySelectorAll("button")) one.disabled = true;
@@ -113,15 +117,25 @@ export function calibration(root) {
     (matchMedia("(pointer: coarse)").matches || !first ? submit : first).focus({ preventScroll: true });
   }
 
+  // Shows the simulated ruler and scale. A screen reader gets the numbers.
+  function read({ place_um, force_mN }) {
+    const grams = force_mN === null ? "" : `${Math.round(force_mN / N_PER_G / 1000)} g`;
+    scale.textContent = grams && `scale: ${grams}`;
+    reading.firstChild.hidden = place_um === null;
+    reading.ariaLabel = [place_um !== null && `ruler: finger at ${mm(place_um)}`, scale.textContent].filter(Boolean).join(", ");
+    if (place_um !== null) drawRuler((c, width) => rulerAt(c, width, place_um / 1000), place_um);
+  }
+
   function show() {
     const running = Boolean(it?.running), phase = running ? it.phase : "";
     opener.hidden = !it || running || !may;
-    root.hidden = !it || !(running || (open ?? (it.end || (may && uncalibrated))));
+    root.hidden = !it || !(running || (open ?? (it.end || (may && (uncalibrated || it.practice)))));
     opener.setAttribute("aria-expanded", String(!root.hidden));
-    opener.textContent = root.hidden ? "calibrate" : "close";
+    opener.textContent = !root.hidden ? "close" : it?.practice ? "practise" : "calibrate";
     document.body.dataset.session = running ? "on" : "off";
     if (!it) return;
-    title.textContent = running && it.title ? `Calibration: ${it.title}` : "Calibration";
+    const name = it.practice ? "Practice" : "Calibration";
+    title.textContent = running && it.title ? `${name}: ${it.title}` : name;
     count.textContent = running && it.total ? `${it.done} of ${it.total}` : "";
     bar.hidden = !count.textContent;
     bar.max = it.total || 1;
@@ -133,9 +147,11 @@ export function calibration(root) {
     if (asking && key !== question) ask(words, offered);
     question = key;
     const waits = phase === "work" || it.step === answered || !words;
-    put(todo, running ? (waits ? WAIT : words) : (it.kind === "rezero" ? REZEROED : ENDS)[it.end] ?? OFFER);
+    put(todo, running ? (waits ? WAIT : words) : ends(it)[it.end] ?? (it.practice ? PRACTISE : OFFER));
     put(note, it.note ?? "");
     where.hidden = !running;
+    reading.hidden = !running || !it.ruler;
+    if (!reading.hidden) read(it.ruler);
     aim.hidden = !it.at || phase === "release";
     if (it.at) {
       const share = Math.min(it.at.place_um / it.length_um, 1);
@@ -151,7 +167,7 @@ export function calibration(root) {
     said.replaceChildren(...(it.said ?? []).filter((text) => text !== it.note).map((text) => make("li", "", text)));
     picture.hidden = !it.fitted;
     if (it.fitted) paint(it.fitted, it.length_um);
-    put(hint, running ? OWNED : it.end === "done" && it.kind !== "rezero" ? AGAIN : "");
+    put(hint, running ? OWNED : it.end === "done" && it.kind !== "rezero" && !it.practice ? AGAIN : "");
     begin.hidden = running || !may;
     // At a new step, scroll to the top of the panel.
     if (running && it.step !== step && root.getBoundingClientRect().top < 0) root.scrollIntoView();
@@ -181,6 +197,33 @@ export function calibration(root) {
     put(word, now?.trouble ?? (now ? "hold" : "waiting for a press"));
     where.ariaLabel = [it.at && `Press at ${mm(it.at.place_um)}`, place_um !== null && `finger at about ${mm(place_um)}`].filter(Boolean).join(", ");
   };
+}
+
+function ends({ kind, practice }) {
+  return practice ? PRACTISED : kind === "rezero" ? REZEROED : ENDS;
+}
+
+// Draws the lines of a ruler near a position in mm, and a finger above the position.
+const RULER_PX = 84, RULER_MM = 16;
+function rulerAt(c, width, place) {
+  const begin = Math.max(Math.round(place) - RULER_MM / 2, 0), x = (at) => 12 + ((width - 24) * (at - begin)) / RULER_MM;
+  c.strokeStyle = c.fillStyle = colours.text;
+  c.lineWidth = 1;
+  c.font = "12px -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif";
+  c.textAlign = "center";
+  for (let at = begin; at <= begin + RULER_MM; at++) {
+    c.beginPath();
+    c.moveTo(Math.round(x(at)) + 0.5, 30);
+    c.lineTo(Math.round(x(at)) + 0.5, at % 5 ? 48 : 60);
+    c.stroke();
+    if (at % 5 === 0) c.fillText(`${at}`, x(at), 76);
+  }
+  c.fillStyle = colours.place;
+  c.beginPath();
+  c.moveTo(x(place), 30);
+  c.lineTo(x(place) - 7, 8);
+  c.lineTo(x(place) + 7, 8);
+  c.fill();
 }
 
 // Shows a text. Screen readers announce a change, so an unchanged text is not set again.

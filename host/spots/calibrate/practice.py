@@ -1,0 +1,114 @@
+"""Practice of a session by hand: a simulated finger presses, and a person answers the questions.
+
+The person reads a simulated ruler and scale. At the end, the calibration is compared with the
+simulated strip. All files are in a temporary directory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import SpotsError
+from ..link.ports import offered
+from . import calibration_file as file
+from .bench import Bench
+from .dialog import Dialog
+from .session import Session
+from .steps import COUNTS, calibrate
+
+KINDS = ("fine", "rough")
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors of a calibration on a simulated strip, and of the answers that it was made from.
+
+    Attributes
+    ----------
+    position_rms_um, position_worst_um : float
+        Errors of the positions that the calibrated board reports, in um.
+    force_rms_mN : float or None
+        Error of the forces in mN; None for a rough session, whose forces are relative.
+    read_rms_um : float
+        Error of the positions that the person read off the ruler, in um.
+    read_rms_mN : float or None
+        Error of the forces that the person read off the scale in mN; None without a scale.
+    """
+
+    position_rms_um: float
+    position_worst_um: float
+    force_rms_mN: float | None
+    read_rms_um: float
+    read_rms_mN: float | None
+
+    def __str__(self) -> str:
+        force = read_force = ""
+        if self.force_rms_mN is not None:
+            force = f", force {self.force_rms_mN / 1000:.2f} N rms"
+        if self.read_rms_mN is not None:
+            read_force = f" and {self.read_rms_mN / 1000:.2f} N"
+        return (
+            f"score: position {self.position_rms_um / 1000:.2f} mm rms, "
+            f"{self.position_worst_um / 1000:.2f} mm at most{force}; your answers differ by "
+            f"{self.read_rms_um / 1000:.2f} mm{read_force} rms from ruler and scale"
+        )
+
+
+@dataclass(frozen=True)
+class Practice:
+    """A simulated strip with a simulated finger, see `link.ports`.
+
+    Attributes
+    ----------
+    bench : Bench
+        Board, strip and presser; the presser asks the person what ruler and scale show.
+    score : callable
+        ``score(session, calibration)`` returns the `Score` of a finished session.
+    """
+
+    bench: Bench
+    score: Callable[[Session, file.CalibrationFile], Score]
+
+
+def practise(options: argparse.Namespace, kind: str, count: int, guide: Dialog) -> Score:
+    """Run a session by hand on a simulated strip, and return the score.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        ``sensor`` and ``seed`` of the simulated strip; ``plan`` and ``keep_settings`` as for
+        `steps.calibrate`; ``length_mm``, which must be None or the length of the simulated strip.
+    kind : str
+        ``fine`` or ``rough``.
+    count : int
+        Number of presses by hand; 0 for the default.
+    guide : Dialog
+        Shows the session, and reads the answers.
+
+    Returns
+    -------
+    Score
+        Errors of the calibration and of the answers.
+
+    Raises
+    ------
+    SpotsError
+        If there is no simulator, or the session ends early.
+    """
+    begin: Callable[..., AbstractContextManager[Practice]] | None = offered("virtual", "practice")
+    if begin is None:
+        raise SpotsError("the installed simulator has no practice: update spots-tactile")
+    with tempfile.TemporaryDirectory() as folder:
+        session = Session(Path(folder) / "practice.jsonl")
+        out = session.path.with_suffix(".toml")
+        with begin(options, out, guide) as practice:
+            calibrate(practice.bench, session, kind, count or COUNTS[kind][0], None, options)
+            score = practice.score(session, file.load(out))
+    guide.say(str(score))
+    guide.say("this was practice with a simulated strip: no file and no board was changed")
+    return score
