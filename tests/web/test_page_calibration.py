@@ -323,7 +323,7 @@ def test_a_server_that_ends_stops_the_session(table, open_page):
     [
         (["--port", "recording:run.spots"], "--session works with one board"),
         (["--record-to", "."], "--record-to and --session exclude each other"),
-        ([], "nobody can press a virtual board: use 'spots calibrate --port virtual'"),
+        ([], "nobody can press a virtual board: use 'spots serve --practice' or"),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, tmp_path, options, says):

@@ -84,11 +84,7 @@ def calibrate(parser: Parser):
         choices=["fine", "position", "force", "strain", "joint"],
     )
     parser.flag("--rough", "for a fingertip and a ruler, without a scale; forces are then relative")
-    parser.flag(
-        "--practice",
-        "answer the questions of a session whose strip, finger, ruler and scale are simulated; no "
-        "file is written",
-    )
+    parser.flag("--practice", "practise a session without a strip; no file is written")
     arguments.add_port(parser)
     parser.option(
         "--session",
