@@ -31,9 +31,9 @@ from spots.link.serial_link import SerialLink
 from ..board.runtimes import is_cpython
 from ..board.vm import micropython_command
 from ..person.person import follow_pipe
+from ..person.practice import practice as begin_practice
 from ..person.stage import Stage, calibrate, set_as_calibrated
 from ..person.stage_presser import StagePresser
-from ..practice import practice as begin_practice
 from ..strip.files import ScenarioFile, SensorFile, load
 from .linkage_demo import endless, run
 

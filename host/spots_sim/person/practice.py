@@ -11,17 +11,17 @@ import numpy as np
 
 from spots.calibrate.bench import Bench
 from spots.calibrate.calibration_file import CalibrationFile
+from spots.calibrate.decoded import Decoded
 from spots.calibrate.dialog import Dialog
 from spots.calibrate.practice import Practice, Score
 from spots.calibrate.presser import Presser
 from spots.calibrate.session import Session, Wanted
 from spots.errors import SpotsError
 from spots_device.reading.calibration import Calibration
-from spots_device.views import Decoded
 
-from .person.person import Habits, Person, follow
-from .person.stage import Stage
-from .strip.files import SensorFile, load
+from ..strip.files import SensorFile, load
+from .person import Habits, Person, follow
+from .stage import Stage
 
 # The person at the terminal makes the errors of reading; the finger only misses the places.
 _HABITS = Habits(place_mm=0.0, force_share=0.0, slips=0.1)
