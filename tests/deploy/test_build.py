@@ -256,21 +256,54 @@ def test_constants_become_numbers_and_their_definitions_and_imports_vanish(tmp_p
     defined = "def const(value):\n    return value\n"
     (tmp_path / "__init__.py").write_text("PROTOCOL = 3\n\n\n" + defined)
     (tmp_path / "one.py").write_text(
-        "A, B = range(2)\nBOTH = A | B << 4\nWORDS = 'x'\nSEEN = 7\nTWICE = 1\nTWICE = 2\n"
+        "A, B = range(2)\nBOTH = A | B << 4\nWORDS = 'x'\nSEEN = 7\nKEPT = 8\n"
+        "TWICE = 1\nTWICE = 2\n"
     )
     (tmp_path / "part" / "two.py").write_text(
         "from .. import PROTOCOL, one\nfrom ..one import BOTH as C, TWICE, WORDS\n\n\n"
-        "def f(x):\n    from ..one import B\n    return x[C] + B * one.SEEN + TWICE\n"
+        "def f(x):\n    from ..one import B\n    return x[C] + B * one.SEEN + TWICE + x.KEPT\n"
     )
     (tmp_path / "three.py").write_text("from . import const\n\n_X = const(3)\n")
     (tmp_path / "four.py").write_text("from . import const, five\n_Y = const(4)\n")
     inline(tmp_path)
     assert (tmp_path / "__init__.py").read_text() == "PROTOCOL = 3\n\n\npass\n"
     assert (tmp_path / "one.py").read_text().split("\n")[:2] == ["pass", "pass"]
-    assert "SEEN = 7" in (tmp_path / "one.py").read_text()
+    # Another module, or a program, may use a name that is the attribute of an object.
+    assert "KEPT = 8" in (tmp_path / "one.py").read_text()
+    assert "SEEN" not in (tmp_path / "one.py").read_text()
     assert "TWICE = 2" in (tmp_path / "one.py").read_text()
     assert (tmp_path / "three.py").read_text() == "pass\n\n_X = const(3)\n"
     assert (tmp_path / "four.py").read_text() == "from . import five\n_Y = const(4)\n"
     two = (tmp_path / "part" / "two.py").read_text()
-    assert "from ..one import TWICE, WORDS\n" in two
-    assert two.endswith("    pass\n    return x[(16)] + (1) * one.SEEN + TWICE\n")
+    assert two.startswith("from .. import PROTOCOL\nfrom ..one import TWICE, WORDS\n")
+    assert two.endswith("    pass\n    return x[(16)] + (1) * (7) + TWICE + x.KEPT\n")
+
+
+def test_a_constant_is_computed_from_those_of_an_imported_module(tmp_path):
+    (tmp_path / "one.py").write_text(
+        "from . import two as t\n\nB = t.A * 2\n\n\ndef f():\n    return t.g()\n"
+    )
+    (tmp_path / "two.py").write_text("A = 4\nKEPT = 5\n\n\ndef g():\n    return A\n")
+    (tmp_path / "three.py").write_text(
+        "from . import one as o, two as t\n\n\ndef f(t):\n    return t.KEPT + o.B\n"
+    )
+    inline(tmp_path)
+    one = (tmp_path / "one.py").read_text()
+    assert one == "from . import two as t\n\npass\n\n\ndef f():\n    return t.g()\n"
+    # An argument that hides the module is any object.
+    assert (tmp_path / "three.py").read_text().endswith("def f(t):\n    return t.KEPT + (8)\n")
+    assert (tmp_path / "two.py").read_text().startswith("pass\nKEPT = 5\n")
+
+
+def test_machine_code_looks_up_no_constant(tmp_path):
+    head = "import micropython\nfrom . import state as c\n\nTABLE = bytes(8)\n_DARK = 3\n\n\n"
+    head += "@micropython.viper\ndef f(s: ptr32) -> int:\n    t = ptr8(TABLE)\n"
+    (tmp_path / "state.py").write_text("X_UM = 4\n")
+    (tmp_path / "fast.py").write_text(head + "    return s[c.X_UM] + t[0]\n")
+    inline(tmp_path)
+    assert "return s[(4)] + t[0]" in (tmp_path / "fast.py").read_text()
+    for wrong in ("s[_DARK]", "s[c.Y_UM]", "TABLE[0]"):
+        (tmp_path / "state.py").write_text("X_UM = 4\n")
+        (tmp_path / "fast.py").write_text(head + f"    return {wrong}\n")
+        with pytest.raises(SpotsError, match=r"fast\.py, line 11: f looks .* up in machine code"):
+            inline(tmp_path)

@@ -12,36 +12,48 @@ import ast
 import re
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
+from ..errors import SpotsError
 from .source import Source
 
 _NAME = re.compile(r"[A-Z][A-Z0-9_]*")
+_POINTERS = ("ptr8", "ptr16", "ptr32")  # viper's casts of an object to the address of its data
 
 
 def inline(package: Path) -> None:
     """Replace public integer constants by their values; remove their definitions and imports.
 
     A constant has a name in capitals, and only one assignment in its module. Its value is computed
-    from numbers and other constants. Names that a module uses as an attribute (``module.NAME``) are
-    not changed, nor are the constants of the package's module ``__init__``.
+    from numbers and other constants. A module may import a constant by its name, or its module:
+    ``from . import state as c`` and ``c.X_UM``. A name that is an attribute of anything else than a
+    module of the package is not changed, nor are the constants of the package's module
+    ``__init__``.
 
     Parameters
     ----------
     package : Path
         Folder of the package; its modules are changed in place.
+
+    Raises
+    ------
+    SpotsError
+        If a function in machine code looks up a name in capitals that is no constant.
     """
     modules = {
         path.relative_to(package).with_suffix("").as_posix(): _Module(path)
         for path in sorted(package.rglob("*.py"))
     }
-    attributes = {name for module in modules.values() for name in module.attributes}
+    for name, module in modules.items():
+        module.resolve(name, modules)
+    attributes = set().union(*(module.attributes() for module in modules.values()))
     found = -1
     while found != sum(len(module.values) for module in modules.values()):
         found = sum(len(module.values) for module in modules.values())
         for name, module in modules.items():
             module.evaluate(name, modules, attributes)
-    for module in modules.values():
-        module.replace_names()
+    for name, module in modules.items():
+        module.replace_names(name)
 
 
 class _Module(Source):
@@ -51,31 +63,54 @@ class _Module(Source):
         super().__init__(path)
         self.values: dict[str, int] = {}
         nodes = list(ast.walk(self.tree))  # a single walk, as it takes most of the time of a build
-        self.attributes = {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+        self._attributes = [node for node in nodes if isinstance(node, ast.Attribute)]
         self._names = [node for node in nodes if isinstance(node, ast.Name)]
         self._imports = [node for node in nodes if isinstance(node, ast.ImportFrom) and node.level]
         stored = Counter(node.id for node in self._names if isinstance(node.ctx, ast.Store))
         self._once = {name for name, times in stored.items() if times == 1}
+        self._bound = {*stored, *(node.arg for node in nodes if isinstance(node, ast.arg))}
+        self._modules: dict[str, _Module] = {}
         self._removed: dict[ast.stmt, str] = {}
         for node in self.tree.body:
             if isinstance(node, ast.FunctionDef) and node.name == "const":
                 self._removed[node] = "pass"
-            elif isinstance(node, ast.ImportFrom):
-                self._import(node, {})
+
+    def resolve(self, name: str, modules: dict[str, _Module]) -> None:
+        """Find the modules of the package that this module imports, by their local names.
+
+        `name` is this module's path in the package. `modules` contains all modules of the package,
+        by their paths.
+        """
+        for node in self._imports:
+            for alias in node.names:
+                local = alias.asname or alias.name
+                origin = modules.get("/".join([*_origin(node, name), alias.name]))
+                if origin is not None and local not in self._bound:
+                    self._modules[local] = origin
+
+    def attributes(self) -> set[str]:
+        """Return the names of all attributes, except those of modules of the package."""
+        return {node.attr for node in self._attributes if self._module_of(node) is None}
+
+    def _module_of(self, node: ast.Attribute) -> _Module | None:
+        is_name = isinstance(node.value, ast.Name)
+        return self._modules.get(node.value.id) if is_name else None
 
     def evaluate(self, name: str, modules: dict[str, _Module], kept: set[str]) -> None:
         """Find the values of the constants that the module defines or imports.
 
-        `name` is the module's path in the package. `modules` contains all modules of the package,
-        by their paths. `kept` contains the names that must not be replaced by values.
+        `name` and `modules` are as in `resolve`. `kept` contains the names that must not be
+        replaced by values.
         """
         for node in self._imports:
-            folder = name.split("/")[: -node.level]
-            origin = modules.get("/".join([*folder, *(node.module or "").split(".")]))
+            origin = modules.get("/".join(_origin(node, name)))
             if origin is not None:
-                self._import(node, origin.values)
+                for alias in node.names:
+                    if alias.name in origin.values:
+                        self.values[alias.asname or alias.name] = origin.values[alias.name]
         if name == "__init__":  # other programs use the constants of this module
             return
+        known = {local: SimpleNamespace(**of.values) for local, of in self._modules.items()}
         for node in self.tree.body:
             if not isinstance(node, ast.Assign):
                 continue
@@ -90,33 +125,68 @@ class _Module(Source):
             found = {}
             code = compile(ast.Module([node], []), "", "exec")
             try:
-                exec(code, {"__builtins__": {"range": range}, **self.values}, found)
-            except (NameError, TypeError):
+                exec(code, {"__builtins__": {"range": range}, **known, **self.values}, found)
+            except (AttributeError, NameError, TypeError):
                 continue
             if found.keys() == names and all(type(one) is int for one in found.values()):
                 self.values |= found
                 self._removed[node] = "pass"
 
-    def _import(self, node: ast.ImportFrom, values: dict[str, int]) -> None:
-        left = [alias for alias in node.names if alias.name not in values and alias.name != "const"]
-        for alias in node.names:
-            if alias.name in values:
-                self.values[alias.asname or alias.name] = values[alias.name]
-        if len(left) < len(node.names):
-            self._removed[node] = (
-                ast.unparse(ast.ImportFrom(node.module, left, node.level)) if left else "pass"
-            )
-
-    def replace_names(self) -> None:
+    def replace_names(self, name: str) -> None:
         """Write the module's file again, with values in place of the names of constants."""
-        inside = {child for node in self._removed for child in ast.walk(node)}
-        values = {
-            node: f"({self.values[node.id]})"
-            for node in self._names
-            if node.id in self.values and node not in inside
+        used = {
+            node: of.values[node.attr]
+            for node in self._attributes
+            if (of := self._module_of(node)) is not None and node.attr in of.values
         }
+        replaced = {node.value for node in used}
+        left = {node.id for node in self._names if node not in replaced}
+        for node in self._imports:
+            self._remove_import(node, left)
+        inside = {child for node in self._removed for child in ast.walk(node)}
+        used |= {node: self.values[node.id] for node in self._names if node.id in self.values}
+        values = {node: f"({value})" for node, value in used.items() if node not in inside}
+        self._check_machine_code(name, {*values, *replaced})
         for node, text in (self._removed | values).items():
             self.replace(
                 (node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset), text
             )
         self.write()
+
+    def _remove_import(self, node: ast.ImportFrom, left: set[str]) -> None:
+        """Remove the names of constants from an import, and modules of which nothing is `left`."""
+        kept = []
+        for alias in node.names:
+            local = alias.asname or alias.name
+            is_constant = local in self.values or alias.name == "const"
+            if not (is_constant or (local in self._modules and local not in left)):
+                kept.append(alias)
+        if len(kept) < len(node.names):
+            self._removed[node] = (
+                ast.unparse(ast.ImportFrom(node.module, kept, node.level)) if kept else "pass"
+            )
+
+    def _check_machine_code(self, name: str, replaced: set[ast.expr]) -> None:
+        """Refuse a function in machine code that would look up a name at run time."""
+        for function in self.tree.body:
+            if "micropython.viper" not in map(ast.unparse, getattr(function, "decorator_list", ())):
+                continue
+            nodes = list(ast.walk(function))
+            data = {
+                node.args[0]
+                for node in nodes
+                if isinstance(node, ast.Call) and getattr(node.func, "id", "") in _POINTERS
+            }
+            for node in nodes:
+                looked_up = getattr(node, "attr", "") or getattr(node, "id", "")
+                is_constant = _NAME.fullmatch(looked_up.lstrip("_"))
+                if is_constant and node not in replaced | data:
+                    raise SpotsError(
+                        f"{name}.py, line {node.lineno}: {function.name} looks {looked_up} up in "
+                        "machine code: make it a public constant of a module"
+                    )
+
+
+def _origin(node: ast.ImportFrom, name: str) -> list[str]:
+    """Return the path of the folder or module from which the module `name` imports."""
+    return [*name.split("/")[: -node.level], *filter(None, (node.module or "").split("."))]
