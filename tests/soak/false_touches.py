@@ -3,9 +3,9 @@
     python tests/soak/false_touches.py --hours 1
 
 The scenes are a room, lamps, and a moving arm; each lasts `--hours` of simulated time. Prints one
-line of JSON for each scene: the number of touches, the number of readings of the longest touch, and
-the number of pressed keys. `--touch-mN` replaces the forces of the calibration at which a touch
-begins and ends. The exit code is 1 if a key was pressed.
+line of JSON for each scene: the number of touches, the number of readings of the longest touch, the
+number of pressed keys, and the number of changes of the light. `--touch-mN` replaces the forces of
+the calibration at which a touch begins and ends. The exit code is 1 if a key was pressed.
 """
 
 from __future__ import annotations
@@ -118,14 +118,17 @@ def main(arguments: list[str] | None = None) -> int:
     pressed = 0
     for name in options.scenes.split(","):
         lasted: list[int] = []
-        keys, left_s, part = 0, 3600.0 * options.hours, 0
+        keys, changes, left_s, part = 0, 0, 3600.0 * options.hours, 0
         while left_s > 0:
             rng = np.random.default_rng((options.seed, list(_SCENES).index(name), part))
             scene, seconds = _SCENES[name](rng), min(left_s, _PART_S)
             found, more = _played(sensor, lines, scene, options.seed + part, seconds)
             lasted, keys = lasted + found, keys + more
+            steps = scene.ambient.steps if scene.ambient else []
+            changes += sum(0 < step[0] <= seconds for step in steps)
             left_s, part = left_s - _PART_S, part + 1
-        begun = {"touches": len(lasted), "longest": max(lasted, default=0), "keys": keys}
+        begun = {"touches": len(lasted), "longest": max(lasted, default=0)}
+        begun |= {"keys": keys, "changes": changes}
         print(json.dumps({"scene": name, "hours": options.hours, **begun}), flush=True)
         pressed += keys
     return int(pressed > 0)
