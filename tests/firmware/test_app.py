@@ -417,3 +417,18 @@ def test_a_fifo_that_overflows_is_no_measured_sample():
     app.step()
     assert sensor.pacing.missed
     assert app.meter._samples == -3
+
+
+def test_the_count_of_missed_samples_never_falls():
+    app, _, clock, _ = stalled(300_000)
+    app.step()
+    missed = app.state()["missed"]
+    assert missed > 0
+    app.restart()
+    assert app.state()["missed"] == missed
+    while app.strip._rare:
+        app.step()
+    assert app.state()["missed"] == missed
+    clock.sleep_us(300_000)
+    app.step()
+    assert app.state()["missed"] > missed

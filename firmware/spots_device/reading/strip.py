@@ -373,7 +373,7 @@ class Strip:
         self._state = _UNKNOWN
         self.lit_flags = DARK_SUBTRACTED
         self._reading[EXPOSURE_US] = sensor.exposure_us
-        self._missed = 0
+        self._missed = self._pacing.missed
         self._reading[MISSING] = DROPPED
         self.configure()
         self._dark.request()

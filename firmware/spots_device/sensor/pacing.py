@@ -69,7 +69,7 @@ class Pacing:
         How many polls, from the one at `due` on, certainly find a sample, unless the chip's
         oscillator jumps; 0 or less for none.
     missed : int
-        Number of samples that were not read, or whose time is unknown.
+        Number of samples that were not read, or whose time is unknown; `start` does not reset it.
     slack_us : int
         Uncertainty in us: the last sample ended at most this long before its estimated end.
     sampled, lasted_us, longest_us : int
@@ -81,6 +81,7 @@ class Pacing:
         self._add = clock.ticks_add
         self._diff = clock.ticks_diff
         self._early = self._last = self._reference = self._first = self._began = self._end = 0
+        self.missed = 0
         self._off = 0  # relative deviation of the chip's period from nominal, Q20
         self.start(0, 0)
 
@@ -98,7 +99,7 @@ class Pacing:
         self._narrow_us = 2 * self._creep + 50
         self._set_period(period_us - period_us // _TRUST)
         self.due = self._add(now, self.period_us)
-        self.missed = self.slack_us = self.sure = 0
+        self.slack_us = self.sure = 0
         self.sampled = self.lasted_us = self.longest_us = 0
         self._was_early = False
         self._locked = False

@@ -138,7 +138,7 @@ def examine_board(board: Board) -> Iterator[Finding]:
     count = max(_SPECTRA, round(_RATE_S / reading_s))
     missed = board.command("get")["missed"]
     spectra = list(islice(board.spectra(1 + 3 * count * reading_s), count))
-    missed = max(0, board.command("get")["missed"] - missed)  # negative if the sensor restarted
+    missed = max(0, board.command("get")["missed"] - missed)  # negative if the board restarted
     if state["led"] == "ldr" and not state["led_mA"]:
         yield Finding("light", False, "the LED is off: run 'spots command set led_mA=20'")
     else:
