@@ -110,7 +110,9 @@ def test_the_libraries_come_first_and_the_entry_last(mount, capsys):
     steps = [line.split()[:2] for line in capsys.readouterr().out.splitlines()[:-1]]
     assert files_of(folder) == before
     removed = [path for step, path in steps if step == "remove"]
-    assert removed == ["code.py", "lib/adafruit_register/i2c_bit.py.part"]
+    assert removed == ["lib/adafruit_register/i2c_bit.py.part"]
+    renamed = [path for step, path in steps if step == "rename"]
+    assert renamed == ["code.py", "lib/adafruit_register/i2c_bit.py"]
     copied = [path for step, path in steps if step == "copy"]
     libraries = [path for path in copied if path.startswith("lib/")]
     assert "lib/adafruit_as7341.py" in libraries
@@ -282,3 +284,17 @@ def test_a_drive_with_the_serial_number_of_two_devices_is_refused_before_the_cop
         del ports[-1]
         with place.place(device_of("qtpy_rp2040"), None) as there:
             assert there.ports() == ["/dev/b", "/dev/a"]
+
+
+def test_a_users_files_on_a_drive_are_kept(mount, monkeypatch, built, capsys):
+    monkeypatch.setattr("spots.deploy.place._RETURN_S", 0)
+    folder = mount(*RIGHT)
+    own = ("code.py", "boot.py", "lib/adafruit_register/i2c_bit.py")
+    (folder / "lib" / "adafruit_register").mkdir(parents=True)
+    for path in own:
+        (folder / path).write_text("the user's own")
+    assert "does not answer after the restart" in refused_after_copying(capsys)
+    files = files_of(folder)
+    assert files.pop("boot_out.txt")
+    kept = {f"{path}.before-spots": b"the user's own" for path in own}
+    assert files == files_of(built("qtpy_rp2040")) | kept

@@ -104,7 +104,34 @@ def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, built, 
     assert "main.py" not in files_of(empty)
     with virtual_board(empty) as port:
         assert main(["flash", "virtual", "--port", port]) == 0
-    assert files_of(empty) == wanted
+    assert files_of(empty) == wanted | {"main.py.before-spots": b"print('the one before')"}
+
+
+@pytest.mark.parametrize("flashed", [False, True])
+def test_a_users_file_with_the_name_of_a_firmware_file_is_kept(empty, built, capsys, flashed):
+    wanted = files_of(built("virtual"))
+    if flashed:
+        shutil.copytree(built("virtual"), empty, dirs_exist_ok=True)
+    own = {"main.py": b"print('mine')", "board_config.py": b"NAME = 'mine'"}
+    kept = {f"{path}.before-spots2": data for path, data in own.items()}
+    kept["main.py.before-spots"] = kept["board_config.py.before-spots"] = b"older"
+    for path, data in (own | kept).items():
+        if not path.endswith("2"):
+            (empty / path).write_bytes(data)
+    before = files_of(empty)
+    with virtual_board(empty) as port:
+        assert main(["flash", "virtual", "--port", port, "--dry-run"]) == 0
+        assert "rename main.py to main.py.before-spots2\n" in capsys.readouterr().out
+        assert files_of(empty) == before
+        assert main(["flash", "virtual", "--port", port]) == 0
+        said = capsys.readouterr().out
+        assert "your main.py is now main.py.before-spots2\n" in said
+        assert said.index("your main.py") < said.index("your board_config.py")
+        assert files_of(empty) == wanted | kept
+        assert main(["flash", "virtual", "--port", port]) == 0
+        assert "nothing to copy" in capsys.readouterr().out
+        assert main(["erase", "virtual", "--port", port, "--yes"]) == 0
+    assert files_of(empty) == kept
 
 
 class _Closer:

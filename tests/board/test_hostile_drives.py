@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from spots.cli import main
 from spots.deploy import flash as flashing
-from spots.deploy import nofollow, place, released
+from spots.deploy import nofollow, released
 from spots.deploy import staging as stage
 from spots.deploy.build import files_of
 from spots.deploy.flash import USER_FILES
@@ -79,7 +79,7 @@ KINDS = (
 )
 STATES = ("blank", "flashed", "released", "older")
 COMMANDS = (["flash", BOARD], ["erase", BOARD, "--yes"])
-CALLS = ["open", "stat", "unlink", "replace", "mkdir", "rmdir"]
+CALLS = ["open", "stat", "unlink", "rename", "replace", "mkdir", "rmdir"]
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +89,6 @@ def built(built):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flashing, "build", lambda board, root, strips: folder)
         patch.setattr(flashing, "_greet", lambda there: None)
-        patch.setattr(place, "usb_ports", list)
         patch.setattr(link, "usb_ports", list)
         patch.setattr(os, "fsync", lambda handle: None)  # saves time; no test cuts the power
         yield Files(files_of(folder))

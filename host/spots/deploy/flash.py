@@ -26,6 +26,7 @@ from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
 # program can be a USB keyboard. CircuitPython: the first version whose clock is finer than
 # milliseconds on the RP2040.
 _OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
+_KEPT = ".before-spots"  # suffix of a user's file whose name the firmware needs
 _PART = ".part"  # suffix of a file while it is written
 # Files that the user's commands stored on the board. `flash` leaves them, `erase` removes them.
 USER_FILES = tuple(f"saved-{end}.txt" for end in "ab") + tuple(
@@ -42,6 +43,9 @@ class Plan:
 
     Attributes
     ----------
+    keep : dict of str to str
+        Files of the user that have names of the firmware's files: present path and new path. They
+        are renamed before everything else.
     remove : list of str
         Paths to remove, in this order. The entry file, which starts the firmware, comes first.
     copy : list of str
@@ -54,6 +58,7 @@ class Plan:
         files in this manifest. Empty if the manifest does not change.
     """
 
+    keep: dict[str, str]
     remove: list[str]
     copy: list[str]
     need: int
@@ -172,12 +177,17 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
     ]
     remove = [path for path in sorted(there) if path not in files and known.is_ours(path)]
     if not copy and not remove:
-        return Plan([], [], 0, b"")
+        return Plan({}, [], [], 0, b"")
     claim = b""
     if MANIFEST in copy:
         claim = manifest.write(known.entries | manifest.read(files[MANIFEST]))
     # Without the entry file the board starts nothing until the copy is complete.
-    if entry in there:
+    keep = {
+        path: _free_name(target, path)
+        for path in sorted({*copy, entry})
+        if path in there and known.is_users(path)
+    }
+    if entry in there and entry not in keep:
         remove.insert(0, entry)
     # Libraries first: the other modules need them.
     copy = sorted(
@@ -185,11 +195,11 @@ def make_plan(files: dict[str, bytes], target: Prompt | Drive, runtime: str) -> 
     )
     block = target.facts["block"] or 1
     taken = sum(_on_disk(len(files[path]), block) for path in copy)
-    gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} if path in there)
+    gone = sum(_on_disk(there[path], block) for path in {*remove, *copy} - {*keep} if path in there)
     # An old file stays until the hash of the new file is verified, so there must be room for both.
     most = max(_on_disk(len(files[path]), block) for path in copy)
     most += _on_disk(len(claim), block)
-    return Plan(remove, copy, max(taken - gone + most, most), claim)
+    return Plan(keep, remove, copy, max(taken - gone + most, most), claim)
 
 
 class Known:
@@ -245,6 +255,20 @@ class Known:
             return whole in self._names or whole in self.listed
         return path == MANIFEST or (self.claimed and path in self._names)
 
+    def is_users(self, path: str) -> bool:
+        """Return whether the file `path`, a key of `sizes`, may be a file of the user.
+
+        On a board with a manifest, these are also unlisted files with a name of the firmware.
+        """
+        if self.entries and path not in self.listed and path != MANIFEST:
+            return True
+        return not self.is_ours(path)
+
+
+def _free_name(target: Prompt | Drive, path: str) -> str:
+    names = (f"{path}{_KEPT}{number}" for number in ("", *range(2, 1000)))
+    return next(name for name in names if name not in target.files([name]))
+
 
 def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> None:
     """Carry out a plan: remove files from a board, and copy files to the board.
@@ -270,6 +294,10 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
             f"the board on {target.port} has {free} bytes free, but the copy needs {plan.need}: "
             "remove some of your files from the board"
         )
+    # The entry file first: without it the board starts nothing until the copy is complete.
+    for path in sorted(plan.keep, key=lambda path: path not in sum(ENTRIES.values(), ())):
+        target.rename(path, plan.keep[path])
+        print(f"your {printable(path)} is now {printable(plan.keep[path])}")
     for path in plan.remove:
         target.remove(path)
     remove_folders(target, plan.remove)
@@ -297,6 +325,8 @@ def remove_folders(target: Prompt | Drive, removed: Iterable[str]) -> None:
 
 
 def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
+    for path, kept in plan.keep.items():
+        print(f"rename {printable(path)} to {printable(kept)}")
     for path in plan.remove:
         print(f"remove {printable(path)}")
     for path in plan.copy:

@@ -135,6 +135,22 @@ class Tree:
             os.unlink(name, dir_fd=parent)
             settle(parent)
 
+    def rename(self, path: str, new: str) -> None:
+        """Rename a file in its folder.
+
+        Parameters
+        ----------
+        path : str
+            Path of the file.
+        new : str
+            New path, in the same folder. No file may have this path.
+        """
+        with self._explained(), self._parent(path) as (parent, name):
+            self._status(path, parent, name)
+            renamed = name[: len(name) - len(path.split("/")[-1])] + new.split("/")[-1]
+            os.rename(name, renamed, src_dir_fd=parent, dst_dir_fd=parent)
+            settle(parent)
+
     def remove_folder(self, path: str) -> None:
         """Remove a folder if it is empty."""
         with contextlib.suppress(OSError), self._parent(path) as (parent, name):

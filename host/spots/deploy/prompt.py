@@ -171,6 +171,18 @@ class Prompt:
         with self._explained():
             self._transport.fs_rmfile(path)
 
+    def rename(self, path: str, new: str) -> None:
+        """Rename a file in its folder.
+
+        Parameters
+        ----------
+        path : str
+            Path of the file.
+        new : str
+            New path, in the same folder. No file may have this path.
+        """
+        self.run(f"import os\nos.rename({path!r}, {new!r})")
+
     def remove_folder(self, path: str) -> None:
         """Remove a folder from the board if the folder is empty."""
         self.run(f"import os\ntry:\n os.rmdir({path!r})\nexcept OSError:\n pass")
