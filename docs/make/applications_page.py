@@ -66,8 +66,7 @@ report of the correct key; its percentiles are those of all touches together. In
 These commands measure the column "imperfect strip, re-zeroed":
 
 ```sh
-python -m spots_sim.demo.typing_speed {speeds} --seeds {seeds} --first-seed {first} \\
-    --sensor real --rezero --warm
+python -m spots_sim.demo.typing_speed {speeds} {same_seeds} --sensor real --rezero --warm
 spots demo --use controller --fast --json --seconds {seconds:g} --sensor real --rezero --warm
 ```
 
@@ -148,7 +147,7 @@ def document(rows: list[tuple[str, list[str]]], others: list[tuple[str, list[str
         seeds=len(SEEDS),
         touches=TOUCHES,
         all=len(SEEDS) * TOUCHES,
-        first=SEEDS[0],
+        same_seeds=f"--seeds {len(SEEDS)} --first-seed {SEEDS[0]}",
         seconds=_SECONDS,
         speeds=" ".join(map(str, WORDS_PER_MIN)),
     )
