@@ -97,11 +97,11 @@ def test_a_host_that_accepts_nothing_for_a_while_costs_no_report_and_no_sample(p
     touches = []
     for zone in (0, 4, 9):
         made.press(ZONES_MM[zone], 1500)
-        touches += [frame for frame in made.board.frames(0.1) if isinstance(frame, Touch)]
+        touches += [frame for frame in made.board.frames(0.07) if isinstance(frame, Touch)]
         made.release()
-        touches += [frame for frame in made.board.frames(0.1) if isinstance(frame, Touch)]
+        touches += [frame for frame in made.board.frames(0.07) if isinstance(frame, Touch)]
     assert reports(made) == []
-    assert len(touches) >= 58
+    assert len(touches) >= 40
     assert not any(frame.flags & DROPPED for frame in touches)
     times_us = [frame.t_us for frame in touches]
     assert all(9_900 < b - a < 10_500 for a, b in zip(times_us, times_us[1:]))
@@ -130,8 +130,8 @@ def test_a_host_that_sleeps_too_long_finds_no_key_down(plugged):
     made.link.usb.asks = True
     made.settle(0.5)
     got = reports(made)
-    assert got[-1] == UP
-    assert len(got) + dropped >= 22
+    assert got == typed(ONE, FIVE)  # of the ten touches, one is less than 0.5 s old
+    assert dropped >= 15
     touch(made, 9)
     assert reports(made)[-2:] == typed(ZERO)
 

@@ -46,9 +46,13 @@ def drain(outbox, most=100):
     raise AssertionError("the line does not end")
 
 
-def keyboard(takes=True):
+def still():
+    return 0
+
+
+def keyboard(takes=True, ticks=still):
     host = Host(takes)
-    return KeyboardReports(host.send), host
+    return KeyboardReports(host.send, ticks), host
 
 
 def report(*usages, modifiers=0):
@@ -99,7 +103,7 @@ def test_a_modifier_is_a_key_too():
 
 def test_the_last_media_key_counts():
     host = Host()
-    keys = ConsumerReports(host.send)
+    keys = ConsumerReports(host.send, still)
     keys.key(0xE9, True)
     keys.key(0x1B5, True)
     keys.key(0xE9, False)  # this key is released already
@@ -198,7 +202,7 @@ def test_an_exception_after_the_host_took_a_press_does_not_hide_the_key():
             raise KeyboardInterrupt
 
     host = Interrupted()
-    outbox = Outbox(host.send)
+    outbox = Outbox(host.send, still)
     outbox.put(report(A))
     with pytest.raises(KeyboardInterrupt):
         outbox.pump()
@@ -235,6 +239,113 @@ def test_whatever_is_refused_the_host_gets_every_report_in_order(events, takes):
     assert not host.got or host.got[-1] == UP
 
 
+class Sleeper:
+    """A keyboard that is pumped each ms, like the loop of `uses.Uses`, and its host."""
+
+    def __init__(self, start_ms=0):
+        self.ms = start_ms
+        self.keys, self.host = keyboard(ticks=lambda: self.ms * 1000 // 1024 & 0x3FFFFF)
+
+    def run(self, ms):
+        for _ in range(ms):
+            self.ms += 1
+            if self.keys.outbox.count:
+                if self.keys.outbox.expire():
+                    self.keys.release()
+                self.keys.outbox.pump()
+
+    def tap(self, usage, ms=50):
+        self.keys.key(usage, 0, True)
+        self.run(ms)
+        self.keys.key(usage, 0, False)
+
+
+@pytest.mark.parametrize("hours", [0.0002, 0.01, 1.19, 1.2, 30.0])
+def test_a_host_that_wakes_gets_only_keys_of_the_last_half_second(hours):
+    desk = Sleeper()
+    desk.host.takes = False
+    desk.tap(A)
+    desk.run(int(hours * 3_600_000) if hours < 0.1 else 1_000)
+    desk.ms += int(hours * 3_600_000)
+    desk.tap(B)
+    desk.run(200)
+    desk.host.takes = True
+    desk.run(10)
+    # The first report releases all keys, because a refused report may have been delivered.
+    assert pressed(desk.host.got) == [frozenset(), {B}, frozenset()]
+    assert desk.keys.outbox.dropped == 1  # the press; its release is sent
+
+
+def test_of_several_taps_only_the_stale_ones_are_dropped():
+    desk = Sleeper()
+    desk.host.takes = False
+    for usage in range(A, A + 6):
+        desk.tap(usage, 100)
+        desk.run(100)
+    desk.host.takes = True
+    desk.run(20)
+    assert pressed(desk.host.got) == [
+        frozenset(),
+        {A + 4},
+        frozenset(),
+        {A + 5},
+        frozenset(),
+    ]
+
+
+def test_a_release_never_becomes_stale():
+    desk = Sleeper()
+    desk.keys.key(A, SHIFT, True)
+    desk.run(10)
+    desk.host.takes = False
+    desk.keys.key(A, SHIFT, False)
+    desk.run(2_000)
+    desk.tap(B)
+    desk.run(2_000)
+    desk.host.takes = True
+    desk.run(10)
+    assert desk.host.got == [report(A, modifiers=SHIFT), UP]
+
+
+def test_a_key_that_is_still_down_when_the_host_wakes_is_not_pressed():
+    desk = Sleeper()
+    desk.host.takes = False
+    desk.keys.key(A, 0, True)
+    desk.run(1_000)
+    desk.host.takes = True
+    desk.run(10)
+    desk.keys.key(B, 0, True)
+    desk.keys.key(A, 0, False)
+    desk.run(10)
+    assert pressed(desk.host.got) == [frozenset(), {B}]
+
+
+@given(
+    events=st.lists(
+        st.tuples(st.integers(A, A + 4), st.integers(1, 400), st.booleans()), max_size=40
+    ),
+    start=st.integers(0, 5_000_000),
+)
+def test_whenever_the_host_sleeps_no_press_is_late_and_no_key_stays(events, start):
+    desk = Sleeper(start)
+    down, when, got = set(), {}, 0
+    for usage, ms, takes in events:
+        desk.host.takes = takes
+        (down.remove if usage in down else down.add)(usage)
+        desk.keys.key(usage, 0, usage in down)
+        when[usage] = desk.ms
+        for _ in range(ms):
+            before = (pressed(desk.host.got) or [frozenset()])[-1]
+            desk.run(1)
+            for keys in pressed(desk.host.got)[got:]:
+                assert all(desk.ms - when[key] <= 502 for key in keys - before)
+                before = keys
+            got = len(desk.host.got)
+    desk.host.takes = True
+    desk.run(20)
+    assert (pressed(desk.host.got) or [frozenset()])[-1] <= down
+
+
 @given(events=EVENTS, takes=st.lists(st.booleans(), max_size=200))
 def test_whatever_is_dropped_no_key_stays_that_was_let_go(events, takes):
     keys, host = keyboard()
@@ -254,7 +365,7 @@ def test_whatever_is_dropped_no_key_stays_that_was_let_go(events, takes):
 
 def test_a_gamepad_sends_the_latest_of_its_axes_and_every_change_of_its_buttons():
     host = Host(takes=False)
-    pad = GamepadReports(host.send)
+    pad = GamepadReports(host.send, still)
     for x in range(50):
         pad.update(x, 0, 2 * x, 1)
         pad.outbox.pump()
@@ -272,7 +383,7 @@ def test_a_gamepad_sends_the_latest_of_its_axes_and_every_change_of_its_buttons(
 
 def test_a_gamepad_that_rests_sends_nothing():
     host = Host()
-    pad = GamepadReports(host.send)
+    pad = GamepadReports(host.send, still)
     for _ in range(3):
         pad.update(0, 0, 0, 0)
         drain(pad.outbox)
@@ -285,7 +396,7 @@ def test_a_gamepad_that_rests_sends_nothing():
 
 def test_a_gamepad_lets_go_and_begins_again():
     host = Host()
-    pad = GamepadReports(host.send)
+    pad = GamepadReports(host.send, still)
     pad.update(5, 0, 5, 1)
     drain(pad.outbox)
     pad.release()

@@ -228,10 +228,18 @@ class Uses:
         self.rests = True
 
     def pump(self):
-        """Offer the oldest report of each queue to the host; return True if no report waits."""
+        """Offer the oldest report of each queue to the host; return True if no report waits.
+
+        Presses that wait for too long are dropped first, see `hid.Outbox`.
+        """
         idle = True
         for output in self.outputs:
-            idle = output.outbox.pump() and idle
+            outbox = output.outbox
+            if outbox.count:
+                self._time.update()
+                if outbox.expire():
+                    output.release()
+                idle = outbox.pump() and idle
         return idle
 
     def release(self):
@@ -331,7 +339,7 @@ class Uses:
             "consumer": ConsumerReports,
             "gamepad": GamepadReports,
         }
-        self._there = {name: kinds[name](send) for name, send in sends.items()}
+        self._there = {name: kinds[name](send, self._time.ticks) for name, send in sends.items()}
         self.outputs = tuple(self._there.values())
         self._keyboard = self._there.get("keyboard")
         self._consumer = self._there.get("consumer")

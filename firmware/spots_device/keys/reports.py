@@ -3,8 +3,13 @@
 The queue works with any USB stack that has a function ``send(report) -> bool``. The function must
 not wait; it returns True if the stack has accepted the report. Integers only; allocates nothing
 after construction.
+
+A host that sleeps takes no reports. A key that is typed meanwhile must not be delivered when the
+host wakes, for example into the password field of a lock screen. So a press that waits for more
+than 0.5 s is dropped. A release never becomes stale.
 """
 
+from array import array
 from struct import pack_into
 
 REPORT_SIZE = 8
@@ -12,6 +17,8 @@ _MODIFIERS_FROM = 0xE0  # usages from here on are bits of the first byte
 CONSUMER_SIZE = 2
 KEYS_MAX = 6
 WAITING_MAX = 16  # eight quick presses with their releases
+_STALE = 488  # age in ticks of 1024 us: 0.5 s
+_TICKS_MASK = 0x3FFFFF  # ticks have 22 bits, see `frame.Time32.ticks`
 
 # Boot keyboard, USB HID 1.11, appendices B.1 and E.6: modifiers, a byte that is 0, six usages.
 KEYBOARD_DESCRIPTOR = (
@@ -68,20 +75,26 @@ class Outbox:
     send : callable
         ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
         returns True if the stack accepted the report.
+    ticks : callable
+        ``ticks() -> int``: the time in units of 1024 us with 22 bits, see `frame.Time32.ticks`.
     size : int
         Bytes in a report.
 
     Attributes
     ----------
+    count : int
+        Number of reports in the queue.
     dropped : int
         Number of reports that were never sent.
     """
 
-    def __init__(self, send, size=REPORT_SIZE):
+    def __init__(self, send, ticks, size=REPORT_SIZE):
         self._send = send
+        self._ticks = ticks
         self._size = size
         self._waiting = [bytearray(size) for _ in range(WAITING_MAX)]
-        self._first = self._count = 0
+        self._since = array("i", bytes(4 * WAITING_MAX))  # ticks of each report's `put`
+        self._first = self.count = 0
         # Set before a report is sent, so that an exception during the call cannot hide a key press.
         self._maybe_down = False
         self.dropped = 0
@@ -91,16 +104,16 @@ class Outbox:
 
         The caller may modify the report.
         """
-        if self._count == 0:
+        if self.count == 0:
             return None
-        return self._waiting[(self._first + self._count - 1) % WAITING_MAX]
+        return self._waiting[(self._first + self.count - 1) % WAITING_MAX]
 
     def put(self, report):
         """Add a copy of a report to the queue; return False if the queue was full.
 
         If the queue is full, all reports are dropped, including the new one; see `release`.
         """
-        if self._count == WAITING_MAX:
+        if self.count == WAITING_MAX:
             self.dropped += 1
             self.release()
             return False
@@ -109,32 +122,64 @@ class Outbox:
 
     def release(self):
         """Drop all queued reports; if the host may see a pressed key, queue a release report."""
-        self.dropped += self._count
-        self._count = 0
+        self.dropped += self.count
+        self.count = 0
         if self._maybe_down:
             self._append(None)
 
+    def expire(self):
+        """Drop presses that have waited for more than 0.5 s, with their releases.
+
+        Returns
+        -------
+        bool
+            True if such a key is still pressed. The caller must then call `release` of the object
+            that puts the reports.
+        """
+        now = self._ticks()
+        i = 0
+        while i < self.count:
+            at = (self._first + i) % WAITING_MAX
+            if is_pressed(self._waiting[at]):
+                age = now - self._since[at] & _TICKS_MASK
+                # A negative age is less than the rounding error of a sample's time.
+                if age <= _STALE or age > _TICKS_MASK >> 1:
+                    return False
+                while is_pressed(self._waiting[(self._first + i) % WAITING_MAX]):
+                    i += 1
+                    if i == self.count:
+                        return True
+                self._first = (self._first + i) % WAITING_MAX
+                self.count -= i
+                self.dropped += i
+                i = 0
+            i += 1
+        return False
+
     def pump(self):
         """Offer the oldest report to the USB stack once; return True if the queue is empty."""
-        if self._count:
+        if self.count:
             report = self._waiting[self._first]
-            down = _any(report)
+            down = is_pressed(report)
             if down:
                 self._maybe_down = True
             if self._send(report):
                 self._first = (self._first + 1) % WAITING_MAX
-                self._count -= 1
+                self.count -= 1
                 self._maybe_down = down
-        return self._count == 0
+        return self.count == 0
 
     def _append(self, report):
-        waiting = self._waiting[(self._first + self._count) % WAITING_MAX]
+        at = (self._first + self.count) % WAITING_MAX
+        self._since[at] = self._ticks()
+        waiting = self._waiting[at]
         for i in range(self._size):
             waiting[i] = report[i] if report is not None else 0
-        self._count += 1
+        self.count += 1
 
 
-def _any(report):
+def is_pressed(report):
+    """Return whether a report contains a pressed key or a moved axis; allocates nothing."""
     bits = 0
     for i in range(len(report)):
         bits |= report[i]
@@ -149,10 +194,12 @@ class KeyboardReports:
     send : callable
         ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
         returns True if the stack accepted the report.
+    ticks : callable
+        Time in units of 1024 us, see `Outbox`.
     """
 
-    def __init__(self, send):
-        self.outbox = Outbox(send)
+    def __init__(self, send, ticks):
+        self.outbox = Outbox(send, ticks)
         self._report = bytearray(REPORT_SIZE)
         self._modifiers = bytearray(KEYS_MAX)
         self._alone = 0
@@ -225,10 +272,12 @@ class ConsumerReports:
     send : callable
         ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
         returns True if the stack accepted the report.
+    ticks : callable
+        Time in units of 1024 us, see `Outbox`.
     """
 
-    def __init__(self, send):
-        self.outbox = Outbox(send, CONSUMER_SIZE)
+    def __init__(self, send, ticks):
+        self.outbox = Outbox(send, ticks, CONSUMER_SIZE)
         self._report = bytearray(CONSUMER_SIZE)
 
     def key(self, usage, pressed):
@@ -258,10 +307,12 @@ class GamepadReports:
     send : callable
         ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
         returns True if the stack accepted the report.
+    ticks : callable
+        Time in units of 1024 us, see `Outbox`.
     """
 
-    def __init__(self, send):
-        self.outbox = Outbox(send)
+    def __init__(self, send, ticks):
+        self.outbox = Outbox(send, ticks)
         self._report = bytearray(REPORT_SIZE)
         self._last = bytearray(REPORT_SIZE)
 

@@ -1,4 +1,13 @@
-"""USB reports through MicroPython's library usb-device-hid, which the board must have."""
+"""USB reports through MicroPython's library usb-device-hid, which the board must have.
+
+The USB stack stores an accepted report until the host fetches it, even while the host sleeps, and
+MicroPython does not know whether the host sleeps. A key that is typed meanwhile must not be
+delivered when the host wakes. So a report with a pressed key is only sent to a host that has just
+fetched another report. If there is none, the last report is sent again first: it changes nothing,
+so it may wait for the host.
+"""
+
+from time import sleep_us, ticks_add, ticks_diff, ticks_us
 
 import usb.device
 from usb.device.hid import HIDInterface
@@ -10,6 +19,7 @@ from .reports import (
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,
     REPORT_SIZE,
+    is_pressed,
 )
 
 _NONE = const(0)  # boot protocols of an interface, HID 1.11, section 4.3
@@ -17,6 +27,10 @@ _KEYBOARD = const(1)
 _SETUP = const(1)  # stage of a control transfer
 _GET_REPORT = (0xA1, 1)  # bmRequestType, bRequest
 _INTERVAL_MS = const(1)  # between two polls of an endpoint by the host
+# A host is awake for this time after the start of a report that it has fetched.
+_AWAKE_US = const(20_000)
+_FETCH_US = const(3_000)  # longest wait for the host to fetch the repeated report
+_STEP_US = const(100)
 
 _INTERFACES = {
     "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE, _KEYBOARD),
@@ -33,6 +47,7 @@ class _Reports(HIDInterface):
         self._described_as = protocol
         # The USB stack reads this buffer until the host has the report.
         self._report = bytearray(size)
+        self._offered = ticks_add(ticks_us(), -_AWAKE_US)
 
     def desc_cfg(self, desc, itf_num, ep_num, strs):
         # The library calls this twice and stores the active protocol in `protocol` in between.
@@ -54,11 +69,32 @@ class _Reports(HIDInterface):
         return True
 
     def send(self, report):
-        """Offer a report to the USB stack; return whether it was accepted. Never blocks."""
+        """Offer a report to the USB stack; return whether it was accepted.
+
+        Waits for 3 ms at most, and only before the first press after a pause.
+        """
         if not self.is_open() or self.busy():
+            return False
+        if is_pressed(report) and not self._is_host_awake():
             return False
         for i in range(len(report)):
             self._report[i] = report[i]
+        return self._offer()
+
+    def _is_host_awake(self):
+        began = ticks_us()
+        if 0 <= ticks_diff(began, self._offered) < _AWAKE_US:
+            return True
+        if not self._offer():
+            return False
+        while self.busy():
+            if ticks_diff(ticks_us(), began) >= _FETCH_US:
+                return False
+            sleep_us(_STEP_US)
+        return True
+
+    def _offer(self):
+        self._offered = ticks_us()
         try:
             # Version 0.1.0 of the library returns None for an accepted report.
             return self.send_report(self._report, 0) is not False

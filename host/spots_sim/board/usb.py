@@ -13,11 +13,13 @@ class UsbHost:
     Attributes
     ----------
     reports : list of (int, bytes)
-        Received reports: number of the interface, and the report.
+        Received reports: number of the interface, and the report. Reports that change nothing are
+        left out; the firmware repeats reports, see `spots_device.keys.usb_micropython`.
     """
 
     def __init__(self):
         self.reports = []
+        self._last = {}
         self._waiting = {}
         self._asks = True
 
@@ -30,7 +32,8 @@ class UsbHost:
     def asks(self, asks: bool) -> None:
         self._asks = asks
         if asks:
-            self.reports.extend(self._waiting.items())
+            for interface, report in self._waiting.items():
+                self._receive(interface, report)
             self._waiting.clear()
 
     def look(self) -> None:
@@ -62,6 +65,11 @@ class UsbHost:
         if interface in self._waiting:
             raise OSError(protocol.EAGAIN, "the endpoint is full")
         if report and self._asks:
-            self.reports.append((interface, report))
+            self._receive(interface, report)
         elif report:
             self._waiting[interface] = report
+
+    def _receive(self, interface: int, report: bytes) -> None:
+        if report != self._last.get(interface, bytes(len(report))):
+            self._last[interface] = report
+            self.reports.append((interface, report))
