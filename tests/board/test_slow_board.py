@@ -218,7 +218,7 @@ def test_an_upload_gets_every_reply_however_slow_the_writes_of_the_board_are(
     def staged(board, folder, strips):
         stage(board, folder, strips)
         path = folder / "spots_device/runtime/micropython.py"
-        write = "self._out(buffer, self._size)"
+        write = "self._out(block, _BLOCK)"
         assert write in path.read_text()
         slow = f"(time.sleep_ms(300), {write})[1]"
         path.write_text(path.read_text().replace(write, slow))

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import random
 import struct
 import sys
 import time
@@ -18,10 +19,13 @@ from spots_device.keys.reports import (
     Outbox,
     with_report_id,
 )
+from spots_device.reading.decode import KIND
 from spots_device.reading.frame import Framer, Time32
+from spots_device.reading.kernel import TOUCH_SIZE
 
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
-OTHER = bytes(8)
+OTHER = bytes((0, 0, 31, 0, 0, 0, 0, 0))
+UP = bytes(8)
 INTERFACE, ENDPOINT = 4, 5  # types of descriptors
 SETUP, ACK = 1, 3  # stages of a control transfer
 GET_DESCRIPTOR, GET_REPORT, SET_REPORT = b"\x81\x06", b"\xa1\x01", b"\x21\x09"
@@ -42,11 +46,31 @@ def fresh(monkeypatch, name, **modules):
     return importlib.import_module(name)
 
 
+class Ticks:
+    """Functions of MicroPython's `time`; a sleep calls `on_sleep`."""
+
+    def __init__(self):
+        self.us = 0
+        self.on_sleep = lambda: None
+
+    def sleep(self, us):
+        self.us += us
+        self.on_sleep()
+
+
 @pytest.fixture(autouse=True)
 def ticks(monkeypatch):
-    """Add functions of MicroPython's `time` to CPython's module; the ticks are always 0."""
-    for name in ("ticks_us", "ticks_diff"):
-        monkeypatch.setattr(time, name, lambda *_: 0, raising=False)
+    """Add functions of MicroPython's `time` to CPython's module."""
+    made = Ticks()
+    for name, function in (
+        ("ticks_us", lambda: made.us),
+        ("ticks_ms", lambda: made.us // 1000),
+        ("ticks_add", lambda ticks, delta: ticks + delta),
+        ("ticks_diff", lambda end, start: end - start),
+        ("sleep_us", made.sleep),
+    ):
+        monkeypatch.setattr(time, name, function, raising=False)
+    return made
 
 
 class Substitute:
@@ -131,9 +155,9 @@ class Substitute:
             interface.open = True
 
     def poll(self):
-        """Poll the first interface as the host: return the waiting report, and remove it."""
-        report, self._interfaces[0].pending = bytes(self._interfaces[0].pending), None
-        return report
+        """Poll the first interface as the host: return and remove the waiting report, or None."""
+        report, self._interfaces[0].pending = self._interfaces[0].pending, None
+        return None if report is None else bytes(report)
 
     def control(self, stage, index, request, value=0):
         """Begin or complete a control transfer of an interface; return the library's answer."""
@@ -203,12 +227,6 @@ class Published:
         for name in ("usb.device", "usb.device.core", "usb.device.hid"):
             monkeypatch.setitem(sys.modules, name, None)  # so that the end of the test removes it
             del sys.modules[name]
-        for name, function in (
-            ("ticks_ms", lambda: 0),
-            ("ticks_add", lambda ticks, ms: ticks + ms),
-            ("ticks_diff", lambda end, start: end - start),
-        ):
-            monkeypatch.setattr(time, name, function, raising=False)
         self.module = fresh(
             monkeypatch,
             "keys.usb_micropython",
@@ -231,6 +249,8 @@ class Published:
             self.device.arguments[3](b"\x09\x04" + descriptors)
 
     def poll(self):
+        if not self.device.pending:
+            return None
         endpoint, report = next(iter(self.device.pending.items()))
         report = bytes(report)
         del self.device.pending[endpoint]
@@ -281,31 +301,81 @@ def test_micropython_lets_the_host_poll_every_millisecond(host):
     assert [endpoint[3:] for endpoint in endpoints] == [bytes((3, 8, 0, 1))] * len(names)
 
 
-def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(host):
-    send = host.module.open_interfaces(["keyboard"], None)["keyboard"]
+@pytest.fixture
+def awake(host, ticks):
+    """The host; it polls each time the board sleeps, and stores the reports in the list `got`."""
+    host.got = []
+    host.sleeps = False
+
+    def poll():
+        report = None if host.sleeps else host.poll()
+        if report is not None:
+            host.got.append(report)
+
+    host.wake = ticks.on_sleep = poll
+    return host
+
+
+def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(awake):
+    send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
     assert not send(REPORT)  # no USB host is connected
-    host.plug()
+    awake.plug()
     assert send(REPORT)
+    assert awake.got == [UP]  # this report has shown that the host is awake
     assert not send(OTHER)
-    assert host.poll() == REPORT
+    assert awake.poll() == REPORT
     assert send(OTHER)
-    assert host.poll() == OTHER
+    assert awake.poll() == OTHER
 
 
-def test_micropython_sends_each_report_once(host):
-    outbox = Outbox(host.module.open_interfaces(["keyboard"], None)["keyboard"])
-    host.plug()
-    got = []
-    for report in (REPORT, OTHER):
-        outbox.put(report)
-    for _ in range(2):
+def test_micropython_sends_each_report_once(awake, ticks):
+    send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
+    outbox = Outbox(send, lambda: 0)
+    awake.plug()
+    for pause_us in (0, 10_000, 1_000_000):
+        ticks.us += pause_us
+        for report in (REPORT, OTHER, UP):
+            outbox.put(report)
+        while not outbox.pump():
+            awake.wake()
+    awake.wake()
+    assert awake.got == [UP, REPORT, OTHER, UP, REPORT, OTHER, UP, UP, REPORT, OTHER, UP]
+
+
+def test_micropython_gives_a_sleeping_host_no_press(awake, ticks):
+    send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
+    outbox = Outbox(send, lambda: 0)
+    awake.plug()
+    awake.sleeps = True
+    began_us = ticks.us
+    for _ in range(100):
+        outbox.put(REPORT)
         outbox.pump()
-        got.append(host.poll())
-    assert got == [REPORT, OTHER]
-    assert outbox.pump()
+        outbox.release()
+        ticks.us += 100_000
+    assert ticks.us - began_us <= 100 * 100_000 + 3_100  # waits only for the first report
+    awake.sleeps = False
+    while not outbox.pump():
+        awake.wake()
+    awake.wake()
+    assert set(awake.got) == {UP}
 
 
-def test_micropython_answers_a_host_that_asks_for_the_report(host):
+def test_micropython_gives_a_host_that_falls_asleep_with_a_key_down_its_release(awake, ticks):
+    send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
+    awake.plug()
+    assert send(REPORT)
+    awake.wake()
+    awake.sleeps = True
+    assert send(UP)  # without a wait
+    ticks.us += 3_600_000_000
+    assert not send(OTHER)
+    awake.sleeps = False
+    awake.wake()
+    assert awake.got == [UP, REPORT, UP]
+
+
+def test_micropython_answers_a_host_that_asks_for_the_report(host, awake):
     send = host.module.open_interfaces(["keyboard"], None)["keyboard"]
     host.plug()
     send(REPORT)
@@ -324,31 +394,83 @@ def test_micropython_shows_the_hosts_leds(host):
 
 
 class Port:
-    """stdin and stdout of a board whose port is always writable, and blocks if no host reads."""
+    """stdin and stdout of a board: MicroPython's USB serial port (shared/tinyusb/mp_usbd_cdc.c).
+
+    The board's buffer has 256 bytes. A packet of 64 bytes, or of all bytes in the buffer, leaves it
+    for the USB controller, and the host fetches a packet each ms while it reads. A write without
+    room blocks until there was no room for 500 ms.
+
+    Attributes
+    ----------
+    reads : bool
+        Whether the host reads.
+    always_writable : bool
+        Whether the poll shows room that is not there, as on an ESP32.
+    claims_all : bool
+        Whether a write returns the size of dropped bytes, too, as before MicroPython 1.25.
+    lasts_us : int
+        Duration of a write that is slow for another reason.
+    waits, longest_us : int
+        Number of blocked writes, and the longest duration of a write or poll.
+    sent : bytearray
+        Bytes that the host has read.
+    """
 
     def __init__(self):
         self.us = (1 << 30) - 1000  # the ticks wrap after 1 ms
-        self.read_from, self.heard, self.got, self.waits = True, b"", 0, 0
-        self.claims_all = False
-        self.lasts_us, self.sent = 0, b""
+        self.reads, self.always_writable, self.claims_all = True, False, False
+        self.heard, self.sent, self._held, self._packet = b"", bytearray(), bytearray(), b""
+        self.lasts_us = self.waits = self.longest_us = 0
+        self._took_us = self.us
         self.stdin = self.stdout = SimpleNamespace(buffer=self)
         self.poll = lambda: self
         self.register = lambda stream, event: None
-        self.ipoll = lambda timeout_ms: [(None, 4 | bool(self.heard))]
+
+    def ipoll(self, timeout_ms):
+        self._run()
+        room = len(self._held) < 256
+        return [(None, 4 * (room or self.always_writable) | bool(self.heard))]
 
     def readinto(self, buffer):
         buffer[:], self.heard = self.heard[:1], self.heard[1:]
         return 1
 
     def write(self, buffer, size):
-        if not self.read_from:
-            self.us += 500_000
-            self.waits += 1
-            return size if self.claims_all else 0
-        self.got += 1
+        began_us = self.us
         self.us += self.lasts_us
-        self.sent += bytes(memoryview(buffer)[:size])
-        return size
+        written = 0
+        since_us = self.us
+        while written < size:
+            self._run()
+            part = bytes(memoryview(buffer)[written : min(size, written + 256 - len(self._held))])
+            self._held += part
+            self._fill()
+            written += len(part)
+            if part:
+                since_us = self.us
+            elif self.us - since_us >= 500_000:
+                self.waits += 1
+                break
+            else:
+                self.us += 1000
+        self.longest_us = max(self.longest_us, self.us - began_us)
+        return size if self.claims_all else written
+
+    def sleep(self, us):
+        self.us += us
+
+    def _run(self):
+        while self.us - self._took_us >= 1000:
+            self._took_us += 1000
+            if self.reads:
+                self.sent += self._packet
+                self._packet = b""
+                self._fill()
+
+    def _fill(self):
+        if not self._packet:
+            self._packet = bytes(self._held[:64])
+            del self._held[:64]
 
 
 @pytest.fixture
@@ -362,38 +484,115 @@ def serial(monkeypatch):
         ticks_us=lambda: port.us % turn,
         ticks_add=lambda ticks, us: (ticks + us) % turn,
         ticks_diff=lambda end, start: (end - start + turn // 2) % turn - turn // 2,
+        sleep_us=port.sleep,
     )
     module.ticks_us, module.ticks_diff = module.time.ticks_us, module.time.ticks_diff
     return module.StdioSerial(), port
 
 
+CLOCK = SimpleNamespace(ticks_us=lambda: 0, ticks_diff=lambda *_: 0)
+
+
+def short(ours):
+    """Write a frame of one byte; return whether it was sent."""
+    return ours.write(bytearray(64), 1)
+
+
+def a_frame(framer, rng):
+    """Send a frame of a random kind and size, as the firmware does; return its kind."""
+    kind = rng.choice(["touch"] * 8 + ["spectrum", "key", "contact", "text"])
+    if kind == "touch":
+        framer._head[KIND] = 1
+        framer._send_body(1, TOUCH_SIZE)
+    elif kind == "spectrum":
+        framer.spectrum(0, 0, 9, [rng.randrange(4000) for _ in range(6)])
+    elif kind == "key":
+        framer.key(0, 7, 4, 0, True)
+    elif kind == "contact":
+        framer.contact(0, 1, 1, rng.randrange(85_000), 20, 3000)
+    else:
+        framer.text(b'{"re": "get", "text": "%s"}' % (b"x" * rng.randrange(500)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_micropython_never_blocks_for_a_host_that_stops_reading(serial, seed):
+    ours, port = serial
+    framer, rng = Framer(ours, Time32(CLOCK)), random.Random(seed)
+    port.write(b"MPY: soft reboot\r\n", 18)  # output of another program
+    port.us += 10_000
+    sent = 0
+    for _ in range(60):
+        port.reads = not port.reads
+        for _ in range(rng.randrange(300)):
+            began_us, before = port.us, framer.dropped
+            a_frame(framer, rng)
+            sent += framer.dropped == before
+            assert port.us - began_us < 22_000  # for a TEXT frame; else 0
+            port.us += rng.choice([300, 1_000, 10_000])
+    port.reads = True
+    port.us += 100_000
+    port.ipoll(0)
+    assert (port.waits, port.longest_us) == (0, 0)
+    decoder = Decoder()
+    assert len(list(decoder.feed(bytes(port.sent)[18:]))) == sent
+    assert framer.dropped > 500
+
+
+def test_micropython_gives_a_reading_host_every_frame(serial):
+    ours, port = serial
+    framer, rng = Framer(ours, Time32(CLOCK)), random.Random(0)
+    for _ in range(3000):
+        a_frame(framer, rng)
+        port.us += 1_000
+    assert framer.dropped == 0
+    port.us += 100_000
+    port.ipoll(0)
+    decoder = Decoder()
+    assert len(list(decoder.feed(bytes(port.sent)))) == 3000
+    assert decoder.stats.bad_crc == 0
+
+
+def test_micropython_drops_a_reply_at_once_if_there_is_no_room(serial):
+    ours, port = serial
+    framer = Framer(ours, Time32(CLOCK))
+    port.reads = False
+    while short(ours):
+        pass
+    began_us = port.us
+    framer.text(b"x" * 600)
+    assert (framer.dropped, port.us) == (1, began_us)
+
+
 def test_micropython_waits_ever_more_rarely_for_a_host_that_does_not_read(serial):
     ours, port = serial
-    assert ours.write(b"x", 1)
-    port.read_from = False
+    port.always_writable = True
+    assert short(ours)
+    port.reads = False
+    while short(ours):
+        pass
     for _ in range(60_000):  # ten minutes, plus the time of blocked writes
         port.us += 10_000
-        assert not ours.write(b"x", 1)
+        assert not short(ours)
     assert 8 <= port.waits <= 18
-    port.read_from = True
+    port.reads = True
     port.us += 64_000_000
     for _ in range(10):
         port.us += 10_000
-        assert ours.write(b"x", 1)
+        assert short(ours)
 
 
 def test_micropython_counts_what_a_port_took_but_never_sent(serial):
     ours, port = serial
-    port.claims_all = True  # like MicroPython's port, which also returns the size of dropped bytes
-    clock = SimpleNamespace(ticks_us=lambda: 0, ticks_diff=lambda end, start: end - start)
-    framer = Framer(ours, Time32(clock))
-    framer.text(b"{}")
+    port.claims_all = port.always_writable = True
+    framer = Framer(ours, Time32(CLOCK))
+    for _ in range(9):  # fills the port's buffer
+        framer.text(b"{}")
+        port.reads = False
     assert framer.dropped == 0
-    port.read_from = False
     for lost in (1, 2):  # the second frame is sent within the pause
         framer.text(b"{}")
         assert framer.dropped == lost
-    port.read_from, port.heard = True, b"?"
+    port.reads, port.heard = True, b"?"
     ours.read()
     framer.text(b"{}")
     assert framer.dropped == 2
@@ -402,33 +601,46 @@ def test_micropython_counts_what_a_port_took_but_never_sent(serial):
 @pytest.mark.parametrize("taken", [None, 0, OSError()])
 def test_micropython_reports_a_frame_that_the_port_does_not_take(serial, taken):
     ours, _ = serial
-    ours._out = Mock(side_effect=[taken, 1])  # None: the port would block
-    assert not ours.write(b"x", 1)
-    assert ours.write(b"x", 1)
+    ours._out = Mock(side_effect=[taken, 32])  # None: the port would block
+    assert not short(ours)
+    assert short(ours)
 
 
 def test_micropython_answers_a_host_that_says_something_at_once(serial):
     ours, port = serial
-    port.read_from = False
+    port.reads, port.always_writable = False, True
     for _ in range(1000):
         port.us += 10_000
-        ours.write(b"x", 1)
-    assert not ours.write(b"x", 1)
-    port.read_from, port.heard = True, b"?"
+        short(ours)
+    assert not short(ours)
+    port.reads, port.heard = True, b"?"
     assert ours.read() == ord("?")
-    assert ours.write(b"x", 1)
+    assert short(ours)
+
+
+def test_micropython_sends_no_reply_within_a_pause(serial):
+    ours, port = serial
+    port.reads, port.always_writable = False, True
+    for _ in range(1000):
+        port.us += 10_000
+        short(ours)
+    began_us = port.us
+    Framer(ours, Time32(CLOCK)).text(b"x" * 600)
+    assert port.us == began_us
 
 
 def test_micropython_sends_every_reply_however_slow_its_writes_are(serial):
     ours, port = serial
     port.lasts_us = 300_000  # writes are slow for another reason; the host reads all the time
-    framer = Framer(ours, Time32(SimpleNamespace(ticks_us=lambda: 0, ticks_diff=lambda *_: 0)))
+    framer = Framer(ours, Time32(CLOCK))
     decoder = Decoder()
     for i in range(20):
         port.heard = b"?"
         ours.read()
         framer.text(b'{"lines":%d}' % i)
-    texts = [frame.content for frame in decoder.feed(port.sent)]
+    port.us += 100_000
+    port.ipoll(0)
+    texts = [frame.content for frame in decoder.feed(bytes(port.sent))]
     assert texts == [{"lines": i} for i in range(20)]
     assert decoder.stats.bad_crc == decoder.stats.lost == 0
 
@@ -436,23 +648,23 @@ def test_micropython_sends_every_reply_however_slow_its_writes_are(serial):
 def test_micropython_drops_no_frame_after_a_single_slow_write(serial):
     ours, port = serial
     port.lasts_us = 300_000
-    ours.write(b"x", 1)
+    short(ours)
     port.lasts_us = 0
     for _ in range(10):
         port.us += 2_780
-        assert ours.write(b"x", 1)
+        assert short(ours)
 
 
 @pytest.mark.parametrize("minutes", [5, 9, 12, 17, 40])
 def test_micropython_sends_after_minutes_without_a_frame(serial, minutes):
     ours, port = serial
-    port.read_from = False
+    port.reads, port.always_writable = False, True
     for _ in range(10_000):
         port.us += 10_000
-        ours.write(b"x", 1)
-    port.read_from = True
+        short(ours)
+    port.reads = True
     port.us += minutes * 60_000_000
-    assert ours.write(b"x", 1)
+    assert short(ours)
 
 
 def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypatch):

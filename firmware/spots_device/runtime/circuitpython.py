@@ -45,7 +45,7 @@ _HALF_PERIOD_US = const(1 << 28)
 _MAX_TICKS = const((1 << 29) - 1)  # both of this clock, in us, and of `supervisor.ticks_ms`
 _MAX_NS = const((1 << 30) - 1)  # the lowest 30 bits of a time, which wrap after 1.07 s
 _LONG_MS = const(1_000)
-_FINISH_US = const(20_000)  # longest wait for the rest of a frame larger than the port's buffer
+_FINISH_US = const(20_000)  # longest wait for the rest of a TEXT frame
 _MAX_31_BITS = 0x7FFFFFFF
 _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
 _TOUCH_BYTES = kernel.TOUCH_SIZE
@@ -346,7 +346,8 @@ class CdcSerial:
     def write(self, buffer, size):
         """Write a frame if the port has room; return whether it was sent completely.
 
-        If the port takes only a part of the frame, wait up to 20 ms for the host to read.
+        If the port takes only a part of a TEXT frame, wait up to 20 ms for the host to read. If it
+        takes only a part of another frame, the rest is dropped: keys and samples never wait.
 
         Parameters
         ----------
@@ -358,7 +359,7 @@ class CdcSerial:
         view = _views.get(size)
         view = view[1] if view and view[0] is buffer else view_of(buffer, size)
         sent = self._port.write(view)
-        return sent == size or (sent > 0 and self._finish(view, sent))
+        return sent == size or (sent > 0 and size > _COMMON_SIZE and self._finish(view, sent))
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits."""

@@ -17,6 +17,12 @@ _I2C_TIMEOUT_US = const(50_000)
 _CTRL_C = const(3)
 _POLLIN = const(1)  # as in `select`
 _POLLOUT = const(4)
+# All writes have this size, which divides the sizes of MicroPython's USB buffer (256 or 512 bytes)
+# and of a USB packet (64 bytes). A TOUCH, SPECTRUM, KEY or CONTACT frame fits in.
+_BLOCK = const(32)
+_ZEROS = b"\0" * _BLOCK
+_STALL_US = const(10_000)  # longest wait for the host to read the next block of a TEXT frame
+_STEP_US = const(200)
 # A write that takes longer is slow; if the host does not read, a write blocks for half a second.
 _SLOW_US = const(200_000)
 # Back-off after a slow write: first pause, factor for each further slow write, and longest pause.
@@ -75,9 +81,15 @@ class StdioSerial:
     Frames are written to ``sys.stdout.buffer``, because ``sys.stdout`` adds a CR to every LF. Each
     direction has its own poll object, because `ipoll` then allocates only at its first call.
 
-    If the host does not read, the port of an RP2040 becomes full and is not writable. The port of
-    an ESP32 is always writable, and a write then blocks. So after a slow write, no frame is sent
-    for a back-off time, or until the host sends a byte.
+    If the buffer of the port has no room for a write, the write blocks for half a second. The poll
+    only shows whether there is room for at least one byte. So all writes have the same size, a
+    block: USB takes whole packets out of the buffer, and the buffer is empty at the first packet
+    that is not full. So the room in the buffer is always a multiple of a block, and a write never
+    blocks. Zero bytes after a frame complete its block; the host ignores them.
+
+    The port of an ESP32 is always writable, and so is the port of a sleeping host. A write then
+    blocks. So after a slow write, no frame is sent for a back-off time, or until the host sends a
+    byte.
     """
 
     def __init__(self):
@@ -90,46 +102,86 @@ class StdioSerial:
         readable = select.poll()
         readable.register(sys.stdin, select.POLLIN)
         self._ready = readable.ipoll
-        self._pause_us = self._from = 0
+        self._pause_us = self._from = self._size = 0
 
     def write(self, buffer, size):
         """Write a frame if the port has room; return whether it was sent completely.
 
+        A frame that fits a block is written at once or not at all. Allocates nothing then.
+
         Parameters
         ----------
-        buffer : bytearray
-            Contains the frame.
+        buffer : memoryview
+            Contains the frame. Bytes after the frame, up to the end of a block and one more, are
+            overwritten by zeros.
         size : int
             Bytes of the frame.
         """
-        # Ticks wrap, so a time in the far past looks like a time in the future.
-        if self._pause_us and 0 < ticks_diff(self._from, ticks_us()) <= self._pause_us:
+        if size > _BLOCK:
+            return self._write_long(buffer, size)
+        if size != self._size:
+            self._pad(buffer, size)
+        if self._pause_us and self._is_paused():
             return False
         if not self._has_room():
             return False
         began = ticks_us()
-        self._size = size
         sent = self._put(buffer)
         if ticks_diff(ticks_us(), began) < _SLOW_US:
             self._pause_us = 0
-            return sent == size
+            return sent == _BLOCK
         self._pause_us = min(_PAUSE_TIMES * self._pause_us or _PAUSE_US, _PAUSE_MAX_US)
         self._from = time.ticks_add(ticks_us(), self._pause_us)
         return False
 
     # Methods of their own, because each call frame must have at most 11 words, see strip.py.
 
+    def _pad(self, buffer, size):
+        # After a frame of the same size, the bytes are 0 already.
+        self._size = size
+        for i in range(size, _BLOCK + 1):
+            buffer[i] = 0
+
+    def _is_paused(self):
+        # Ticks wrap, so a time in the far past looks like a time in the future.
+        return 0 < ticks_diff(self._from, ticks_us()) <= self._pause_us
+
     def _has_room(self):
         for event in self._ipoll(0):
             return event[1] & _POLLOUT
         return False
 
-    def _put(self, buffer):
+    def _put(self, block):
         try:
-            # MicroPython returns the size even if it stopped waiting and dropped the bytes.
-            return self._out(buffer, self._size)
+            # Older versions of MicroPython return the size even if they have dropped the bytes.
+            return self._out(block, _BLOCK)
         except OSError:
             return 0
+
+    def _write_long(self, buffer, size):
+        """Write a TEXT frame block by block; wait 10 ms at most for the host to read. Allocates.
+
+        If there is no room for the first block, nothing is sent.
+        """
+        if self._is_paused():
+            return False
+        text = bytes(buffer[:size]) + _ZEROS[: -size % _BLOCK]
+        self._size = _BLOCK
+        for at in range(0, size, _BLOCK):
+            began = ticks_us()
+            while at and not self._has_room():
+                if ticks_diff(ticks_us(), began) >= _STALL_US:
+                    return False
+                time.sleep_us(_STEP_US)
+            if not self.write(text[at : at + _BLOCK], _BLOCK):
+                if self._pause_us and at == 0:
+                    # A slow write; its bytes may have been sent. With the rest, the reply is whole.
+                    try:
+                        self._out(text[_BLOCK:])
+                    except OSError:
+                        pass
+                return False
+        return True
 
     def read(self):
         """Return the next byte from the host, or -1 if no byte waits.
