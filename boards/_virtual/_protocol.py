@@ -29,3 +29,4 @@ READS = (READ, RECEIVE, LINES)  # answers with data; the third argument is its s
 
 PERIOD_US = 1 << 30  # period of the clock
 EAGAIN = 11  # answer to HID: the endpoint is full
+REFUSED = 121  # answer to READ and WRITE: the chip did not acknowledge the first data byte

@@ -22,6 +22,7 @@ from _protocol import (  # the board's other modules import these names from thi
     READ,
     READS,
     RECEIVE,  # noqa: F401
+    REFUSED,  # noqa: F401
     RESET,  # noqa: F401
     SECOND_BUS,
     SENDS,

@@ -36,7 +36,11 @@ class Pin:
 
 
 class I2C:
-    """An I2C controller on the simulated bus. Transfers allocate nothing."""
+    """An I2C controller on the simulated bus. Transfers allocate nothing.
+
+    If the chip refuses a data byte, there is no OSError, as on an RP2040: `readfrom_mem_into` reads
+    nothing then (extmod/machine_i2c.c), and `writeto` returns the number of acknowledged bytes.
+    """
 
     def __init__(self, id, *, scl, sda, freq=400_000, timeout=50_000):
         first = _simulator.WIRES * id
@@ -46,11 +50,23 @@ class I2C:
         _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, self._bus)
 
     def readfrom_mem_into(self, addr, memaddr, buf):
-        _simulator.call(_simulator.READ, addr | self._bus, memaddr, len(buf), buf)
+        try:
+            _simulator.call(_simulator.READ, addr | self._bus, memaddr, len(buf), buf)
+        except OSError as error:
+            _raise_unless_refused(error)
 
     def writeto(self, addr, buf):
-        _simulator.call(_simulator.WRITE, addr | self._bus, len(buf), 0, buf)
-        return len(buf)
+        try:
+            _simulator.call(_simulator.WRITE, addr | self._bus, len(buf), 0, buf)
+            return len(buf)
+        except OSError as error:
+            _raise_unless_refused(error)
+            return 0
+
+
+def _raise_unless_refused(error):
+    if error.errno != _simulator.REFUSED:
+        raise error
 
 
 class WDT:

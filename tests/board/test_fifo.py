@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import itertools
+import random
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from spots.link.board import Board
 from spots.link.frames import Spectrum
 from spots_device.reading.decode import DROPPED
 from spots_sim.board.lockstep import LockstepLink
+from spots_sim.board.protocol import protocol
 from spots_sim.chip.as7341 import (
     AS7341,
     DIODES,
@@ -323,3 +325,52 @@ def test_a_failed_transfer_costs_at_most_the_sample_that_it_read(stalled, size, 
     missing = sum((b - a) % AROUND - 1 for a, b in itertools.pairwise(numbers(frames)))
     assert missing == reply["missed"] <= lost
     assert reply["fifo"]
+
+
+class RefusingBus:
+    """An I2C bus on which the chip refuses the first data byte of some transfers.
+
+    `machine.I2C` of an RP2040 then raises no OSError: a read leaves its buffer unchanged.
+    """
+
+    def __init__(self, bus):
+        self._bus, self._rng = bus, random.Random(1)
+        self.share = 0.0
+        self.refused = 0
+
+    def __getattr__(self, name):
+        return getattr(self._bus, name)
+
+    def write(self, address, data):
+        self._refuse()
+        self._bus.write(address, data)
+
+    def write_read(self, address, data, size):
+        self._refuse()
+        return self._bus.write_read(address, data, size)
+
+    def _refuse(self):
+        if self._rng.random() < self.share:
+            self.refused += 1
+            raise OSError(protocol.REFUSED, "no acknowledgement of a data byte")
+
+
+@pytest.mark.parametrize("exposure_us", [2_780, 185_000])
+@pytest.mark.parametrize("alone", [False, True], ids=["fifo", "registers"])
+def test_a_silently_refused_transfer_gives_no_old_sample(stalled, alone, exposure_us):
+    made = stalled(exposure_us=exposure_us, fifo_level_alone=alone)
+    made.link.bus = bus = RefusingBus(made.link.bus)
+    made.run(6 * exposure_us * 1e-6 + 0.3)
+    before = made.get()
+    bus.share = 0.03
+    frames = made.run(1_000 * exposure_us * 1e-6 if exposure_us < 10_000 else 40.0)
+    bus.share = 0.0
+    reply = made.get()
+    assert bus.refused > 5
+    assert reply["faults"] == 0
+    assert reply["retries"] - before["retries"] > 0.7 * bus.refused
+    assert reply["fifo"] == (not alone)
+    # No sample is there two times, none consists of two, and the missing ones are counted.
+    gaps = [(b - a) % AROUND - 1 for a, b in itertools.pairwise(numbers(frames))]
+    assert all(0 <= gap < 20 for gap in gaps)
+    assert sum(gaps) <= reply["missed"] - before["missed"] <= sum(gaps) + 2

@@ -4,6 +4,7 @@ import io
 import select
 import sys
 import time
+from errno import EIO
 from time import ticks_diff, ticks_us
 
 import machine
@@ -51,7 +52,9 @@ class MachineBus:
         self._open()
 
     def write(self, buffer):
-        self.write_to(ADDRESS, buffer)
+        # An RP2040 raises no OSError if the chip does not acknowledge a data byte.
+        if self.write_to(ADDRESS, buffer) != len(buffer):
+            raise OSError(EIO)
 
     def recover(self):
         """Free the wires of the I2C bus, and open the I2C controller again."""

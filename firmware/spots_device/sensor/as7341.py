@@ -13,9 +13,14 @@ The bus is an object with three methods. ``read_into(address, register, buffer)`
 the chip at an I2C address. ``write(buffer)`` writes registers of the sensor; the first byte of the
 buffer is the number of the first register. Both raise OSError if the chip does not answer.
 ``recover()`` tries to free the wires after an OSError.
+
+If the chip acknowledges its address but not the number of the register, MicroPython on an RP2040
+reads nothing and raises no OSError, so that the buffer keeps its old bytes. So before each read,
+the driver sets a byte of the buffer to a value that the chip does not return.
 """
 
 from array import array
+from errno import EIO
 
 from .. import const
 from ..runtime.common import ADDRESS
@@ -84,6 +89,9 @@ _COUNTS = const(2)  # index in the buffer, after STATUS and ASTATUS
 _LEVEL = const(14)  # index in the buffer, after the data registers
 _OLDEST = const(15)  # index in the buffer of a sample that is read together with the level
 _FIFO_DATA = const(27)  # index in the buffer of the samples of a second transfer
+_HIGH = const(28)  # index in the buffer of the high byte of the first of these counts
+# A byte that the chip returns neither as level of the FIFO nor in STATUS, ASTATUS, STATUS2 or ID.
+_UNREAD = const(0xFF)
 _TRIAL = const(-8)  # at most so many samples after a start may be absent from the FIFO
 _BROKEN = const(2)  # value of `_odd` after a failed transfer from the FIFO
 
@@ -326,15 +334,17 @@ class AS7341:
 
     def _read_burst(self):
         burst = self._burst
+        burst[0] = _UNREAD
         self._bus.read_into(ADDRESS, _STATUS, self._status)
         if not burst[0] & _AINT:
             return False
+        if burst[0] == _UNREAD:
+            raise OSError(EIO)
         self._write(_STATUS, _AINT)
         if self.fifo < 0:
             self.fifo += 1
-            self._bus.read_into(ADDRESS, _FIFO_LVL, self._level)
             held = 0
-            if burst[_LEVEL] >= _ENTRIES:
+            if self._read_level() >= _ENTRIES:
                 self.pacing.sure = 1
                 held = self._read_fifo()
                 self.pacing.sure = 0
@@ -359,6 +369,7 @@ class AS7341:
         and the sample counts as missed.
         """
         sure = self.pacing.sure > 0
+        self._burst[_LEVEL] = _UNREAD
         self._bus.read_into(ADDRESS, _FIFO_LVL, self._levelled if sure else self._level)
         level = self._burst[_LEVEL]
         # The clock is read only where its time is needed: on CircuitPython this allocates.
@@ -366,20 +377,40 @@ class AS7341:
         # While the chip stores a sample, the level may for a moment not be a multiple of 6.
         odd = 1 if level % _ENTRIES else 0
         if level > _FULL or self._odd + odd > 1 or (sure and level < _ENTRIES):
+            if level == _UNREAD:
+                raise OSError(EIO)
             self._clear()
             level = odd = 0
         level //= _ENTRIES
         if not level:
             # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
-            self._bus.read_into(ADDRESS, _ASTATUS, self._byte)
-            self._burst[1] = self._byte[0]
+            self._burst[1] = self._read_byte(_ASTATUS)
         elif level > sure:
             self._odd = _BROKEN  # unless the transfer succeeds
+            self._burst[_HIGH] = _UNREAD
             self._bus.read_into(ADDRESS, _FDATA, self._views[level - sure])
+            # Only with the longest exposures, the chip returns counts with this high byte.
+            if self._burst[_HIGH] == _UNREAD and self._read_level() >= _ENTRIES:
+                raise OSError(EIO)
         self._at = _OLDEST if sure else _FIFO_DATA
         self.waits = level
         self._odd = odd
         return level
+
+    def _read_level(self):
+        self._burst[_LEVEL] = _UNREAD
+        self._bus.read_into(ADDRESS, _FIFO_LVL, self._level)
+        level = self._burst[_LEVEL]
+        if level == _UNREAD:
+            raise OSError(EIO)
+        return level
+
+    def _read_byte(self, register):
+        self._byte[0] = _UNREAD
+        self._bus.read_into(ADDRESS, register, self._byte)
+        if self._byte[0] == _UNREAD:
+            raise OSError(EIO)
+        return self._byte[0]
 
     def _clear(self):
         self._write(_CONTROL, _FIFO_CLR)
@@ -436,6 +467,7 @@ class AS7341:
         """
         i = self._check
         self._check = (i + 1) % len(_CHECKED)
+        self._pair[0] = ~self._written[2 * i] & 0xFF
         self._bus.read_into(ADDRESS, _CHECKED[i], self._pair)
         if self._pair[0] != self._written[2 * i] or self._pair[1] != self._written[2 * i + 1]:
             raise SensorError("the AS7341 has lost its settings; check its supply and wiring")
@@ -446,8 +478,8 @@ class AS7341:
 
     def saturation(self):
         """Return the saturation of the last sample (STATUS2): 'analog', 'digital' or None."""
-        self._bus.read_into(ADDRESS, _STATUS2, self._byte)
-        return "analog" if self._byte[0] & 0x08 else "digital" if self._byte[0] & 0x10 else None
+        status = self._read_byte(_STATUS2)
+        return "analog" if status & 0x08 else "digital" if status & 0x10 else None
 
     def report(self, reply):
         """Add counters and state of this sensor to a reply to ``get`` (dict); no bus transfer."""
@@ -494,7 +526,7 @@ class AS7341:
 
     def _ask_id(self):
         self._write(_CFG0, 0)  # a failed transfer may have left bank 1 selected
-        self._bus.read_into(ADDRESS, _ID, self._byte)
+        self._read_byte(_ID)
 
     def _write_bank_1(self, register, value):
         self._write(_CFG0, _BANK_1)

@@ -3,6 +3,8 @@
 Only boards with ``MUX_CHANNEL`` in their configuration get this module.
 """
 
+from errno import EIO
+
 from ..runtime.common import MULTIPLEXER
 
 
@@ -30,7 +32,8 @@ class ChannelBus:
     Parameters
     ----------
     bus : object
-        The bus of the board, see `as7341`; its ``write_to(address, buffer)`` writes to any chip.
+        The bus of the board, see `as7341`; its ``write_to(address, buffer) -> int`` writes to any
+        chip, and returns the number of acknowledged bytes.
     channel : int
         Channel of the sensor, 0 to 7.
     """
@@ -41,9 +44,11 @@ class ChannelBus:
         self._channel = bytes((1 << channel,))
 
     def read_into(self, address, register, buffer):
-        self._bus.write_to(MULTIPLEXER, self._channel)
+        if self._bus.write_to(MULTIPLEXER, self._channel) != 1:
+            raise OSError(EIO)
         self._bus.read_into(address, register, buffer)
 
     def write(self, buffer):
-        self._bus.write_to(MULTIPLEXER, self._channel)
+        if self._bus.write_to(MULTIPLEXER, self._channel) != 1:
+            raise OSError(EIO)
         self._bus.write(buffer)

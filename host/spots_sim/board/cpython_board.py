@@ -7,6 +7,7 @@ board has no watchdog, and no prompt, so it cannot be flashed. Memory and intege
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import importlib.util
 import itertools
@@ -291,13 +292,22 @@ class _Sensor:
 
     def read_into(self, address: int, register: int, buffer) -> None:
         r = self._requests
-        buffer[:] = r.ask(r.bus.write_read, address, bytes((register,)), len(buffer))
+        try:
+            buffer[:] = r.ask(r.bus.write_read, address, bytes((register,)), len(buffer))
+        except OSError as error:
+            _raise_unless_refused(error)
 
     def write(self, buffer) -> None:
-        self.write_to(ADDRESS, buffer)
+        if self.write_to(ADDRESS, buffer) != len(buffer):
+            raise OSError(errno.EIO, "the chip refused a byte")
 
-    def write_to(self, address: int, buffer) -> None:
-        self._requests.ask(self._requests.bus.write, address, bytes(buffer))
+    def write_to(self, address: int, buffer) -> int:
+        try:
+            self._requests.ask(self._requests.bus.write, address, bytes(buffer))
+            return len(buffer)
+        except OSError as error:
+            _raise_unless_refused(error)
+            return 0
 
     def recover(self) -> None:
         """Free the bus without waits, because simulated wires need no minimum pulse width."""
@@ -309,6 +319,12 @@ class _Sensor:
     def _put(self, wire: int, level: int) -> None:
         self._wires[wire] = level
         self._level(wire)
+
+
+def _raise_unless_refused(error: OSError) -> None:
+    # `machine.I2C` of an RP2040 raises no OSError if the chip refuses a data byte.
+    if error.errno != protocol.REFUSED:
+        raise error
 
 
 class _Serial:
