@@ -181,7 +181,7 @@ def _latency(run: dict) -> str:
 def main(docs: Path) -> None:
     """Measure, then write applications.md into the folder of the documents."""
     page = docs / "applications.md"
-    atomic.write_text(document(measured(), fingers()), page)
+    atomic.write_text(document(measured(), fingers()), page, atomic.begins("a page", b"# "))
     print(page)
 
 

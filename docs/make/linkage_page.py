@@ -381,7 +381,9 @@ def main(docs: Path) -> None:
     print(maps.deviation(surveys[ideal][0], out / "deviation.png"))
     print(maps.trajectory(runs[ideal][_FOLLOW_US][0], out / "sust.png"))
     page = docs / "fivebar.md"
-    atomic.write_text(document(surveys, one_board, runs, linkage, mechanism), page)
+    atomic.write_text(
+        document(surveys, one_board, runs, linkage, mechanism), page, atomic.begins("a page", b"# ")
+    )
     print(page)
 
 

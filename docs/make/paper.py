@@ -264,7 +264,9 @@ def main(docs: Path) -> None:
         print(f"real, {exposure_us} us ...", file=sys.stderr)
         runs.append(characterize(real, _SEED, exposure_us, hand=Hand(marks=3, scale=True)))
     page = docs / "paper.md"
-    atomic.write_text(document(runs, departures_um, sensor.length_mm), page)
+    atomic.write_text(
+        document(runs, departures_um, sensor.length_mm), page, atomic.begins("a page", b"# ")
+    )
     print(page)
 
 

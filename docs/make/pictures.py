@@ -24,6 +24,7 @@ from spots.wearable import wearable_view
 from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping
 from spots_device.board.light import LEDS
+from spots_make.drawing import SVG
 from spots_sim.demo import typing_view
 from spots_sim.demo.demo import open_fast
 from spots_sim.demo.demo_applications import NoGamepad
@@ -117,7 +118,7 @@ def wirings(folder: Path = _HERE) -> list[Path]:
                 )
                 kind = "" if led == "ldr" else f"-{led}"
                 paths.append(folder / f"wiring-{device.name}{kind}.svg")
-                atomic.write_text(text, paths[-1])
+                atomic.write_text(text, paths[-1], SVG)
     return paths
 
 
@@ -251,7 +252,7 @@ def _drawn(picture, name: str, title: str) -> Path:
     )
     console.print(picture)
     path = _HERE / name
-    atomic.write_text(console.export_svg(title=title), path)
+    atomic.write_text(console.export_svg(title=title), path, SVG)
     return path
 
 

@@ -17,10 +17,10 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, NamedTuple
 
 from . import locks
 from .bounded import open_regular
@@ -31,20 +31,115 @@ _PART = re.compile(r"\.spots-\w{8,16}\.part")
 _LOCK = "lock"  # file in a staging directory that its process locks
 # A process locks a temporary file just after its creation, and some file systems have no locks.
 _STALE_S = 3600.0
-_LOCK_S = 1.0  # longest wait for another program that replaces the same file
+_WAIT_S = 5.0  # longest wait for another program that replaces the same file
+_ANY = object()
 
 
 class ChangedError(SpotsError):
-    """Raised if a file that should be replaced was changed by another program."""
+    """Raised if a file is not what its writer read before: somebody else has changed it."""
+
+
+class Kind(NamedTuple):
+    """A kind of file that a writer may replace, so that it never replaces a file of another kind.
+
+    Attributes
+    ----------
+    name : str
+        Name of the kind for error messages, such as "a calibration file".
+    read : callable
+        ``read(path)`` returns the content of a file, or raises SpotsError if the file is of another
+        kind.
+    """
+
+    name: str
+    read: Callable[[Path], Any]
+
+    def check(self, path: str | Path, was: Any = _ANY) -> None:
+        """Check that a file may be replaced: that it has this kind, is empty, or does not exist.
+
+        Parameters
+        ----------
+        path : str or Path
+            Name of the file.
+        was : object, optional
+            What `read` returned when the caller read the file; None if the file did not exist. If
+            the file exists and has another content now, it must not be replaced.
+
+        Raises
+        ------
+        SpotsError
+            If the file has another kind.
+        ChangedError
+            If the file has another content than `was`.
+        """
+        path = Path(path)
+        try:
+            status = path.stat()
+            if not stat.S_ISREG(status.st_mode) or not status.st_size:
+                return  # `replacing` refuses what is no file
+            now = self.read(path)
+        except FileNotFoundError:
+            return
+        except SpotsError:
+            raise SpotsError(
+                f"{path} would be replaced, but it is not {self.name}, or it is damaged: name "
+                "another file, or move this one"
+            ) from None
+        if was is not _ANY and now != was:
+            raise ChangedError(f"another program has changed {path}: nothing was written")
+
+
+def begins(name: str, *heads: bytes) -> Kind:
+    """Return the `Kind` of files that begin with one of several byte strings.
+
+    Parameters
+    ----------
+    name : str
+        Name of the kind for error messages, such as "a PNG picture".
+    *heads : bytes
+        First bytes of such a file.
+
+    Returns
+    -------
+    Kind
+    """
+
+    def read(path: Path) -> None:
+        with open_regular(path) as file:
+            if not file.read(max(map(len, heads))).startswith(heads):
+                raise SpotsError(f"{path} is not {name}: name another file")
+
+    return Kind(name, read)
+
+
+def distinct(named: Mapping[str, Path]) -> None:
+    """Check that options name different files, because a command writes to each of them.
+
+    Parameters
+    ----------
+    named : mapping of str to Path
+        The file that each option names.
+
+    Raises
+    ------
+    SpotsError
+        If two options name the same file.
+    """
+    options: dict[Path, str] = {}
+    for option, path in named.items():
+        other = options.setdefault(path.resolve(), option)
+        if other != option:
+            raise SpotsError(f"{other} and {option} name the same file, {path}: name two files")
 
 
 @contextmanager
 def replacing(
     path: str | Path,
-    kind: str = "b",
+    over: Kind | None,
+    mode: str = "b",
     *,
-    new: bool = False,
-    was: bytes | None = None,
+    was: Any = _ANY,
+    locked: bool = False,
     **options,
 ) -> Iterator[IO]:
     """Create or replace a file atomically, when a ``with`` block ends without an exception.
@@ -56,12 +151,14 @@ def replacing(
     ----------
     path : str or Path
         Name of the file.
-    kind : str
+    over : Kind or None
+        Kind of file that may be replaced. If None, an existing file is an error.
+    mode : str
         ``b`` for a binary file, ``t`` for text.
-    new : bool
-        Whether an existing file is an error.
-    was : bytes, optional
-        Content that the existing file must still have; the file may also be missing.
+    was : object, optional
+        What the caller read from the file before, see `Kind.check`.
+    locked : bool
+        Whether the caller already holds the lock of the file, see `locks.held`.
     **options
         Further options of `open`, such as ``encoding``.
 
@@ -73,30 +170,33 @@ def replacing(
     Raises
     ------
     SpotsError
-        If the file cannot be written, or `new` is true and it exists. An existing file is
-        unchanged.
-    ChangedError
-        If the content of the file is not `was`. The file is unchanged.
+        If the file cannot be written or must not be replaced. An existing file is unchanged.
     """
     path = Path(path)
     part = path.parent / f"{_PREFIX}{secrets.token_hex(8)}{_SUFFIX}"
     try:
-        mode = _replaced_mode(path, new)
+        if over is None and os.path.lexists(path):
+            raise exists(path)
+        kept = _kept_mode(path)
+        if over is not None:
+            over.check(path, was)
         # A replacement of a private file is private from its first byte on.
-        access = 0o666 if mode is None else 0o600
+        access = 0o666 if kept is None else 0o600
         _sweep(path.parent, os.DirEntry.is_file, os.unlink)
         with open(
-            part, "x" + kind, opener=lambda path, flags: os.open(path, flags, access), **options
+            part, "x" + mode, opener=lambda path, flags: os.open(path, flags, access), **options
         ) as file:
             _mark(file.fileno())
             yield file
             sync(file)
-        if mode is not None and stat.S_IMODE(part.stat().st_mode) != mode:
-            part.chmod(mode)
-        if was is None:
-            (_place_new if new else os.replace)(part, path)
-        else:
-            _replace_unchanged(part, path, was)
+        if kept is not None and stat.S_IMODE(part.stat().st_mode) != kept:
+            part.chmod(kept)
+        if over is None:
+            _place_new(part, path)
+            return
+        with nullcontext() if locked else locks.held(path, _WAIT_S):
+            over.check(path, was)
+            os.replace(part, path)
     except OSError as error:
         raise not_written(path, error) from None
     finally:
@@ -104,7 +204,7 @@ def replacing(
             part.unlink(missing_ok=True)
 
 
-def write_text(text: str, path: str | Path) -> None:
+def write_text(text: str, path: str | Path, over: Kind | None, **options) -> None:
     """Create or replace a text file atomically.
 
     Parameters
@@ -113,13 +213,17 @@ def write_text(text: str, path: str | Path) -> None:
         Content of the file. Line ends are written unchanged.
     path : str or Path
         Name of the file. A symbolic link with this name is replaced and not followed.
+    over : Kind or None
+        Kind of file that may be replaced. If None, an existing file is an error.
+    **options
+        ``was`` and ``locked`` of `replacing`.
 
     Raises
     ------
     SpotsError
-        If the file cannot be written. An existing file is unchanged.
+        If the file cannot be written or must not be replaced. An existing file is unchanged.
     """
-    with replacing(path, "t", encoding="utf-8", newline="\n") as file:
+    with replacing(path, over, "t", encoding="utf-8", newline="\n", **options) as file:
         file.write(text)
 
 
@@ -127,6 +231,41 @@ def sync(file: IO) -> None:
     """Wait until everything written to a file is on the storage medium, or raise OSError."""
     file.flush()
     os.fsync(file.fileno())
+
+
+def append(path: Path, data: bytes, end: int | None = None) -> None:
+    """Append bytes to a file, or create it, and wait until they are on the storage medium.
+
+    Parameters
+    ----------
+    path : Path
+        Name of the file. The caller holds its lock, see `locks.held`.
+    data : bytes
+        Bytes to append.
+    end : int, optional
+        Size to cut the file to before, if its end is incomplete; in bytes.
+
+    Raises
+    ------
+    OSError
+        If the bytes cannot be written. The file then has none of them.
+    """
+    # Unbuffered: after an error, a buffer would be written again when the file is closed.
+    with open(path, "ab", buffering=0) as file:
+        if end is None:
+            end = file.seek(0, os.SEEK_END)
+        else:
+            file.truncate(end)
+        try:
+            view = memoryview(data)
+            while view:
+                view = view[file.write(view) :]
+            sync(file)
+        except BaseException:
+            # Also after a failed sync: the file must not have what may not be on the disk.
+            with suppress(OSError):
+                file.truncate(end)
+            raise
 
 
 @contextmanager
@@ -171,23 +310,28 @@ def not_written(path: Path, error: OSError) -> SpotsError:
     return SpotsError(f"cannot write {path}: {reason}; name another file or folder")
 
 
-def check_writable(path: Path, append: bool = False) -> None:
+def check_writable(path: Path, over: Kind | None = None, *, append: bool = False) -> None:
     """Check that a file can be created or replaced, before work whose result goes into the file.
 
     Parameters
     ----------
     path : Path
         Name of the file. File and folder are unchanged.
+    over : Kind, optional
+        Kind of file that may be replaced.
     append : bool
         Whether the file will be appended to instead of replaced.
 
     Raises
     ------
     SpotsError
-        If the file cannot be written.
+        If the file cannot be written, or is of another kind.
     """
     try:
-        if _replaced_mode(path, new=False) is not None and append:
+        kept = _kept_mode(path)
+        if over is not None:
+            over.check(path)
+        if kept is not None and append:
             open(path, "ab").close()
             return
         with tempfile.NamedTemporaryFile(prefix=_PREFIX, suffix=_SUFFIX, dir=path.parent):
@@ -211,49 +355,11 @@ def _place_new(part: Path, path: Path) -> None:
         os.replace(part, path)
 
 
-def _replace_unchanged(part: Path, path: Path, was: bytes) -> None:
-    """Rename the complete file `part` to `path`, if the file there has the content `was`.
-
-    A second program of this package that replaces the file waits, so that neither of them loses
-    what the other one writes.
-    """
-    with locks.held(path, _LOCK_S):
-        if not has_content(path, was):
-            raise ChangedError(f"another program has changed {path}: nothing was written")
-        os.replace(part, path)
-
-
-def has_content(path: Path, content: bytes) -> bool:
-    """Return whether a file has a content, or is missing.
-
-    Parameters
-    ----------
-    path : Path
-        Name of the file.
-    content : bytes
-        The content.
-
-    Returns
-    -------
-    bool
-        False also for something that is not a readable file.
-    """
-    try:
-        with open_regular(path) as file:
-            return file.read(len(content) + 1) == content
-    except FileNotFoundError:
-        return True
-    except (OSError, SpotsError):
-        return False
-
-
-def _replaced_mode(path: Path, new: bool) -> int | None:
+def _kept_mode(path: Path) -> int | None:
     """Return the permissions of the file at `path`, or None if there is no file.
 
-    A folder, a pipe or a device at `path` is always an error; a file is an error if `new` is true.
+    A folder, a pipe or a device at `path` is an error.
     """
-    if new and os.path.lexists(path):
-        raise exists(path)
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

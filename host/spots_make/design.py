@@ -69,6 +69,7 @@ _FINE_SHARE = 5e-3
 _COUNTS_MIN = 10.0
 # Limits of the options: a value outside them was probably given in another unit.
 _LENGTHS_MM = 1.0, 10_000.0
+_SENSOR = atomic.Kind("a sensor file", lambda path: load(SensorFile, path))
 _FINEST_UM = 1e-3
 _SLOWEST_HZ = math.ceil(1e9 / (AVERAGE_MAX * MAX_US)) / 1e3  # rounded up, as messages show it
 _FASTEST_HZ = 1e6 / MIN_US
@@ -301,7 +302,7 @@ def design_command(options: argparse.Namespace) -> None:
         return
     folder = figures.folder(out)
     sensor_file = folder / "sensor.toml"
-    atomic.write_text(sensor_toml(found), sensor_file)
+    atomic.write_text(sensor_toml(found), sensor_file, _SENSOR)
     made = [sensor_file, _plot(found, options.resolution_um, folder / "resolution.png")]
     if shape is not None:
         made += _to_make(shape, recipe, found, options, folder)
@@ -326,7 +327,9 @@ def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[P
         f"--resolution-um {options.resolution_um:g} --rate-hz {options.rate_hz:g}"
     )
     recipe = folder / "build.md"
-    atomic.write_text(strip_recipe.text(shape, strips, found.dye_per_mm, line), recipe)
+    atomic.write_text(
+        strip_recipe.text(shape, strips, found.dye_per_mm, line), recipe, strip_recipe.KIND
+    )
     return [recipe, *strip_drawing.write(shape, folder), *strip_mould.write(shape, folder)]
 
 

@@ -59,6 +59,7 @@ _TICK = 4.0
 _JUST_ABOVE = 0.1  # mm
 _MARGIN = 40.0
 _WIDTH = 1000.0
+SVG = atomic.begins("an SVG picture", b"<svg", b"<?xml")
 _NOTE = (
     f"All lengths in mm. Draft {DRAFT_DEG:g} deg; widths are those of the wide faces. The paper "
     "gives 3 x 12 (strip) and 8 x 1 (guides); the other dimensions are not tried."
@@ -102,7 +103,7 @@ class _Sheet:
             f"<style>{_STYLE}</style>",
             '<rect width="100%" height="100%" fill="white"/>',
         ]
-        atomic.write_text("\n".join([*parts, *self.elements, "</svg>"]) + "\n", path)
+        atomic.write_text("\n".join([*parts, *self.elements, "</svg>"]) + "\n", path, SVG)
         return path
 
 

@@ -6,11 +6,13 @@ bridges. A mould is a tray and a lid. The tray's pins fit the lid in one orienta
 
 from __future__ import annotations
 
+import os
+import struct
 from importlib.util import find_spec
 from pathlib import Path
 
 from spots import atomic
-from spots.errors import missing
+from spots.errors import SpotsError, missing
 
 from .shape import (
     BACK,
@@ -56,6 +58,8 @@ from .shape import (
     StripShape,
 )
 
+# A binary STL file: a header of 80 bytes, the number of triangles, and 50 bytes for each of them.
+_HEAD, _TRIANGLE = struct.Struct("<80xI"), 50
 _ROUND = 48  # sides of a circle
 _CUT = 1.0  # a cut reaches this far out of the surface that it opens
 
@@ -130,10 +134,21 @@ def write(shape: StripShape, folder: Path) -> list[Path]:
         mesh = solid.to_mesh()
         faces = trimesh.Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts, process=False)
         path = folder / f"{name}.stl"
-        with atomic.replacing(path) as file:
+        with atomic.replacing(path, _STL) as file:
             file.write(faces.export(file_type="stl"))
         made.append(path)
     return made
+
+
+def _read(path: Path) -> None:
+    with open(path, "rb") as file:
+        head = file.read(_HEAD.size)
+        size = file.seek(0, os.SEEK_END)
+    if len(head) < _HEAD.size or size != _HEAD.size + _TRIANGLE * _HEAD.unpack(head)[0]:
+        raise SpotsError(f"{path} is not a binary STL file: name another file")
+
+
+_STL = atomic.Kind("a binary STL file", _read)
 
 
 def _rectangle(x: float, y: float):

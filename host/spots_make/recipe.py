@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from spots import atomic
 from spots.errors import SpotsError
 
 from .shape import (
@@ -22,6 +23,7 @@ from .shape import (
 )
 
 STRIPS_MAX = 100
+KIND = atomic.begins("the instructions of a strip", b"# A strip of ")
 SPARE = 0.3  # share of the cavities' volume for overflow and for parts that break; not tried
 CUP_ML = 2.0  # volume of rubber that stays in the mixing cup; not tried
 LEAST_ML = 15.0  # smaller amounts are hard to stir and to weigh; not tried

@@ -38,14 +38,14 @@ def made(calibration):
 @pytest.fixture
 def path(made, tmp_path):
     path = tmp_path / "calibration.toml"
-    file.save(made, path)
+    file.save(made, path, None)
     return path
 
 
 @pytest.mark.parametrize("joint", [None, JOINT])
 def test_what_was_saved_is_loaded(made, tmp_path, joint):
     made = msgspec.structs.replace(made, joint=joint)
-    file.save(made, tmp_path / "a.toml")
+    file.save(made, tmp_path / "a.toml", None)
     assert file.load(tmp_path / "a.toml") == made
 
 
@@ -129,7 +129,7 @@ def test_a_save_that_is_cut_leaves_the_old_file(made, path, monkeypatch):
 
     monkeypatch.setattr(os, "replace", cut)
     with pytest.raises(SpotsError, match="No space left"):
-        file.save(msgspec.structs.replace(made, joint=None), path)
+        file.save(msgspec.structs.replace(made, joint=None), path, made)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
 
@@ -138,5 +138,5 @@ def test_a_folder_is_no_file_to_save_in(made, tmp_path):
     folder = tmp_path / "folder"
     folder.mkdir()
     with pytest.raises(SpotsError, match=r"cannot write .*folder: "):
-        file.save(made, folder)
+        file.save(made, folder, None)
     assert list(tmp_path.iterdir()) == [folder]

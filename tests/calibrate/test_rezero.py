@@ -153,9 +153,40 @@ def test_a_session_of_before_marks_is_asked_for_them_alone(full, tmp_path, capsy
 def test_a_file_with_marks_and_history_is_loaded_as_it_was_saved(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml") as strip:
         new = rezero(strip.bench, made)
-    file.save(new, tmp_path / "a.toml")
+    file.save(new, tmp_path / "a.toml", None)
     assert file.load(tmp_path / "a.toml") == new
     assert new.original == made.lines != new.lines
+
+
+# ---- a later step of the session
+
+
+@pytest.mark.parametrize("kind", ["strain", "joint"])
+def test_a_step_after_a_re_zero_keeps_it(full, made, sensor, tmp_path, kind):
+    path = tmp_path / "strip.jsonl"
+    out = path.with_suffix(".toml")
+    path.write_bytes(full.read_bytes())
+    file.save(made, out, None)
+    options = argparse.Namespace(plan=None, keep_settings=True)
+    with Drifted(sensor, made, out) as strip:
+        rezeroed = rezero(strip.bench, made, presses=3)
+        use(strip.bench, made, rezeroed)
+        steps.calibrate(strip.bench, Session(path), kind, 0, 5, options)
+        new = file.load(out)
+        assert strip.uses == checksum(list(new.lines))
+        assert new.rezeros == rezeroed.rezeros
+        assert new.original != new.lines
+        if kind == "strain":
+            assert [r.strain_ppm for r in new.residuals] == [0, 50_000, 100_000]
+            assert max(r.position_rms_um for r in new.residuals) < 60
+            # The presses at 5 % strain were taken with the drift, those at 10 % before it.
+            for strain in (0.0, 0.05, 0.1):
+                off_um = strip.errors(strain=strain)[0]
+                assert np.abs(off_um).mean() < 60, strain
+        else:
+            # The marks of the joint were pressed with the drift.
+            use(strip.bench, new, rezero(strip.bench, new, joint=True))
+            assert np.abs(strip.errors()[0]).mean() < 100
 
 
 # ---- the shift of the tables
@@ -247,7 +278,8 @@ def test_a_scale_brings_the_force_back(made, sensor, tmp_path):
     change = Change(light_percent=8.0, dye_percent=-2.0)
     found = []
     for force_mN in (None, 3000.0):
-        with Drifted(sensor, made, tmp_path / "a.toml", change=change) as strip:
+        path = tmp_path / f"{force_mN}.toml"
+        with Drifted(sensor, made, path, change=change) as strip:
             use(strip.bench, made, rezero(strip.bench, made, force_mN=force_mN))
             found.append(np.abs(strip.errors()[1]).mean())
     assert found[0] > 250  # mN of 3000
@@ -418,7 +450,7 @@ def test_a_joint_uses_its_stops(full, sensor, tmp_path, monkeypatch):
     path = tmp_path / "strip.jsonl"
     path.write_bytes(full.read_bytes())
     words = ["--session", str(path), "--port", "virtual"]
-    file.save(file.load(full.with_suffix(".toml")), path.with_suffix(".toml"))
+    file.save(file.load(full.with_suffix(".toml")), path.with_suffix(".toml"), None)
     assert cli.main(["calibrate", "joint", *words]) == 0
     made = file.load(path.with_suffix(".toml"))
     marks = made.joint_marks
@@ -463,7 +495,7 @@ def test_a_file_without_marks_of_a_joint_says_what_to_do(made, sensor, tmp_path)
 
 def test_an_interrupted_re_zero_changes_nothing(made, sensor, tmp_path):
     path = tmp_path / "a.toml"
-    file.save(made, path)
+    file.save(made, path, None)
     before = path.read_bytes()
 
     class Interrupted(StagePresser):
@@ -485,7 +517,7 @@ def test_an_interrupt_while_the_board_is_written_leaves_file_and_board(
     made, rezeroed, sensor, tmp_path, monkeypatch, after
 ):
     path = tmp_path / "a.toml"
-    file.save(made, path)
+    file.save(made, path, None)
     with Drifted(sensor, made, path) as strip:
         command, sent = strip.board.command, []
 
@@ -555,7 +587,7 @@ def test_other_settings_are_refused(made, sensor, tmp_path):
 
 def test_another_board_is_refused(made, full, capsys, tmp_path):
     path = tmp_path / "a.toml"
-    file.save(made, path)
+    file.save(made, path, None)
     words = ["rezero", str(path), "--port", "virtual", "--sensor", "dim"]
     assert cli.main(words) == 2
     assert "made on board" in capsys.readouterr().err
@@ -564,7 +596,7 @@ def test_another_board_is_refused(made, full, capsys, tmp_path):
 
 def test_the_command_re_zeroes_a_strip_that_changed_as_its_file_says(made, tmp_path, capsys):
     path, sensor = tmp_path / "a.toml", tmp_path / "s.toml"
-    file.save(made, path)
+    file.save(made, path, None)
     text = (DATA / "sensors" / "default.toml").read_text()
     sensor.write_text(text + "\n[change]\nphosphor_nm = 1.0\ndye_percent = -2.0\n")
     words = ["rezero", str(path), "--port", "virtual", "--sensor", str(sensor)]

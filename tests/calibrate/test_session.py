@@ -5,6 +5,7 @@ import io
 import json
 import os
 import re
+import resource
 import signal
 import subprocess
 import sys
@@ -27,7 +28,8 @@ from spots.calibrate.joint import fit_joint
 from spots.calibrate.make import make
 from spots.calibrate.presser import Presser
 from spots.calibrate.presses import FULL_MN
-from spots.calibrate.session import Session, Wanted, settings
+from spots.calibrate.session import Point, Session, Wanted, settings
+from spots.keyboard.layout import FOLDER as LAYOUTS
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
 from spots_device.board.settings import checksum
@@ -40,6 +42,7 @@ from spots_sim.strip.files import DATA
 from spots_sim.strip.scenario import Press
 
 STRAIN_PPM = 100_000
+OTHER = "--sensor", "dim"  # another board
 
 
 def run(*arguments):
@@ -163,18 +166,19 @@ def test_a_session_cut_at_any_byte_keeps_every_whole_line(full, tmp_path):
         path = tmp_path / "cut.jsonl"
         path.write_bytes(data[:cut])
         session = Session(path)
-        whole = int((lengths <= cut).sum())
+        whole = int((lengths - 1 <= cut).sum())  # an editor may omit the end of the last line
         assert session.points == known[:whole]
         assert path.read_bytes() == data[:cut]  # reading changes nothing
-        session.add(known[whole])
-        session.add(known[whole + 1])
+        with session.locked():
+            session.add(known[whole])
+            session.add(known[whole + 1])
         assert path.read_bytes() == data[: lengths[whole + 1]]
 
 
 def test_a_damaged_line_in_the_middle_is_named(full, tmp_path):
     lines = full.session.read_bytes().split(b"\n")
     path = tmp_path / "damaged.jsonl"
-    for damage in (lines[4][:-9], b"\xff" + lines[4], b"{}", b""):
+    for damage in (lines[4][:-9], b"\xff" + lines[4], b"{}", b"\0"):
         path.write_bytes(b"\n".join([*lines[:4], damage, *lines[5:]]))
         with pytest.raises(SpotsError, match="line 5 of the session"):
             Session(path)
@@ -185,6 +189,155 @@ def test_a_session_in_a_folder_that_does_not_exist_names_the_folder(full, tmp_pa
     with pytest.raises(SpotsError, match=r"there is no folder .*none: make it first"):
         lost.add(Session(full.session).points[0])
     assert not lost.points
+
+
+# Script of another program that works with a session until its input ends.
+HOLDER = """
+import sys
+from pathlib import Path
+from spots.calibrate.session import Session
+with Session(Path(sys.argv[1])).locked():
+    print("locked", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_session_in_use_is_refused_and_free_when_its_program_is_killed(full, tmp_path, capsys):
+    path = tmp_path / "calibration.jsonl"
+    path.write_bytes(before := full.session.read_bytes())
+    command = [sys.executable, "-c", HOLDER, str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        try:
+            assert other.stdout.readline() == b"locked\n"
+            said = refused(capsys, "position", "--session", path)
+            assert "in use by another program" in said
+            assert "name another file with --session" in said
+            with pytest.raises(SpotsError, match="in use by another program"):
+                Session(path).add(Session(path).points[0])
+            assert path.read_bytes() == before
+        finally:
+            other.kill()
+    session = Session(path)
+    session.add(session.points[-1])
+    assert path.read_bytes() == before + before.splitlines(keepends=True)[-1]
+    assert os.listdir(tmp_path) == ["calibration.jsonl"]
+
+
+@pytest.mark.parametrize("by_rename", [False, True])
+@pytest.mark.parametrize("change", ["remove", "append", "cut", "nothing", "delete"])
+@pytest.mark.parametrize("then", ["add", "remove"])
+def test_a_session_that_is_edited_by_hand_meanwhile_loses_nothing(
+    full, tmp_path, by_rename, change, then
+):
+    path, lines = tmp_path / "a.jsonl", full.session.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:6]))
+    session = Session(path)
+    with session.locked():
+        edited = {
+            "remove": lines[:2] + lines[3:6],
+            "append": lines[:7],
+            "cut": [*lines[:5], lines[5].rstrip()],
+            "nothing": lines[:6],
+            "delete": [],
+        }[change]
+        there = tmp_path / "edited" if by_rename else path
+        there.write_bytes(b"".join(edited))
+        there.replace(path)
+        if then == "add":
+            session.add(msgspec.json.decode(lines[8], type=Point))
+            left = [line.rstrip() for line in [*edited, lines[8]]]
+        else:
+            session.remove(session.points[3])
+            left = [line.rstrip() for line in edited if line.rstrip() != lines[3].rstrip()]
+        assert path.read_bytes().splitlines() == left
+        assert session.points == Session(path).points
+        assert len(session.points) == len(left)
+
+
+@pytest.mark.parametrize("begun", [b"", b'{"kind":"pos'])
+def test_a_press_that_cannot_be_written_is_reported_and_the_others_are_stored(
+    full, tmp_path, monkeypatch, begun
+):
+    path, lines = tmp_path / "a.jsonl", full.session.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:3]) + begun)
+    session = Session(path)
+    more = msgspec.json.decode(lines[3], type=Point)
+
+    def refused():
+        with pytest.raises(SpotsError, match=r"the last press is not stored, all presses before"):
+            session.add(more)
+        assert path.read_bytes() == b"".join(lines[:3])
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 40, hard))
+    try:
+        refused()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", lambda handle: (_ for _ in ()).throw(OSError(5, "I/O error")))
+        refused()
+    session.add(more)
+    assert path.read_bytes() == b"".join(lines[:4])
+    assert session.points == Session(path).points
+
+
+@pytest.mark.parametrize("text", ["mine = 1", "mine = 1\n"])
+def test_a_file_of_another_kind_is_no_session(tmp_path, text):
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    with pytest.raises(SpotsError, match="line 1 of the session"):
+        Session(path)
+    assert path.read_text() == text
+
+
+def test_a_calibration_replaces_no_file_of_another_kind(full, tmp_path, capsys):
+    session, out = tmp_path / "mine.jsonl", tmp_path / "mine.toml"
+    session.write_bytes(full.session.read_bytes())
+    damaged = full.out.read_bytes().replace(b"gain = ", b"gain = 1")
+    for text in ((LAYOUTS / "mini.toml").read_bytes(), session.read_bytes(), damaged, b"x"):
+        out.write_bytes(text)
+        said = refused(capsys, "force", "--session", session)
+        assert "mine.toml would be replaced, but it is not a calibration file, or it is" in said
+        assert out.read_bytes() == text
+    out.write_bytes(b"")
+    assert run("force", "--session", session) == 0
+    assert file.load(out).lines == file.load(full.out).lines
+
+
+def test_the_calibration_of_another_board_is_not_replaced(full, tmp_path, capsys):
+    out = tmp_path / "calibration.toml"
+    out.write_bytes(before := full.out.read_bytes())
+    said = refused(capsys, "position", "--session", tmp_path / "a.jsonl", "--out", out, *OTHER)
+    assert "calibration.toml is the calibration of board" in said
+    assert out.read_bytes() == before
+
+
+def test_a_calibration_that_another_program_has_changed_is_not_replaced(full, tmp_path):
+    path = tmp_path / "calibration.toml"
+    made = file.load(full.out)
+    other = msgspec.structs.replace(made, joint=None)
+    path.write_bytes(full.out.read_bytes())
+    file.save(other, path, made)
+    before = path.read_bytes()
+    with pytest.raises(SpotsError, match="another program has changed"):
+        file.save(made, path, made)
+    with pytest.raises(SpotsError, match="another program has changed"):
+        file.save(made, path, None)
+    assert path.read_bytes() == before
+
+
+def test_a_step_of_another_session_carries_the_joint_over(full, tmp_path, capsys):
+    path, out = tmp_path / "new.jsonl", tmp_path / "calibration.toml"
+    out.write_bytes(full.out.read_bytes())
+    for kind in ("position", "force"):
+        assert run(kind, "--session", path, "--out", out) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    before, made = file.load(full.out), file.load(out)
+    assert made.joint == before.joint
+    assert made.joint_marks is None
+    assert "run 'spots calibrate joint' to make them" in said
+    assert "calibration at 10 % strain is not taken over" in said
 
 
 def test_a_killed_session_goes_on_where_it_was(tmp_path):
@@ -323,12 +476,12 @@ def test_a_calibration_is_never_written_over_its_session(full, tmp_path, capsys)
     before = full.session.read_bytes()
     named = tmp_path / "s.toml"
     named.write_bytes(before)
-    assert "would replace the session" in refused(capsys, "force", "--session", named)
+    assert "--session and --out name the same file" in refused(capsys, "force", "--session", named)
     other = tmp_path / "s.jsonl"
     other.write_bytes(before)
     out = tmp_path.parent / tmp_path.name / ".." / tmp_path.name / "s.jsonl"
     said = refused(capsys, "force", "--session", other, "--out", out)
-    assert "name another file with --out" in said
+    assert "--session and --out name the same file" in said
     assert named.read_bytes() == other.read_bytes() == before
 
 

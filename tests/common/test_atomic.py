@@ -23,16 +23,19 @@ import os, sys
 from pathlib import Path
 from spots import atomic
 from spots.deploy import build
+TEXT = atomic.begins("a text", b"")
 def wait(*_):
     print("ready", flush=True)
     sys.stdin.read()
 if sys.argv[1] == "file":
     os.fsync = wait
-    atomic.write_text("new", Path(sys.argv[2]))
+    atomic.write_text("new", Path(sys.argv[2]), TEXT)
 else:
     build._compile = wait
     build.build("virtual", Path(sys.argv[2]))
 """
+
+TEXT = atomic.begins("a text", b"")
 
 
 @pytest.fixture
@@ -76,7 +79,7 @@ def linked(path, victim):
 def test_a_saved_file_follows_no_planted_link(tmp_path):
     victim = tmp_path / "victim"
     linked(tmp_path / "a.toml.new", victim)
-    atomic.write_text("new", tmp_path / "a.toml")
+    atomic.write_text("new", tmp_path / "a.toml", TEXT)
     assert victim.read_text() == "precious"
     assert (tmp_path / "a.toml").read_text() == "new"
     assert (tmp_path / "a.toml.new").is_symlink()
@@ -106,11 +109,12 @@ def test_a_link_in_the_place_of_the_file_is_replaced_and_not_followed(tmp_path, 
     victim = tmp_path / "victim"
     path = tmp_path / "a.png"
     linked(path, victim)
+    victim.write_bytes(before := b"\x89PNG\r\n\x1a\n" if write == "picture" else b"precious")
     if write == "toml":
-        atomic.write_text("new", path)
+        atomic.write_text("new", path, TEXT)
     else:
         figures.save(figures.panels(width=1, height=1)[0], path)
-    assert victim.read_text() == "precious"
+    assert victim.read_bytes() == before
     assert not path.is_symlink()
 
 
@@ -119,7 +123,7 @@ def test_a_replaced_file_keeps_its_mode(tmp_path, mode):
     path = tmp_path / "a.toml"
     path.write_text("old")
     path.chmod(mode)
-    atomic.write_text("new", path)
+    atomic.write_text("new", path, TEXT)
     assert stat.S_IMODE(path.stat().st_mode) == mode
 
 
@@ -127,7 +131,7 @@ def test_a_replaced_file_keeps_its_mode(tmp_path, mode):
 def test_a_new_file_has_the_mode_of_any_other(tmp_path, umask):
     before = os.umask(umask)
     try:
-        atomic.write_text("new", tmp_path / "a.toml")
+        atomic.write_text("new", tmp_path / "a.toml", TEXT)
     finally:
         os.umask(before)
     assert stat.S_IMODE((tmp_path / "a.toml").stat().st_mode) == 0o666 & ~umask
@@ -138,7 +142,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
     (tmp_path / "link").symlink_to("/dev/null")
     for name in ("pipe", "link"):
         with pytest.raises(SpotsError, match=rf"cannot write .*{name}: .*not a regular file"):
-            atomic.write_text("new", tmp_path / name)
+            atomic.write_text("new", tmp_path / name, TEXT)
     assert (tmp_path / "pipe").is_fifo()
     assert (tmp_path / "link").is_symlink()
     assert names(tmp_path) == ["link", "pipe"]
@@ -151,17 +155,17 @@ def test_a_killed_writer_leaves_the_old_file_and_the_next_one_cleans_up(tmp_path
     kill(writer)
     assert path.read_text() == "old"
     assert len(names(tmp_path)) == 2, "the left-over of the killed writer is there"
-    atomic.write_text("next", tmp_path / "b.toml")
+    atomic.write_text("next", tmp_path / "b.toml", TEXT)
     assert len(names(tmp_path)) == 3, "it may be of a living writer"
     age(tmp_path)
-    atomic.write_text("next", tmp_path / "b.toml")
+    atomic.write_text("next", tmp_path / "b.toml", TEXT)
     assert names(tmp_path) == ["a.toml", "b.toml"]
 
 
 def test_the_file_of_a_living_writer_stays(tmp_path, interrupted):
     path = tmp_path / "a.toml"
     writer = interrupted("file", path)
-    atomic.write_text("other", path)
+    atomic.write_text("other", path, TEXT)
     assert len(names(tmp_path)) == 2
     writer.communicate(b"")
     assert writer.returncode == 0
@@ -176,7 +180,7 @@ def test_what_a_living_process_writes_stays_when_the_clock_is_set_forward(
 ):
     def clean_up():
         monkeypatch.setattr(atomic.time, "time", lambda: time.time_ns() / 1e9 + 7200)
-        atomic.write_text("next", tmp_path / "b.toml")
+        atomic.write_text("next", tmp_path / "b.toml", TEXT)
         with atomic.folder(tmp_path):
             pass
 
@@ -189,7 +193,7 @@ def test_what_a_living_process_writes_stays_when_the_clock_is_set_forward(
         clean_up()
         assert names(tmp_path) == ["b.toml"]
     elif what == "file":
-        with atomic.replacing(target) as file:
+        with atomic.replacing(target, TEXT) as file:
             clean_up()
             file.write(b"new")
         assert target.read_bytes() == b"new"
@@ -214,7 +218,7 @@ def test_only_left_overs_of_ours_are_removed(tmp_path, interrupted):
         (tmp_path / name).write_text("precious")
         kept.append(name)
     age(tmp_path)
-    atomic.write_text("next", tmp_path / "b.toml")
+    atomic.write_text("next", tmp_path / "b.toml", TEXT)
     assert names(tmp_path) == sorted([*kept, "target", "b.toml"])
 
 
@@ -236,7 +240,7 @@ def test_a_new_file_does_not_replace_one_that_came_meanwhile(tmp_path):
     path = tmp_path / "a"
 
     def write():
-        with atomic.replacing(path, new=True) as file:
+        with atomic.replacing(path, None) as file:
             file.write(b"ours")
             path.write_bytes(b"theirs")
 

@@ -67,7 +67,7 @@ def test_no_such_file_says_how_to_make_one(tmp_path):
     with pytest.raises(SpotsError, match="cannot read the settings file"):
         load(tmp_path / "none.toml")
     with pytest.raises(SpotsError, match=r"there is no folder .*none: make it"):
-        save(ControllerSettings(), tmp_path / "none" / "none.toml")
+        save(ControllerSettings(), tmp_path / "none" / "none.toml", None)
 
 
 POSITIONS = st.lists(st.floats(0, 100), min_size=3, max_size=3, unique=True).map(sorted)
@@ -85,20 +85,20 @@ def test_what_is_written_is_read_back(tmp_path_factory, places, deadband, expo, 
         button=[Pressed(number=number, press_mN=500.0), Tapped(number=17 - number)],
     )
     path = tmp_path_factory.mktemp("settings") / "mine.toml"
-    save(settings, path)
+    save(settings, path, None)
     assert load(path) == settings
 
 
 def test_the_default_is_read_back_too(tmp_path):
-    save(load(), tmp_path / "mine.toml")
+    save(load(), tmp_path / "mine.toml", None)
     assert load(tmp_path / "mine.toml") == load()
 
 
 def test_a_full_disk_leaves_the_file_that_was_there(tmp_path, full_disk):
     path = tmp_path / "mine.toml"
-    save(ControllerSettings(hold_ms=42.0), path)
+    save(ControllerSettings(hold_ms=42.0), path, None)
     refused = pytest.raises(SpotsError, match=r"cannot write .*mine.toml: File too large")
     with full_disk(10), refused:
-        save(load(), path)
+        save(load(), path, ControllerSettings(hold_ms=42.0))
     assert load(path) == ControllerSettings(hold_ms=42.0)
     assert list(tmp_path.iterdir()) == [path]

@@ -194,7 +194,8 @@ def calibration_toml(data: bytes) -> None:
     with _refusing():
         found = calibration_file.load(_file("calibration.toml", data))
         path = FOLDER / "again.toml"
-        calibration_file.save(found, path)
+        path.unlink(missing_ok=True)
+        calibration_file.save(found, path, None)
         assert calibration_file.load(path).lines == found.lines
 
 
@@ -278,7 +279,8 @@ def controller_toml(data: bytes) -> None:
     with _refusing():
         found = controller_settings.load(_file("controller.toml", data))
         path = FOLDER / "again.toml"
-        controller_settings.save(found, path)
+        path.unlink(missing_ok=True)
+        controller_settings.save(found, path, None)
         assert controller_settings.load(path) == found
         desk.play_controller(Controller, found)
 

@@ -37,8 +37,8 @@ def arm(sensor, tmp_path_factory):
     """
     folder = tmp_path_factory.mktemp("arm")
     strip = calibrated(sensor, 0, EXPOSURE_US)
-    file.save(strip, folder / "strip0.toml")
-    file.save(moved(strip, 1), folder / "strip1.toml")
+    file.save(strip, folder / "strip0.toml", None)
+    file.save(moved(strip, 1), folder / "strip1.toml", None)
     mechanism = Mechanism(load(LinkageFile, "default"), sensor)
     motion = guided(load(PathFile, "sust"), START_S)
     second, first = mechanism.drive(motion)  # joint 1 turns strip 1

@@ -62,7 +62,7 @@ class Machine:
         self.mechanism = mechanism = Mechanism(linkage, sensor)
         self.motion = guided(load(PathFile, "sust"), START_S)
         self._scenarios = mechanism.drive(self.motion)
-        file.save(self.strip, folder / "strip.toml")
+        file.save(self.strip, folder / "strip.toml", None)
         self.arm = folder / "arm.toml"
         joints = [
             Mounting(calibration="strip.toml", offset_deg=math.degrees(zero))
@@ -321,8 +321,8 @@ JOINTS = '[[joint]]\ncalibration = "strip.toml"\noffset_deg = -108\n' * 2
     ],
 )
 def test_a_linkage_file_that_is_wrong_says_where(text, words, machine, tmp_path, capsys):
-    file.save(machine.strip, tmp_path / "strip.toml")
-    file.save(msgspec.structs.replace(machine.strip, joint=None), tmp_path / "bare.toml")
+    file.save(machine.strip, tmp_path / "strip.toml", None)
+    file.save(msgspec.structs.replace(machine.strip, joint=None), tmp_path / "bare.toml", None)
     arm = tmp_path / "arm.toml"
     arm.write_text(text)
     with pytest.raises(SpotsError, match=words):
@@ -359,7 +359,7 @@ def test_a_recording_of_another_board_or_calibration_is_refused(machine, tmp_pat
         )
     lines = (*machine.strip.lines[:-1], machine.strip.lines[-1] + " ")
     other = msgspec.structs.replace(machine.strip, lines=lines)
-    file.save(other, tmp_path / "strip.toml")
+    file.save(other, tmp_path / "strip.toml", file.load(tmp_path / "strip.toml"))
     arm = tmp_path / "arm.toml"
     arm.write_text(machine.arm.read_text())
     with pytest.raises(SpotsError, match=r"joint 1, .*a.spots: the board uses calibration"):

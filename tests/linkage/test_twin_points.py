@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from spots import Encoder, Linkage, SpotsError, Twin, cli
+from spots.keyboard.layout import FOLDER as LAYOUTS
 from spots.linkage import mounted, twin_points
 from test_encoder import JOINT
 from test_encoder import touch as reading
@@ -92,7 +93,7 @@ def test_a_linkage_file_replaces_nothing_it_is_made_from(name, files, capsys):
     before = (files / name).read_bytes()
     assert calibrate(files, "--out", str(files / name)) == 2
     said = capsys.readouterr().err
-    assert "would replace" in said
+    assert "would be replaced" in said
     assert said.count("\n") == 1
     assert (files / name).read_bytes() == before
 
@@ -190,6 +191,56 @@ def test_points_are_measured_one_by_one(tmp_path):
     table, lines = twin_points._read(points)
     assert table[:, 0].tolist() == [40, 42, 44]
     assert lines == [2, 3, 4]
+
+
+ROW = (40.0, 150.0, 1.0, 2.0, 0.1, 0.2)  # a point, in the order of `COLUMNS`
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    "names", [[*reversed(twin_points.COLUMNS)], ["note", *twin_points.COLUMNS[2:], "y_mm", "x_mm"]]
+)
+def test_a_point_is_appended_in_the_columns_of_the_table(tmp_path, names, encoding):
+    points = tmp_path / "points.csv"
+    cells = dict(zip(twin_points.COLUMNS, range(1, 7)))
+    row = ",".join(str(cells.get(name, "first")) for name in names)
+    before = f"{','.join(names)}\n{row}".encode(encoding)  # as some editors leave it
+    points.write_bytes(before)
+    twin_points._append(points, ROW)
+    assert twin_points._read(points)[0].tolist() == [[1, 2, 3, 4, 5, 6], [*ROW]]
+    assert points.read_bytes().startswith(before)
+
+
+@pytest.mark.parametrize("text", ["x_mm,y_mm\n1,2\n", "mine = 1\n"])
+def test_a_point_is_not_appended_to_another_table(tmp_path, text):
+    points = tmp_path / "points.csv"
+    points.write_text(text)
+    with pytest.raises(SpotsError, match="has no column"):
+        twin_points._append(points, ROW)
+    assert points.read_text() == text
+
+
+def test_a_point_that_is_not_on_the_disk_is_not_in_the_table(tmp_path, monkeypatch):
+    points = tmp_path / "points.csv"
+    twin_points._append(points, ROW)
+    before = points.read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", lambda handle: (_ for _ in ()).throw(OSError(5, "I/O error")))
+        with pytest.raises(
+            SpotsError, match=r"I/O error.*the last point is not stored, all points"
+        ):
+            twin_points._append(points, ROW)
+    assert points.read_bytes() == before
+
+
+@pytest.mark.parametrize("kind", ["layout", "calibration"])
+def test_a_linkage_file_replaces_no_file_of_another_kind(files, capsys, kind):
+    out = files / "mine.toml"
+    layout = (LAYOUTS / "mini.toml").read_text()
+    out.write_text(before := layout if kind == "layout" else "# The calibration\nversion = 1\n")
+    assert calibrate(files, "--out", str(out)) == 2
+    assert "mine.toml would be replaced, but it is not a linkage file" in capsys.readouterr().err
+    assert out.read_text() == before
 
 
 def test_calibrations_on_another_drive_are_named_whole(files, monkeypatch):

@@ -135,7 +135,7 @@ def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_
     made = Conditions(fast.info["id"], tuple(fast.info["plan"]), 9, 10_000, 20)
     lines = tuple(calibration)
     mine = file.CalibrationFile(date=file.now(), **made._asdict(), lines=lines)
-    file.save(mine, tmp_path / "mine.toml")
+    file.save(mine, tmp_path / "mine.toml", None)
     arguments = ["--seconds", "0.1", "--calibration", tmp_path / "mine.toml"]
     assert cli.main(["record", *map(str, [tmp_path / "a.spots", *arguments])]) == 0
     assert replayed(tmp_path / "a.spots")[1].header.calibration == calibration

@@ -354,7 +354,7 @@ def drifted(sensor, calibration, serve, tmp_path):
     class Drifted:
         held, out = Held(), tmp_path / "calibration.toml"
 
-    calibration_file.save(file, Drifted.out)
+    calibration_file.save(file, Drifted.out, None)
     Drifted.held.changed = DRIFT
     Drifted.file = calibration_file.load(Drifted.out)
     session = tmp_path / "calibration.jsonl"

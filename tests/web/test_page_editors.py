@@ -191,12 +191,12 @@ def test_a_file_that_fails_after_the_board_can_be_stored_again(desk, open_page, 
     page.get_by_label("Name of the layout").fill("Mine")
     page.get_by_label("Name of the layout").press("Enter")
     page.locator("#editor").get_by_role("button", name="Add a zone").click()
-    place = user_file.atomic._replace_unchanged
+    place = user_file.atomic.os.replace
 
     def full(*arguments):
         raise NO_SPACE
 
-    monkeypatch.setattr(user_file.atomic, "_replace_unchanged", full)
+    monkeypatch.setattr(user_file.atomic.os, "replace", full)
     push, state = (
         page.get_by_role("button", name="Put on the board"),
         page.locator("#editor .state"),
@@ -208,7 +208,7 @@ def test_a_file_that_fails_after_the_board_can_be_stored_again(desk, open_page, 
     )
     assert desk.paths["layout"].read_text() == DIGITS.text
     expect(push).to_be_enabled()
-    monkeypatch.setattr(user_file.atomic, "_replace_unchanged", place)
+    monkeypatch.setattr(user_file.atomic.os, "replace", place)
     push.click()
     expect(state).to_have_text(re.compile("^on the board"), timeout=LONG_MS)
     assert 'name = "Mine"' in desk.paths["layout"].read_text()

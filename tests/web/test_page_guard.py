@@ -16,6 +16,7 @@ from yarl import URL
 
 from serving import Serving, apart, run
 from spots.cli import main
+from spots.keyboard.layout import FOLDER as LAYOUTS
 from spots.web import app
 from spots.web.state import PageState
 from spots_sim.strip.scenario import Held
@@ -369,6 +370,12 @@ def test_home_needs_no_token():
         (["--record-to", "", "--session", "a.jsonl"], "--record-to and --session exclude each"),
         (["--host", "http://x.example"], "'http://x.example' is not a host name"),
         (["--session", ""], "is not a session file: give a name"),
+        (["--session", "s.toml"], "--session and the calibration of --session name the same file"),
+        (["--session", "a.jsonl", "--edit", "a.toml"], "--edit and the calibration of --session"),
+        (
+            ["--edit-gestures", "x/../a.toml", "--edit-controller", "a.toml"],
+            "--edit-controller and --edit-gestures name the same file",
+        ),
     ],
 )
 def test_a_mistake_is_one_sentence(capsys, arguments, says):
@@ -376,6 +383,15 @@ def test_a_mistake_is_one_sentence(capsys, arguments, says):
     error = capsys.readouterr().err
     assert says in error
     assert error.count("\n") == 1
+
+
+def test_a_session_whose_calibration_would_replace_a_layout_is_refused(tmp_path, capsys):
+    layout = tmp_path / "mine.toml"
+    layout.write_text(before := (LAYOUTS / "mini.toml").read_text())
+    words = ["serve", "--http-port", "0", "--session", str(tmp_path / "mine.jsonl")]
+    assert apart(main, words) == 2
+    assert "mine.toml would be replaced, but it is not a calibration" in capsys.readouterr().err
+    assert layout.read_text() == before
 
 
 def test_a_port_that_is_taken_is_told(serve, capsys):

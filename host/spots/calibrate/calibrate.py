@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ..atomic import check_writable
+from .. import atomic
 from ..errors import SpotsError
 from ..link.connect import open
 from ..link.ports import offered
 from .bench import Bench
-from .calibration_file import CalibrationFile
+from .calibration_file import KIND, CalibrationFile
 from .guide import Guide
 from .practice import KINDS, practise
 from .presser import Presser
@@ -41,13 +41,9 @@ def calibrate_command(options: argparse.Namespace) -> None:
         return _practise(options, kind, count)
     session = Session(Path(options.session or _SESSION))
     out = Path(options.out) if options.out else session.path.with_suffix(".toml")
-    if out.resolve() == session.path.resolve():
-        raise SpotsError(
-            f"the calibration would replace the session {session.path}: name another file with "
-            "--out"
-        )
-    check_writable(session.path, append=True)
-    check_writable(out)
+    atomic.distinct({"--session": session.path, "--out": out})
+    atomic.check_writable(session.path, append=True)
+    atomic.check_writable(out, KIND)
     with opened(options, session, out) as bench:
         calibrate(bench, session, kind, count, options.strain_percent, options)
 

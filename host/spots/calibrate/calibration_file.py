@@ -219,7 +219,7 @@ def now() -> datetime:
     return datetime.now(timezone.utc).replace(microsecond=0)
 
 
-def save(calibration: CalibrationFile, path: Path) -> None:
+def save(calibration: CalibrationFile, path: Path, before: CalibrationFile | None) -> None:
     """Create or replace a calibration file atomically.
 
     Parameters
@@ -228,14 +228,19 @@ def save(calibration: CalibrationFile, path: Path) -> None:
         Content of the file.
     path : Path
         Name of the file.
+    before : CalibrationFile or None
+        Calibration that the file must still contain, and on which `calibration` is based; None if
+        the file did not exist.
 
     Raises
     ------
     SpotsError
-        If the file cannot be written. An existing file is unchanged.
+        If the file cannot be written, or contains something else than `before`. An existing file is
+        unchanged.
     """
     text = _text(calibration)
-    atomic.write_text(f'{text}{_END}crc32 = "{_crc32(text)}"\n', path)
+    text = f'{text}{_END}crc32 = "{_crc32(text)}"\n'
+    atomic.write_text(text, path, KIND, was=before)
 
 
 def load(path: Path) -> CalibrationFile:
@@ -268,6 +273,21 @@ def load(path: Path) -> CalibrationFile:
     if found is None or found[1] != _crc32(body):
         raise SpotsError(f"{path} was changed after it was written (wrong checksum): {_AGAIN}")
     return _checked(path, body)
+
+
+KIND = atomic.Kind("a calibration file", load)
+
+
+def present(path: Path) -> CalibrationFile | None:
+    """Return the calibration that a new one would replace; None if there is none.
+
+    Raises
+    ------
+    SpotsError
+        If the file is of another kind, or damaged.
+    """
+    KIND.check(path)
+    return load(path) if path.exists() and path.stat().st_size else None
 
 
 def send(board: Board, calibration: CalibrationFile) -> str:

@@ -156,11 +156,11 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
         If the file or the board cannot be written. The calibration `made` is then restored in both;
         if the board does not answer, the message says that it can have either calibration.
     """
-    file.save(new, bench.path)
+    file.save(new, bench.path, made)
     try:
         return file.send(bench.reader.board, new)
     except BaseException:
-        file.save(made, bench.path)
+        file.save(made, bench.path, new)
         try:
             file.send(bench.reader.board, made)
         except SpotsError as error:

@@ -8,7 +8,8 @@ drift.
 
 from __future__ import annotations
 
-import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Annotated, Literal
@@ -18,7 +19,7 @@ import numpy as np
 
 from spots_device.reading.calibration import Conditions
 
-from .. import atomic
+from .. import atomic, locks
 from ..bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from .presses import Presses
@@ -52,6 +53,7 @@ Plan = Annotated[tuple[str, ...], msgspec.Meta(min_length=6, max_length=6)]
 Gain = Annotated[int, _ranged(0, 10)]
 ExposureUs = Annotated[int, _ranged(1, 10_000_000)]
 LedMA = Annotated[int, _ranged(0, 1000)]
+_KIND = atomic.Kind("a session", lambda path: read_bytes(path, SESSION_MAX_BYTES))
 
 
 class Wanted(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -188,11 +190,21 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
 class Session:
     """A session file and its points: the presses that were taken, with their readings.
 
+    The file is the truth: `add` and `remove` change the file as it is now, also if somebody edited
+    it in the meantime, and then read it again.
+
     Parameters
     ----------
     path : Path
-        Name of the file, which need not exist. An incomplete last line is ignored, and replaced by
-        `add`.
+        Name of the file, which need not exist. An incomplete last line, which a killed program
+        leaves, is ignored, and replaced by `add`.
+
+    Attributes
+    ----------
+    points : list of Point
+        Points of the file, as `refer` changes them.
+    removed : list of Point
+        Presses by hand that were removed, to ask for again.
 
     Raises
     ------
@@ -203,23 +215,68 @@ class Session:
     def __init__(self, path: Path):
         self.path = path
         self.points: list[Point] = []
-        self.removed: list[Point] = []  # presses by hand to ask for again
-        try:
-            data = read_bytes(path, SESSION_MAX_BYTES) if path.exists() else b""
-        except OSError as error:
-            raise SpotsError(
-                f"cannot read the session {path} ({error.strerror}): name another file"
-            ) from None
-        lines = data.split(b"\n")
-        self._whole = len(data) - len(lines[-1])
-        for number, line in enumerate(lines[:-1], 1):
+        self.removed: list[Point] = []
+        self._lines: list[bytes] = []  # of `points`
+        self._data = b""
+        self._is_locked = False
+        self._refer: Callable[[Point], Point] = lambda point: point
+        self._parse(self._read())
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other programs from changing the session; may be nested.
+
+        Raises
+        ------
+        SpotsError
+            If another program uses the session, or its folder cannot be written.
+        """
+        if self._is_locked:
+            yield
+            return
+        with ExitStack() as stack:
             try:
-                self.points.append(msgspec.json.decode(line, type=Point))
-            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                stack.enter_context(locks.held(self.path))
+            except locks.InUseError:
                 raise SpotsError(
-                    f"line {number} of the session {path} is damaged ({error}): remove that line "
-                    "to repeat its press, or begin another session"
+                    f"the session {self.path} is in use by another program: end that program, or "
+                    "name another file with --session"
                 ) from None
+            except OSError as error:
+                raise atomic.not_written(self.path, error) from None
+            stack.callback(setattr, self, "_is_locked", False)
+            self._is_locked = True
+            self._update()
+            yield
+
+    def refer(self, change: Callable[[Point], Point]) -> None:
+        """Change all points, also later ones, but not the file; for example to remove a drift.
+
+        Parameters
+        ----------
+        change : callable
+            ``change(point)`` returns the `Point` to use.
+        """
+        self._refer = change
+        self._parse(self._data)
+
+    def referred(self, wanted: Wanted, reading: Reading, conditions: Conditions) -> Point:
+        """Return the point of a press that is not added yet, changed as `refer` demands.
+
+        Parameters
+        ----------
+        wanted : Wanted
+            The press.
+        reading : Reading
+            Reading of the press.
+        conditions : Conditions
+            Board and settings of the reading.
+
+        Returns
+        -------
+        Point
+        """
+        return self._refer(point(wanted, reading, conditions))
 
     def add(self, taken: Point) -> None:
         """Append a point to the file, and wait until the point is on disk.
@@ -227,17 +284,28 @@ class Session:
         Raises
         ------
         SpotsError
-            If the point cannot be written.
+            If the point cannot be written, or somebody has damaged a line of the file. Then the
+            point is stored nevertheless.
         """
-        try:
-            with open(self.path, "ab") as file:
-                file.truncate(self._whole)
-                file.write(msgspec.json.encode(taken) + b"\n")
-                atomic.sync(file)
-                self._whole = file.seek(0, os.SEEK_END)
-        except OSError as error:
-            raise atomic.not_written(self.path, error) from None
-        self.points.append(taken)
+        line = msgspec.json.encode(taken)
+        with self.locked():
+            data = self._read()
+            whole, last = _cut(data)
+            # An editor may omit the end of the last line.
+            added = (b"\n" if last else b"") + line + b"\n"
+            try:
+                atomic.append(self.path, added, len(whole + last))
+            except OSError as error:
+                raise SpotsError(
+                    f"cannot write {self.path} ({error.strerror or error}): the last press is not "
+                    f"stored, all presses before it are; make room, and run the same command again"
+                ) from None
+            if data != self._data:  # somebody has edited the file
+                self._parse(whole + last + added)
+                return
+            self.points.append(self._refer(taken))
+            self._lines.append(line)
+            self._data = whole + last + added
 
     def undo(self) -> Point | None:
         """Remove and return the last point; return None if the session has no point."""
@@ -254,12 +322,46 @@ class Session:
         SpotsError
             If the file cannot be written.
         """
-        kept = [p for p in self.points if p is not point]
-        text = "".join(msgspec.json.encode(p).decode() + "\n" for p in kept)
-        atomic.write_text(text, self.path)
-        self.points, self._whole = kept, len(text.encode())
+        line = self._lines[next(i for i, p in enumerate(self.points) if p is point)]
+        with self.locked():
+            data = self._read()
+            lines = data.splitlines(keepends=True)
+            known = [one.rstrip(b"\r\n") for one in lines]
+            if line in known:  # nobody else has removed it
+                del lines[len(known) - 1 - known[::-1].index(line)]
+                with atomic.replacing(self.path, _KIND, was=data, locked=True) as file:
+                    file.write(b"".join(lines))
+            self._parse(b"".join(lines))
         if point.kind == "hand":
             self.removed.append(point)
+
+    def _read(self) -> bytes:
+        try:
+            return read_bytes(self.path, SESSION_MAX_BYTES) if self.path.exists() else b""
+        except OSError as error:
+            raise SpotsError(
+                f"cannot read the session {self.path} ({error.strerror}): name another file"
+            ) from None
+
+    def _update(self) -> None:
+        if (data := self._read()) != self._data:
+            self._parse(data)
+
+    def _parse(self, data: bytes) -> None:
+        whole, last = _cut(data)
+        points, kept = [], []
+        for number, line in enumerate((whole + last).split(b"\n"), 1):
+            if not line.strip():
+                continue
+            try:
+                points.append(self._refer(msgspec.json.decode(line, type=Point)))
+            except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                raise SpotsError(
+                    f"line {number} of the session {self.path} is damaged ({error}): remove that "
+                    "line to repeat its press, or begin another session"
+                ) from None
+            kept.append(line.rstrip(b"\r"))
+        self.points, self._lines, self._data = points, kept, data
 
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
         """Return the points of one kind of press at one strain.
@@ -360,6 +462,22 @@ class Session:
                 f"the session {self.path} belongs to a strip of {made_um / 1000:g} mm, not of "
                 f"{length_um / 1000:g} mm: correct the length, or name another file with --session"
             )
+
+
+def _cut(data: bytes) -> tuple[bytes, bytes]:
+    """Return the complete lines of a session file, and its last line if only its end is missing.
+
+    What a killed program left of a last line is in neither.
+    """
+    whole = data[: data.rfind(b"\n") + 1]
+    last = data[len(whole) :]
+    # A program was killed while it wrote a line, or the power failed before the line was on disk.
+    if last.startswith(b"{") or not last.strip(b"\0"):
+        try:
+            msgspec.json.decode(last, type=Point)
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            last = b""
+    return whole, last
 
 
 def presses(points: list[Point]) -> Presses:

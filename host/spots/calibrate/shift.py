@@ -20,6 +20,23 @@ from ..errors import SpotsError
 from .fit import ONE_Q12
 
 
+def drift_at(x_um: float, place_um, shifts) -> np.ndarray:
+    """Return the drift of log2 of each channel at a position.
+
+    Parameters
+    ----------
+    x_um : float
+        The position in um.
+    place_um, shifts : sequence
+        Measured drift, see `shifted`.
+
+    Returns
+    -------
+    numpy.ndarray, shape (6,)
+    """
+    return polynomial.polyval(x_um, _curve(place_um, shifts))
+
+
 def shifted(lines, place_um, shifts) -> list[str]:
     """Return the lines of a calibration after a drift of its channels.
 
@@ -45,7 +62,7 @@ def shifted(lines, place_um, shifts) -> list[str]:
     SpotsError
         If the drift is too large for the tables.
     """
-    curve = polynomial.polyfit(place_um, np.asarray(shifts), len(place_um) - 1)
+    curve = _curve(place_um, shifts)
 
     def change(weights, x_um: float, one: int = ONE_Q20) -> int:
         return round(float(polynomial.polyval(x_um, curve) @ weights) / ONE_Q13 * one)
@@ -76,6 +93,10 @@ def shifted(lines, place_um, shifts) -> list[str]:
             f"the strip has changed more than a re-zero can correct ({error}): calibrate it again"
         ) from None
     return found
+
+
+def _curve(place_um, shifts) -> np.ndarray:
+    return polynomial.polyfit(place_um, np.asarray(shifts), len(place_um) - 1)
 
 
 def _integers(line: str) -> tuple[str, list]:

@@ -16,6 +16,7 @@ from ..errors import SpotsError
 from ..link import lamps
 from ..link.connect import ensured
 from . import calibration_file as file
+from . import carry
 from .bench import BadPressError, Bench, judge_force, judge_place
 from .choose import choose, passes
 from .dialog import UndoError
@@ -84,20 +85,25 @@ def calibrate(
         If the session has another board or other settings, or its presses give no calibration.
     """
     undone = False
-    while True:
-        try:
-            if undone:
-                bench.release()
-                undone = False
-            return _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
-        except UndoError:
-            dropped, undone = session.undo(), True
-            bench.spent += dropped is not None
-            bench.guide.say(f"undone: {dropped}" if dropped else "there is no press to undo")
+    with session.locked():
+        while True:
+            try:
+                if undone:
+                    bench.release()
+                    undone = False
+                return _run(bench, session, kind, count or COUNTS[kind][0], strain_percent, options)
+            except UndoError:
+                dropped, undone = session.undo(), True
+                bench.spent += dropped is not None
+                bench.guide.say(f"undone: {dropped}" if dropped else "there is no press to undo")
 
 
 def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, options) -> None:
     session.check(bench.reader.conditions, bench.length_um if kind != "joint" else None)
+    before = file.present(bench.path)
+    carry.check(before, bench.reader.conditions.board, bench.path)
+    if before and (kind == "joint" or carry.continues(session, before)):
+        session.refer(carry.undrifted(before.rezeros))
     steps = _Steps(bench, session)
     if kind == "joint":
         return steps.joint(count)
@@ -298,8 +304,10 @@ class _Steps:
     def finish(self) -> None:
         """Fit all presses of the session, write the calibration file, and upload its lines."""
         bench = self.bench
+        before = file.present(bench.path)
         calibration = make(self.session, bench.guide.say)
-        file.save(calibration, bench.path)
+        calibration = carry.carried(calibration, before, self.session, bench.guide.say)
+        file.save(calibration, bench.path, before)
         for residual in calibration.residuals:
             force = residual.force_rms_mN
             bench.guide.say(
@@ -314,7 +322,7 @@ class _Steps:
     def joint(self, count: int) -> None:
         """Calibrate a joint with readings at `count` angles upwards, then at `count` downwards."""
         bench, guide, session = self.bench, self.bench.guide, self.session
-        calibration = file.load(bench.path)
+        calibration = before = file.load(bench.path)
         board = bench.reader.board
         if session.conditions not in (None, calibration.conditions):
             raise SpotsError(
@@ -336,7 +344,8 @@ class _Steps:
         turned = session.of("joint")
         joint = fit_joint(turned)
         marks = joint_marks(turned)
-        file.save(msgspec.structs.replace(calibration, joint=joint, joint_marks=marks), bench.path)
+        calibration = msgspec.structs.replace(before, joint=joint, joint_marks=marks)
+        file.save(calibration, bench.path, before)
         guide.say(
             f"joint: R2 {joint.r2:.5f}, resolution {joint.resolution_deg:.3f} deg, accuracy "
             f"{joint.accuracy_deg:.3f} deg, backlash {joint.backlash_deg:.3f} deg, in {bench.path}"
@@ -388,7 +397,8 @@ class _Steps:
         if wanted.kind in _JUDGES and len(known) > 1:
             others = presses(known)
             noise = noise or Noise.of(others)
-            _JUDGES[wanted.kind](others, wanted, reading.counts, noise, self.bench.window)
+            taken = self.session.referred(wanted, reading, self.bench.reader.conditions)
+            _JUDGES[wanted.kind](others, wanted, np.array(taken.counts), noise, self.bench.window)
 
     def _noise(self) -> Noise | None:
         """Return the noise of the sensor, or None if there are too few presses to estimate it."""

@@ -19,7 +19,7 @@ from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad
 from ..signals import released_by_signals
 from ..terminal.view import Pace, drawn
-from .controller_settings import DEFAULT, ControllerSettings, load
+from .controller_settings import DEFAULT, KIND, ControllerSettings, load
 from .controller_setup import set_up
 from .gamepad_engine import Controller
 from .stick import picture
@@ -33,7 +33,7 @@ def controller_command(options: argparse.Namespace) -> None:
     """Run ``spots controller`` with the options that `cli` parsed."""
     settings = None if options.calibrate else load(options.settings or DEFAULT)
     if settings is None:
-        check_writable(Path(options.settings or _NEW))
+        check_writable(Path(options.settings or _NEW), KIND)
     with released_by_signals(), open_named(options) as board:
         if settings is None:
             set_up(board, options.settings or _NEW)

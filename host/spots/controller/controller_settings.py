@@ -207,7 +207,10 @@ def parsed(text: str, path: Path) -> ControllerSettings:
     return toml.checked(text, ControllerSettings, f"settings file {path}")
 
 
-def save(settings: ControllerSettings, path: str | Path) -> None:
+KIND = atomic.Kind("a settings file of a controller", load)
+
+
+def save(settings: ControllerSettings, path: str | Path, before: ControllerSettings | None) -> None:
     """Write a settings file without comments. An existing file is replaced atomically.
 
     Parameters
@@ -216,10 +219,14 @@ def save(settings: ControllerSettings, path: str | Path) -> None:
         Settings to write, including those that have default values.
     path : str or Path
         Path of the file.
+    before : ControllerSettings or None
+        Settings that the file must still have; None if the file did not exist.
 
     Raises
     ------
     SpotsError
-        If the file cannot be written; an existing file is then unchanged.
+        If the file cannot be written, or has other settings than `before`; an existing file is
+        then unchanged.
     """
-    atomic.write_text(toml.dumps(msgspec.to_builtins(settings)) + "\n", path)
+    text = toml.dumps(msgspec.to_builtins(settings)) + "\n"
+    atomic.write_text(text, path, KIND, was=before)

@@ -46,13 +46,15 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     ------
     SpotsError
         If no steady touch or no lift follows within 60 s, the middle is not between the ends, or
-        the positions or forces of the touches are too similar. Nothing is then written.
+        the positions or forces of the touches are too similar. If the file has been changed in the
+        meantime. Nothing is then written.
     """
-    there, shown = Path(path).exists(), printable(str(path))
-    settings = load(path if there else DEFAULT)
+    shown = printable(str(path))
+    before = load(path) if Path(path).exists() else None
+    settings = before or load(DEFAULT)
     length_um = hello_calibrated(board)["length_um"]
     board.command("stream touch")
-    if there:
+    if before:
         say(f"{shown} keeps its other settings, but loses its comments")
     found = {}
     for step, words in _STEPS.items():
@@ -62,7 +64,7 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
         _lift(board)
     percent = {step: round(touch.position_um / length_um * 100, 1) for step, touch in found.items()}
     force_mN = {step: touch.force_mN for step, touch in found.items()}
-    save(_measured(settings, percent, force_mN), path)
+    save(_measured(settings, percent, force_mN), path, before)
     say(f"wrote {shown}; to play: spots controller --settings {shown}")
 
 

@@ -178,8 +178,11 @@ def load(path: str | Path) -> Mounted:
     return toml.checked(text, Mounted, f"linkage file {path}")
 
 
+KIND = atomic.Kind("a linkage file", load)
+
+
 def save(mounted: Mounted, path: Path, comment: str = "") -> None:
-    """Write a linkage file. An existing file is replaced atomically.
+    """Write a linkage file. An existing linkage file is replaced atomically.
 
     Parameters
     ----------
@@ -193,7 +196,7 @@ def save(mounted: Mounted, path: Path, comment: str = "") -> None:
     Raises
     ------
     SpotsError
-        If the file cannot be written.
+        If the file cannot be written, or would replace a file of another kind.
     """
     rows = [
         "# A five-bar linkage and the strips in its joints, see docs/fivebar.md.",
@@ -204,4 +207,4 @@ def save(mounted: Mounted, path: Path, comment: str = "") -> None:
         toml.dumps(msgspec.to_builtins(mounted)),
         "",
     ]
-    atomic.write_text("\n".join(rows), path)
+    atomic.write_text("\n".join(rows), path, KIND)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import typed_ahead
-from ..bounded import POINTS_MAX_BYTES, read_bytes, read_text
+from .. import atomic, locks, typed_ahead
+from ..bounded import POINTS_MAX_BYTES, encoding_of, read_bytes, read_text
 from ..errors import SpotsError, printable
 from ..toml import finite
 from . import mounted
@@ -24,6 +24,7 @@ COLUMNS = ("x_mm", "y_mm", "joint1_deg", "joint2_deg", "sigma1_deg", "sigma2_deg
 LASTS_S = 1.0  # duration of the measurement of a point
 _MISFIT_MAX = 5.0  # multiple of the expected error, above which a linkage is not stored
 _OUTLIERS_MAX = 0.2  # largest share of points that may not fit
+_WAIT_S = 5.0  # longest wait for another program that appends a point
 _LEAST = 3  # least number of angles of each joint
 
 
@@ -51,14 +52,13 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     Raises
     ------
     SpotsError
-        If a file is wrong, `out` would replace the table or a calibration file, there are too few
-        points, or no linkage near the nominal one fits them.
+        If a file is wrong, `out` would replace a file of another kind, there are too few points,
+        or no linkage near the nominal one fits them.
     """
     drawn = mounted.load(linkage)
     calibrations = [linkage.parent / joint.calibration for joint in drawn.joint]
-    for path in (points, *calibrations):
-        if out is not None and out.resolve() == path.resolve():
-            raise SpotsError(f"--out {out} would replace {path}: name another file")
+    if out is not None:
+        mounted.KIND.check(out)
     rows, lines = _read(points)
     x_mm, y_mm, *angles_deg = rows.T
     angles, sigmas = np.radians(angles_deg[:2]), np.radians(angles_deg[2:])
@@ -185,19 +185,37 @@ def mean_angle(angles: list[Angle]) -> tuple[float, float]:
 
 
 def _append(path: Path, row: Iterable[float]) -> None:
+    """Append a point to a table, which may have other columns, too, in any order."""
+    cells = dict(zip(COLUMNS, (f"{value:.5f}" for value in row)))
     try:
-        content = read_bytes(path, POINTS_MAX_BYTES) if path.exists() else b""
-        with open(path, "a", encoding="utf-8", newline="") as file:
-            table = csv.writer(file)
-            if not content:
-                table.writerow(COLUMNS)
-            elif not content.endswith(b"\n"):
-                file.write("\r\n")  # some editors omit the end of the last line
-            table.writerow(f"{value:.5f}" for value in row)
-    except OSError as error:
+        with locks.held(path, _WAIT_S):
+            data = read_bytes(path, POINTS_MAX_BYTES) if path.exists() else b""
+            mark, encoding = encoding_of(data)
+            text = data[len(mark) :].decode(encoding)
+            names = next(csv.reader(io.StringIO(text)), [])
+            added = io.StringIO(newline="")
+            table = csv.writer(added)
+            if not names:
+                table.writerow(names := COLUMNS)
+            elif missing := [name for name in COLUMNS if name not in names]:
+                raise _no_columns(path, missing)
+            elif not text.endswith("\n"):
+                added.write("\r\n")  # some editors omit the end of the last line
+            table.writerow(cells.get(name, "") for name in names)
+            atomic.append(path, added.getvalue().encode(encoding))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = getattr(error, "strerror", None) or error
         raise SpotsError(
-            f"cannot write the file of points {path} ({error.strerror}): name another file"
+            f"cannot write the file of points {path} ({reason}): the last point is not stored, all "
+            "points before it are; make room, or name another file"
         ) from None
+
+
+def _no_columns(path: Path, missing: list[str]) -> SpotsError:
+    return SpotsError(
+        f"{path} has no column {', '.join(missing)}: its first line must name the columns "
+        f"{','.join(COLUMNS)}"
+    )
 
 
 def _read(path: Path) -> tuple[np.ndarray, list[int]]:
@@ -207,10 +225,7 @@ def _read(path: Path) -> tuple[np.ndarray, list[int]]:
         table = csv.DictReader(io.StringIO(text))
         missing = [name for name in COLUMNS if name not in (table.fieldnames or ())]
         if missing:
-            raise SpotsError(
-                f"{path} has no column {', '.join(missing)}: its first line must name the columns "
-                f"{','.join(COLUMNS)}"
-            )
+            raise _no_columns(path, missing)
         rows, lines = [], []
         for row in table:
             rows.append([_number(path, table.line_num, name, row[name]) for name in COLUMNS])

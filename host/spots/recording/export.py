@@ -72,7 +72,7 @@ class _Files(ExitStack):
         self._files: dict[Path, IO] = {}
 
     def new(self, path: Path, kind: str = "b", **options) -> IO:
-        file = self.enter_context(replacing(path, kind, new=True, **options))
+        file = self.enter_context(replacing(path, None, kind, **options))
         self._files[path] = file
         return file
 

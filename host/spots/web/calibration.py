@@ -84,7 +84,7 @@ class PageCalibration(Orders):
     ------
     SpotsError
         If `path` is not the name of a file, the session file is damaged, or one of the two files
-        could not be written.
+        could not be written or is of another kind.
     """
 
     what = "a session"
@@ -104,6 +104,7 @@ class PageCalibration(Orders):
 
     def _use(self, path: Path) -> None:
         self._path, self._out = path, path.with_suffix(".toml")
+        calibration_file.present(self._out)  # raises an error for a file of another kind
         self._show(file=self._out.name, rezero=self._out.exists(), length_um=LENGTH_UM)
         self._session = Session(path)
         if self._session.length_um:

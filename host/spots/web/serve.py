@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from .. import signals
+from .. import atomic, signals
 from ..errors import SpotsError, missing
 from ..keyboard.layout import load
 from ..link.ports import offered
@@ -131,6 +131,7 @@ def serve_command(options: argparse.Namespace) -> None:
             )
         ports = [_VIRTUAL]
     orders: dict[str, Orders] = {}
+    _check_files(options)
     if options.record_to is not None:
         orders["recording"] = Recordings(Path(options.record_to), state)
     elif options.session is not None:
@@ -175,6 +176,19 @@ def serve_command(options: argparse.Namespace) -> None:
         readers = linkage_readers(options.linkage, ports, layout, state)
     hosts = options.host or ()
     serve(state, options.address, options.http_port, readers, orders=orders, hosts=hosts)
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Check that no two options make the web UI write to the same file."""
+    named = {"--edit": options.edit}
+    named |= {f"--edit-{name}": getattr(options, f"edit_{name}") for name in KINDS}
+    files = {option: Path(name) for option, name in named.items() if name}
+    if options.session:
+        session = Path(options.session)
+        files["--session"] = session
+        if session.name:
+            files["the calibration of --session"] = session.with_suffix(".toml")
+    atomic.distinct(files)
 
 
 def serve(

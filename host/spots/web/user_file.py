@@ -30,6 +30,7 @@ class UserFile:
             raise SpotsError(f"'{path}' is not a {kind} file: give a name that ends in .toml")
         atomic.check_writable(path)
         self.path, self._kind = path, kind
+        self._content = atomic.Kind(f"a {kind} file", lambda path: read_bytes(path, TOML_MAX_BYTES))
         self._known = self._mark = b""  # content as it was last read or written; byte order mark
         self._encoding = "utf-8"
 
@@ -59,7 +60,11 @@ class UserFile:
     @property
     def changed(self) -> bool:
         """Whether another program has written the file since it was read or written here."""
-        return not atomic.has_content(self.path, self._known)
+        try:
+            self._content.check(self.path, self._known)
+        except (OSError, SpotsError):
+            return True
+        return False
 
     @contextmanager
     def replacing(self, text: str) -> Iterator[None]:
@@ -73,7 +78,7 @@ class UserFile:
             If the file cannot be written, or another program has changed it. It is then unchanged.
         """
         data = self._mark + text.encode(self._encoding)
-        with atomic.replacing(self.path, was=self._known) as file:
+        with atomic.replacing(self.path, self._content, was=self._known) as file:
             file.write(data)
             atomic.sync(file)
             yield

@@ -16,6 +16,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P")
 _GREY = "#555555"
 _LEGEND = 0.25  # space above the curves for a legend, as a share of their height
 _DPI = 110
+_PNG = atomic.begins("a PNG picture", b"\x89PNG\r\n\x1a\n")
 
 
 def require() -> None:
@@ -92,7 +93,7 @@ def save(figure, path: Path) -> Path:
     SpotsError
         If the file cannot be written.
     """
-    with atomic.replacing(path) as file:
+    with atomic.replacing(path, _PNG) as file:
         # Without versions and dates, which would change the file although the picture is the same.
         figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
     return path

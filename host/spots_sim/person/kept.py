@@ -14,12 +14,13 @@ from typing import TypeVar
 
 import msgspec
 
-from spots.atomic import replacing
+from spots.atomic import begins, replacing
 
 from ..board.kept_folder import FOLDER
 from ..board.runtimes import is_cpython
 
 _IN_MEMORY = 16
+_KIND = begins("a stored result", b"{", b"[")
 
 T = TypeVar("T")
 
@@ -52,7 +53,7 @@ def kept(kind: type[T]) -> Callable[[Callable[..., T]], Callable[..., T]]:
             if path.exists():
                 return msgspec.json.decode(path.read_bytes(), type=kind)
             made = make(*arguments)
-            with replacing(path) as file:
+            with replacing(path, _KIND) as file:
                 file.write(msgspec.json.encode(made))
             return made
 

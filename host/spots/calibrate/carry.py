@@ -1,0 +1,146 @@
+"""What a calibration takes over from the one that it replaces: drift, joint, re-zeros.
+
+A re-zero measures the drift of the strip since its calibration. Presses that a session takes after
+the re-zero have this drift, and the earlier presses of the session do not. So the drift is removed
+from the later presses, all presses together are fitted, and the fit is shifted by the drift again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime
+
+import numpy as np
+from msgspec.structs import replace
+
+from ..errors import SpotsError
+from .calibration_file import CalibrationFile, Rezero
+from .session import Point, Session
+from .shift import drift_at, shifted
+
+
+def check(before: CalibrationFile | None, board: str, path: object) -> None:
+    """Check that a calibration of a board may replace another one.
+
+    Parameters
+    ----------
+    before : CalibrationFile or None
+        Calibration that would be replaced; None if there is none.
+    board : str
+        Id of the present board.
+    path : object
+        Path of the file, for the error message.
+
+    Raises
+    ------
+    SpotsError
+        If `before` belongs to another board.
+    """
+    if before is not None and before.board != board:
+        raise SpotsError(
+            f"{path} is the calibration of board {before.board}, but this is board {board}: name "
+            "another file with --out, or another session with --session"
+        )
+
+
+def continues(session: Session, before: CalibrationFile) -> bool:
+    """Return whether a calibration was made from the first presses of a session.
+
+    Parameters
+    ----------
+    session : Session
+        The session.
+    before : CalibrationFile
+        The calibration.
+
+    Returns
+    -------
+    bool
+    """
+    fitted = [p for p in session.points if p.kind not in ("choose", "joint")]
+    known = [p for p in fitted if datetime.fromisoformat(p.time) <= before.date]
+    if not known or session.conditions != before.conditions:
+        return False
+    marks = before.marks.logs if before.marks else ()
+    return all(
+        tuple(np.log2(p.counts).round(6).tolist()) in marks for p in known if p.kind == "mark"
+    )
+
+
+def undrifted(rezeros: list[Rezero]) -> Callable[[Point], Point]:
+    """Return a function that removes the drift, as the last re-zero before it found it, of a press.
+
+    Parameters
+    ----------
+    rezeros : list of Rezero
+        All re-zeros of the calibration, oldest first.
+
+    Returns
+    -------
+    callable
+        ``change(point)`` returns the `Point` without drift.
+    """
+
+    def change(point: Point) -> Point:
+        time = datetime.fromisoformat(point.time)
+        last = next((one for one in reversed(rezeros) if one.date <= time), None)
+        if last is None:
+            return point
+        x_um = point.place_um if point.position_um is None else point.position_um
+        scale = np.exp2(-drift_at(x_um, last.place_um, last.shifts))
+        return replace(
+            point,
+            counts=tuple((scale * np.array(point.counts)).tolist()),
+            variance=tuple((scale**2 * np.array(point.variance)).tolist()),
+            trace=tuple((row[0], *(scale * np.array(row[1:])).tolist()) for row in point.trace),
+        )
+
+    return change
+
+
+def carried(
+    new: CalibrationFile,
+    before: CalibrationFile | None,
+    session: Session,
+    say: Callable[[str], None],
+) -> CalibrationFile:
+    """Return a calibration with what it does not measure itself, from the one that it replaces.
+
+    Parameters
+    ----------
+    new : CalibrationFile
+        Calibration from the presses of the session, without drift.
+    before : CalibrationFile or None
+        Calibration in the file that will be replaced.
+    session : Session
+        The session of `new`.
+    say : callable
+        ``say(line)`` shows what cannot be taken over.
+
+    Returns
+    -------
+    CalibrationFile
+    """
+    if before is None:
+        return new
+    strains = {r.strain_ppm for r in before.residuals} - {r.strain_ppm for r in new.residuals}
+    for strain_ppm in sorted(strains):
+        percent = f"{strain_ppm / 10_000:g}"
+        say(
+            f"the calibration at {percent} % strain is not taken over, because this session has no "
+            f"presses for it: run 'spots calibrate strain --strain-percent {percent}'"
+        )
+    if continues(session, before):
+        if new.joint is None:
+            new = replace(new, joint=before.joint, joint_marks=before.joint_marks)
+        if before.rezeros:
+            last = before.rezeros[-1]
+            lines = tuple(shifted(new.lines, last.place_um, last.shifts))
+            new = replace(new, lines=lines, original=new.lines, rezeros=before.rezeros)
+        return new
+    if new.joint is None and before.joint is not None:
+        say("the joint is taken over without its marks: run 'spots calibrate joint' to make them")
+        new = replace(new, joint=before.joint)
+    if before.rezeros:
+        say("the re-zeros are not taken over, because all presses are new")
+    return new
