@@ -27,7 +27,7 @@ _KEY_PARTS_MAX = 32
 # Separators of keys, in a file without its strings and comments.
 _BETWEEN_KEYS = re.compile(r"[=,\[\]{}\n]")
 # The first characters of a match decide its alternative, so the time is linear in the text.
-_STRING_OR_COMMENT = re.compile(
+STRING_OR_COMMENT = re.compile(
     r'"""(?:[^\\]|\\.)*?(?:"{3,5}|\Z)'
     r"|'''.*?(?:'{3,5}|\Z)"
     r'|"(?:[^"\\\n]|\\.)*"?'
@@ -139,7 +139,7 @@ def loads(text: str) -> dict:
 
 def comments(text: str) -> list[str]:
     """Return the comments in the text of a TOML file, each with its ``#``."""
-    found = (match[0].rstrip() for match in _STRING_OR_COMMENT.finditer(text))
+    found = (match[0].rstrip() for match in STRING_OR_COMMENT.finditer(text))
     return [one for one in found if one.startswith("#")]
 
 
@@ -307,7 +307,7 @@ def _alternatives(one: inspect.Type | None) -> list[inspect.Type]:
 
 
 def _check_keys(text: str) -> None:
-    plain = _STRING_OR_COMMENT.sub("", text)
+    plain = STRING_OR_COMMENT.sub("", text)
     if any(part.count(".") >= _KEY_PARTS_MAX for part in _BETWEEN_KEYS.split(plain)):
         raise ValueError(_TOO_DEEP)
 

@@ -1,5 +1,6 @@
 """Changes values in the text of a TOML file, and keeps the rest of the text as it is."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, MutableMapping, MutableSequence
 from difflib import SequenceMatcher
@@ -15,6 +16,8 @@ from ..errors import SpotsError
 
 # Longer lists are replaced as a whole: the time to compare two lists grows with both lengths.
 _PAIRS_MAX = 100_000
+# Strings, comments, brackets, commas and other values in the text of a list.
+_TOKEN = re.compile(rf"{toml.STRING_OR_COMMENT.pattern}|[\[\]{{}},]|[^\s\[\]{{}},\"'#]+", re.DOTALL)
 # What tomlkit raises for valid files that it cannot change.
 _UNABLE = TOMLKitError, LookupError, TypeError, ValueError, AttributeError
 
@@ -49,11 +52,9 @@ def edited(text: str, read: Callable[[str], dict], content: dict) -> str:
         return text
     try:
         made = _patched(text, was, content)
-        toml.loads(made)
-        try:
-            kept = read(made) == content
-        except SpotsError:
-            kept = True  # the new content is invalid, not its text
+        wanted = toml.loads(text) if text else {}
+        _update(wanted, was, content)
+        kept = toml.loads(made) == wanted
     except RecursionError:
         raise SpotsError("tables or lists are nested too deep") from None
     except (*_UNABLE, msgspec.ValidationError):
@@ -103,7 +104,7 @@ def _update(table: MutableMapping, was: Mapping, now: Mapping) -> None:
         elif isinstance(after, dict) and isinstance(table.get(key), dict):
             _update(table[key], before or {}, after)
         elif isinstance(before, list) and isinstance(after, list) and _alike(table, key, after):
-            _update_list(table[key], before, after)
+            _update_list(table, key, before, after)
         else:
             table[key] = _item(after, table)
 
@@ -115,21 +116,128 @@ def _alike(table: Mapping, key: str, after: list) -> bool:
     return tables and 0 < len(there) * len(after) <= _PAIRS_MAX
 
 
-def _update_list(items: MutableSequence, was: list, now: list) -> None:
+def _update_list(table: MutableMapping, key: str, was: list, now: list) -> None:
+    items = table[key]
+    if isinstance(items, Array):
+        text = _array(items.as_string(), was, now)
+        table[key] = tomlkit.parse(f"key = {text}")["key"]
+    elif isinstance(items, AoT):
+        _update_tables(items, was, now)
+    else:
+        table[key] = _merged(items, was, now)
+
+
+def _merged(items: list, was: list, now: list) -> list:
+    """Return the content of a list, with the default values of its tables, after a change."""
     for i0, i1, j0, j1 in reversed(_changes(was, now)):
         both = min(i1 - i0, j1 - j0)
-        for i in reversed(range(i0 + both, i1)):
-            del items[i]
-        for i, one in enumerate(now[j0 + both : j1], i0 + both):
-            if isinstance(items, AoT):
-                _insert_table(items, i, one)
-            else:
-                items.insert(i, _item(one, items))
+        items[i0 + both : i1] = now[j0 + both : j1]
         for i, j in zip(range(i0, i0 + both), range(j0, j1)):
             if isinstance(items[i], dict) and isinstance(now[j], dict):
                 _update(items[i], was[i] if isinstance(was[i], dict) else {}, now[j])
-            elif was[i] != now[j]:
-                items[i] = _item(now[j], items)
+            else:
+                items[i] = now[j]
+    return items
+
+
+def _update_tables(tables: MutableSequence, was: list, now: list) -> None:
+    for i0, i1, j0, j1 in reversed(_changes(was, now)):
+        both = min(i1 - i0, j1 - j0)
+        del tables[i0 + both : i1]
+        for i, one in enumerate(now[j0 + both : j1], i0 + both):
+            _insert_table(tables, i, one)
+        for i, j in zip(range(i0, i0 + both), range(j0, j1)):
+            _update(tables[i], was[i], now[j])
+
+
+def _array(text: str, was: list, now: list) -> str:
+    """Return the text of a list, with its brackets, after its content `was` became `now`."""
+    entries = _entries(text)
+    for i0, i1, j0, j1 in reversed(_changes(was, now)):
+        both = min(i1 - i0, j1 - j0)
+        for i in reversed(range(i0 + both, i1)):
+            text = _without(text, entries, i)
+            entries = _entries(text)
+        for one in reversed(now[j0 + both : j1]):
+            text = _with(text, entries, i0 + both, _literal(one))
+            entries = _entries(text)
+        for i, j in reversed(list(zip(range(i0, i0 + both), range(j0, j1)))):
+            begin, end, _ = entries[i]
+            text = text[:begin] + _changed(text[begin:end], was[i], now[j]) + text[end:]
+    return text
+
+
+def _changed(text: str, was: Any, now: Any) -> str:
+    """Return the text of an entry of a list whose value `was` became `now`."""
+    if not (isinstance(was, dict) and isinstance(now, dict)):
+        return text if was == now else _literal(now)
+    document = tomlkit.parse(f"entry = {text}")
+    _update(document["entry"], was, now)
+    return document["entry"].as_string()
+
+
+def _literal(value: Any) -> str:
+    return tomlkit.item(_item(value, tomlkit.array())).as_string()
+
+
+def _entries(text: str) -> list[tuple[int, int, int | None]]:
+    """Return the entries of a list: begin and end of the value, and place of the comma after it."""
+    found: list[tuple[int, int, int | None]] = []
+    begin = end = None
+    depth = 0
+    for match in _TOKEN.finditer(text):
+        token = match[0]
+        if token[0] == "#":
+            continue
+        if depth == 1 and token in (",", "]"):
+            if begin is not None:
+                found.append((begin, end, match.start() if token == "," else None))
+            begin = None
+        elif depth >= 1:
+            begin = match.start() if begin is None else begin
+            end = match.end()
+        depth += (token in ("[", "{")) - (token in ("]", "}"))
+    return found
+
+
+def _without(text: str, entries: list, at: int) -> str:
+    """Return the text of a list without an entry, and without the comment on its line."""
+    begin, end, comma = entries[at]
+    stop = end if comma is None else comma + 1
+    indent = _indent(text, begin)
+    rest = re.match(r"[ \t]*(?:#[^\n]*)?\n", text[stop:])
+    if indent is not None and rest and "\n" not in text[end:stop]:  # a line of its own
+        return text[: begin - len(indent)] + text[stop + rest.end() :]
+    if comma is None and at > 0:  # the comma before the last entry goes, too
+        before = entries[at - 1][1]
+        begin = begin if "#" in text[before:begin] else before
+    return text[:begin] + text[stop:].lstrip(" \t")
+
+
+def _with(text: str, entries: list, at: int, literal: str) -> str:
+    """Return the text of a list with a new entry, on a line of its own if the others have one."""
+    if at < len(entries):
+        begin = entries[at][0]
+        indent = _indent(text, begin)
+        gap = " " if indent is None else f"\n{indent}"
+        return f"{text[:begin]}{literal},{gap}{text[begin:]}"
+    begin, end, comma = entries[-1]
+    indent = _indent(text, begin)
+    if comma is None:
+        text = f"{text[:end]},{text[end:]}"
+    stop = (end if comma is None else comma) + 1
+    comment = re.match(r"[ \t]*#[^\n]*|", text[stop:])[0]
+    gap = " " if indent is None and not comment else f"\n{indent or ''}"
+    closing = "" if comma is None else ","
+    stop += len(comment)
+    return f"{text[:stop]}{gap}{literal}{closing}{text[stop:]}"
+
+
+def _indent(text: str, begin: int) -> str | None:
+    """Return the space before an entry that is the first one on its line, else None."""
+    line = text.rfind("\n", 0, begin) + 1
+    before = text[line:begin]
+    return before if line and not before.strip() else None
 
 
 def _changes(was: list, now: list) -> list[tuple[int, int, int, int]]:
