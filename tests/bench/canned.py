@@ -130,7 +130,7 @@ class Serial:
     """A serial port that accepts all frames and stores the last one."""
 
     def __init__(self):
-        self.last = bytearray(700)
+        self.last = bytearray(900)
         self.size = 0
         self.frames = 0
 

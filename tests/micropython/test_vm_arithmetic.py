@@ -448,8 +448,8 @@ def test_keypad(compare, rng):
 
 
 # Results of a case: next sequence number, size, and the longest frame. COBS adds one byte, and one
-# more for each 254 bytes.
-WIDTH = 2 + HEADER_SIZE + TEXT_MAX + CRC_SIZE + 4
+# more for each 254 bytes; a zero byte ends the frame.
+WIDTH = 2 + HEADER_SIZE + TEXT_MAX + CRC_SIZE + 5
 
 
 def messages(rng):

@@ -136,7 +136,7 @@ def test_npz(seen, truth, tmp_path, monkeypatch):
 
 def test_the_longest_text_is_whole_in_npz(tmp_path, monkeypatch):
     monkeypatch.setattr(exports, "_BLOCK_ROWS", 1)
-    texts = [{"re": "get", "x": "\u00e9" * count} for count in (3, (TEXT_MAX - 20) // 6, 7)]
+    texts = [{"re": "get", "x": "\u00e9" * count} for count in (3, (TEXT_MAX - 22) // 6, 7)]
     pieces = [
         encoded(struct.pack("<BHI", 3, i, 0) + json.dumps(text).encode())
         for i, text in enumerate(texts)
