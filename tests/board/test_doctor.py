@@ -1,15 +1,20 @@
 """The light check of `spots doctor`: it fails without a wired LED, in any ambient light."""
 
 import re
+import time
+from itertools import islice
 
 import pytest
 from boards import virtual_board
 from sensors import replaced
 
 from spots.cli import main
-from spots.deploy.doctor import examine_board
+from spots.deploy.doctor import examine, examine_board
 from spots.deploy.staging import stage
+from spots.keyboard.layout import load as layout
 from spots.link.connect import upload
+from spots.web.board_feed import BoardReader, finder
+from spots.web.state import PageState
 from spots_sim.person.stage import NEAR_UM, Stage, calibrate
 from spots_sim.strip.change import Change
 from spots_sim.strip.files import SensorFile, load
@@ -163,6 +168,46 @@ def test_a_board_that_is_asked_for_more_than_it_can_do(rig, exposure_us, average
         made.settle(1.0)
         (rate,) = [found for found in examine_board(made.board) if found.check == "rate"]
         assert rate.ok
+
+
+def test_a_fault_at_the_start_of_the_board_is_reported_until_it_is_saved():
+    with Stage(load(SensorFile, "default")) as stage:
+        stage.press(NEAR_UM, 8_000)
+        assert "start" not in [found.check for found in examine_board(stage.board)]
+        stage.board.info["boot"] = ["calibration-b.txt is damaged", "stored layout not used: 28"]
+        (start,) = [found for found in examine_board(stage.board) if found.check == "start"]
+    assert not start.ok
+    assert "calibration-b.txt is damaged; stored layout not used: 28; next: " in start.text
+    assert "'spots command save'" in start.text
+
+
+def test_a_board_with_a_damaged_file_is_reported_by_every_view(tmp_path, capsys):
+    stage("virtual", tmp_path)
+    with virtual_board(tmp_path) as port:
+        assert main(["command", "--port", port, "set", "average=2"]) == 0
+        assert main(["command", "--port", port, "save"]) == 0
+    (saved,) = tmp_path.glob("settings-*.txt")
+    saved.write_text("damaged\n")
+    with virtual_board(tmp_path) as port:
+        capsys.readouterr()
+        assert main(["monitor", "--port", port, "--seconds", "0.2"]) == 0
+        assert f"at its start, the board found: {saved.name}" in capsys.readouterr().err
+        *_, start = islice(examine(port), 5)
+        assert start.check == "start"
+        assert saved.name in start.text
+        reader = BoardReader(finder(port), layout("digits"), state := PageState(), 0.01)
+        reader.start()
+        try:
+            number = state.begin()
+            while not (shown := state.since(number)[1].get("board", {})).get("start"):
+                time.sleep(0.01)
+        finally:
+            reader.stop()
+        assert saved.name in shown["start"]
+        assert main(["command", "--port", port, "save"]) == 0
+        capsys.readouterr()
+        assert main(["monitor", "--port", port, "--seconds", "0.2"]) == 0
+        assert "at its start" not in capsys.readouterr().err
 
 
 def test_replies_are_not_counted_as_readings():

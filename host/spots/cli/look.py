@@ -7,6 +7,7 @@ import sys
 
 from spots_device.board.command import Commands
 
+from ..errors import printable
 from . import arguments
 from .parser import Parser, calls
 
@@ -96,11 +97,13 @@ COMMANDS = monitor, serve, command
 
 
 def _monitor(options: argparse.Namespace) -> None:
-    from ..link.calibrated import next_step
+    from ..link.calibrated import next_step, start_fault
     from ..terminal.monitor import watch
 
     with arguments.open_board(options) as board:
         step = next_step(board.command("hello"))
+        if fault := start_fault(board.info):
+            print(f"spots: {printable(fault)}", file=sys.stderr)
         watch(board, options.seconds, quiet=False)
     if step:
         print(step, file=sys.stderr)

@@ -14,7 +14,7 @@ from .. import typed_ahead
 from ..errors import AtPromptError, SpotsError, printable
 from ..link import lamps
 from ..link.board import Board
-from ..link.calibrated import next_step
+from ..link.calibrated import next_step, start_fault
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
 from ..link.ports import no_port, scheme_name
@@ -128,6 +128,8 @@ def examine_board(board: Board) -> Iterator[Finding]:
     if firmware != __version__:
         text += f" on the board, {__version__} here: run 'spots flash {board.info['board']}'"
     yield Finding("firmware", firmware == __version__, text)
+    if fault := start_fault(board.info):
+        yield Finding("start", False, fault)
     state = board.command("get")
     if state["fault"] is not None:
         yield Finding("sensor", False, f"{state['fault']}: check SDA, SCL, power and ground")

@@ -11,6 +11,7 @@ from typing import Any
 from ..errors import SpotsError
 from ..signals import resumed
 from .board import Board
+from .board_errors import in_words
 from .frames import Touch
 from .replies import Hello
 from .timeouts import ANSWER_S
@@ -38,6 +39,18 @@ def hello_calibrated(board: Board) -> Hello:
 def next_step(info: Hello) -> str | None:
     """Return advice for the user if a reply to ``hello`` shows no calibration, else None."""
     return None if info.get("length_um") else "next: spots calibrate"
+
+
+def start_fault(info: Hello) -> str:
+    """Return what went wrong at the start of a board, and what to do; empty if nothing did.
+
+    The board reports this in the reply to ``hello`` until the next ``save``.
+    """
+    faults = "; ".join(map(in_words, info.get("boot", ())))
+    return faults and (
+        f"at its start, the board found: {faults}; next: check its settings, calibrate or push the "
+        "layout again if they are missing, and run 'spots command save'"
+    )
 
 
 def hello_often(

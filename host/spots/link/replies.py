@@ -49,7 +49,8 @@ class Hello(Settings):
 
     ``id`` is None if the board has no id; ``layout`` is None if it uses the default layout. If it
     has no calibration that is valid at its settings, ``length_um``, ``decay``, ``relative_force``
-    and ``calibration`` are None.
+    and ``calibration`` are None. ``boot`` has a sentence for each fault at the start of the board,
+    such as a damaged file.
     """
 
     board: str
@@ -61,6 +62,7 @@ class Hello(Settings):
     relative_force: bool | None
     calibration: str | None
     layout: str | None
+    boot: list[str]
 
 
 class Get(Settings):
@@ -103,7 +105,7 @@ class _Stream(TypedDict):
 _SETTINGS: dict[str, object] = dict.fromkeys(Settings.__annotations__, 0)
 _SETTINGS.update(plan=[], exposure_us=1, average=1)
 _HELLO: dict[str, object] = {**dict.fromkeys(Hello.__annotations__), **_SETTINGS}
-_HELLO.update(board="?", runtime="?", firmware="?")
+_HELLO.update(board="?", runtime="?", firmware="?", boot=[])
 # A full scale of 0 is unknown: the sensor has not answered yet.
 _GET: dict[str, object] = dict.fromkeys(Get.__annotations__, 0)
 _GET.update(_SETTINGS, led="ldr", dark=[0] * CHANNELS, fault=None)

@@ -16,6 +16,7 @@ from ..errors import CommandError, RefusedError, SpotsError
 from ..guarded import Guarded
 from ..keyboard.layout import KeyLayout
 from ..link.board import Board
+from ..link.calibrated import start_fault
 from ..link.connect import find, of_id, open
 from ..link.frames import Contact, Key, Spectrum, Touch
 from ..link.ports import scheme
@@ -153,6 +154,7 @@ class BoardReader:
             **{name: info.get(name) for name in _FACTS},
             "strip": self._shown,
             "strips": [{name: one.get(name) for name in _FACTS_OF_STRIP} for one in infos],
+            "start": start_fault(board.info),
             "port": playing.name if playing else board.port,
             "full_scale": settings["full_scale"],
             "expected": expected_shown(strip, info, settings["dark"]),

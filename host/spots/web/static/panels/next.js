@@ -7,7 +7,7 @@ export function next(root) {
     const state = last, reading = state.calibration?.running ? "" : sentence(state.touch, state.untrusted);
     const words = state.connection !== "live"
       ? "the server does not answer; next: start 'spots serve' again, and this window reconnects"
-      : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading));
+      : state.board?.next || played(state.recording) || (reading && strip(state.board) + here(state, reading)) || state.board?.start || "";
     if (root.textContent !== words) root.textContent = words;
     root.hidden = !words;
   };
