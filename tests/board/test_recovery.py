@@ -193,7 +193,7 @@ def watched(start, tmp_path):
     for path, old, new in (
         ("runtime/common.py", "WATCHDOG_MS = 8_000", "WATCHDOG_MS = 2_000"),
         (
-            "app.py",
+            "board/app.py",
             "def use_layout(self, lines):\n",
             "def use_layout(self, lines):\n        while True: pass\n",
         ),
