@@ -1,6 +1,6 @@
 """``spots design``: finds dye and exposure for the best resolution on a strip of a given length.
 
-With ``--out`` it also writes moulds, drawings and instructions for the strip, see `strip_shape`.
+With ``--out`` it also writes moulds, drawings and instructions for the strip, see shape.py.
 
 The predicted resolution is the Cramer-Rao bound of `bound.Bound`, for a press with the force
 `measurements.FORCE_MN`. Gain and LED current are those that the command ``auto`` would set. All
@@ -42,18 +42,9 @@ from spots_sim.measure.measurements import FORCE_MN, PLACES
 from spots_sim.person.stage import NEAR_UM
 from spots_sim.strip.files import SensorFile, load, to_toml
 
-from . import (
-    drawing as strip_drawing,
-)
-from . import (
-    mould as strip_mould,
-)
-from . import (
-    recipe as strip_recipe,
-)
-from . import (
-    shape as strip_shape,
-)
+from . import drawing, mould
+from . import recipe as recipes
+from . import shape as dims
 from .shape import StripShape
 
 LED_MAX_MA = 100  # of the virtual board, the same as in boards/virtual/board.toml
@@ -290,11 +281,11 @@ def design_command(options: argparse.Namespace) -> None:
     written.
     """
     out, shape = options.out, None
-    recipe = strip_recipe.checked(options.strips)
+    recipe = recipes.checked(options.strips)
     if out is not None:
         figures.require()
-        if strip_shape.has_moulds(options.length_mm):
-            strip_mould.require()
+        if dims.has_moulds(options.length_mm):
+            mould.require()
             shape = StripShape(options.length_mm, options.breakout)
     found = design(options.length_mm, options.resolution_um, options.rate_hz)
     print(json.dumps(found.summary()) if options.json else _text(found))
@@ -309,7 +300,7 @@ def design_command(options: argparse.Namespace) -> None:
     for path in made:
         print(printable(str(path)), file=sys.stderr)
     if shape is None:
-        low, high = strip_shape.LENGTHS_MM
+        low, high = dims.LENGTHS_MM
         print(
             f"no moulds were made: moulds are for strips of {low:g} to {high:g} mm",
             file=sys.stderr,
@@ -327,10 +318,8 @@ def _to_make(shape, strips: int, found: Design, options, folder: Path) -> list[P
         f"--resolution-um {options.resolution_um:g} --rate-hz {options.rate_hz:g}"
     )
     recipe = folder / "build.md"
-    atomic.write_text(
-        strip_recipe.text(shape, strips, found.dye_per_mm, line), recipe, strip_recipe.KIND
-    )
-    return [recipe, *strip_drawing.write(shape, folder), *strip_mould.write(shape, folder)]
+    atomic.write_text(recipes.text(shape, strips, found.dye_per_mm, line), recipe, recipes.KIND)
+    return [recipe, *drawing.write(shape, folder), *mould.write(shape, folder)]
 
 
 def _text(found: Design) -> str:

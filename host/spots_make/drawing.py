@@ -1,6 +1,6 @@
 """Drawings of a strip and its moulds as SVG with dimensions. Needs manifold3d (extra ``moulds``).
 
-The outlines are cuts through the solids of `strip_mould`, so they cannot differ from the STL files.
+The outlines are cuts through the solids of mould.py, so they cannot differ from the STL files.
 Each dimension has its name and its value in mm as the attributes ``data-name`` and ``data-mm``.
 """
 
@@ -11,27 +11,10 @@ from xml.sax.saxutils import escape
 
 from spots import atomic
 
+from . import shape as dims
 from .assembly import assembly, castings, closed
 from .mould import parts
-from .shape import (
-    BEYOND,
-    CHIP_GAP,
-    DRAFT_DEG,
-    END_LENGTH,
-    FLOOR,
-    GAP_WIDTH,
-    GROOVE_DEPTH,
-    GUIDE_THICKNESS,
-    GUIDE_WIDTH,
-    LED_DEPTH,
-    LED_DIAMETER,
-    LID,
-    PARTS_HEIGHT,
-    SEPTUM,
-    STRIP_THICKNESS,
-    STRIP_WIDTH,
-    StripShape,
-)
+from .shape import StripShape
 
 _STYLE = """
 text { font: 12px sans-serif; fill: #222; }
@@ -61,8 +44,8 @@ _MARGIN = 40.0
 _WIDTH = 1000.0
 SVG = atomic.begins("an SVG picture", b"<svg", b"<?xml")
 _NOTE = (
-    f"All lengths in mm. Draft {DRAFT_DEG:g} deg; widths are those of the wide faces. The paper "
-    "gives 3 x 12 (strip) and 8 x 1 (guides); the other dimensions are not tried."
+    f"All lengths in mm. Draft {dims.DRAFT_DEG:g} deg; widths are those of the wide faces. "
+    "The paper gives 3 x 12 (strip) and 8 x 1 (guides); the other dimensions are not tried."
 )
 
 
@@ -210,16 +193,18 @@ def _section(shape: StripShape, placed: dict) -> _Sheet:
     view = _View(sheet, _WIDTH / 2, 250, 36)
     for name in ("support", "dyed", "clear"):
         view.outline(_across(placed[name]), name)
-    half, guide = STRIP_WIDTH / 2, GUIDE_WIDTH / 2
-    high = STRIP_THICKNESS - GUIDE_THICKNESS
-    view.across("strip_width", -half, half, STRIP_THICKNESS, -62)
-    view.across("guide_width", -guide, guide, STRIP_THICKNESS, -30)
+    half, guide = dims.STRIP_WIDTH / 2, dims.GUIDE_WIDTH / 2
+    high = dims.STRIP_THICKNESS - dims.GUIDE_THICKNESS
+    view.across("strip_width", -half, half, dims.STRIP_THICKNESS, -62)
+    view.across("guide_width", -guide, guide, dims.STRIP_THICKNESS, -30)
     view.across("guide_width", -guide, guide, 0, 30)
-    view.across("gap_width", -GAP_WIDTH / 2, GAP_WIDTH / 2, GUIDE_THICKNESS, 104, "air gap")
-    view.upright("strip_thickness", 0, STRIP_THICKNESS, -half, -60)
-    view.upright("guide_thickness", high, STRIP_THICKNESS, half, 30)
-    view.upright("gap_height", GUIDE_THICKNESS, high, half, 30, "gap")
-    view.upright("guide_thickness", 0, GUIDE_THICKNESS, half, 30)
+    view.across(
+        "gap_width", -dims.GAP_WIDTH / 2, dims.GAP_WIDTH / 2, dims.GUIDE_THICKNESS, 104, "air gap"
+    )
+    view.upright("strip_thickness", 0, dims.STRIP_THICKNESS, -half, -60)
+    view.upright("guide_thickness", high, dims.STRIP_THICKNESS, half, 30)
+    view.upright("gap_height", dims.GUIDE_THICKNESS, high, half, 30, "gap")
+    view.upright("guide_thickness", 0, dims.GUIDE_THICKNESS, half, 30)
     view.note(2.6, 2.6, 130, -105, "clear guide, polyurethane")
     view.note(2.6, 0.4, 130, 80, "dyed guide, polyurethane with red pigment")
     view.note(-5.2, 1.5, -60, 100, "support, black silicone")
@@ -237,7 +222,7 @@ def _assembled(shape: StripShape, placed: dict) -> _Sheet:
     x, end = shape.length_mm / 2, shape.support_mm / 2
     view.across("length", -x, x, above, -20, "measured length")
     view.across("support_length", -end, end, below, 26, "support")
-    view.across("guide_length", -end - BEYOND, end, below, 58, "dyed guide")
+    view.across("guide_length", -end - dims.BEYOND, end, below, 58, "dyed guide")
     view.across("overall_length", low, high, below, 90, "overall")
     top = 80 + (above - below) * scale + 150
     top = _sensor_end(sheet, shape, placed, top)
@@ -248,27 +233,27 @@ def _sensor_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> f
     """Draw the sensor's end of a strip on a sheet, below `top`; return the lower edge.
 
     `top` and the result are in pixels. `placed` has the parts of the strip, see
-    `strip_assembly.assembly`.
+    `assembly.assembly`.
     """
     sheet.title(top, "The sensor's end")
     end, detail = -shape.length_mm / 2, 12.0
     above = placed["sensor_cap"].bounding_box()[5]
     view = _View(sheet, 480 - end * detail, top + 60 + above * detail, detail)
     _draw(view, placed, (end - 30, end + 10))
-    inner = end - END_LENGTH - SEPTUM
+    inner = end - dims.END_LENGTH - dims.SEPTUM
     view.upright("base_height", -shape.base_mm, 0, end + 10, 40, "base")
-    view.across("end_length", end - END_LENGTH, end, above, -20, "end")
-    view.across("septum", inner, end - END_LENGTH, above, -50, "wall")
-    view.across("parts_height", inner - PARTS_HEIGHT, inner, above, -20, "parts")
+    view.across("end_length", end - dims.END_LENGTH, end, above, -20, "end")
+    view.across("septum", inner, end - dims.END_LENGTH, above, -50, "wall")
+    view.across("parts_height", inner - dims.PARTS_HEIGHT, inner, above, -20, "parts")
     chip = placed["chip"].bounding_box()[3]
     below = -shape.base_mm
-    view.across("chip_gap", chip, chip + CHIP_GAP, below, 30, "gap to the chip")
+    view.across("chip_gap", chip, chip + dims.CHIP_GAP, below, 30, "gap to the chip")
     view.note(end + 6, 2.7, 160, -80, "clear guide, ends at the wall")
     view.note(end + 6, 1.5, 160, -30, "air gap")
     view.note(end + 6, 0.5, 160, 20, "dyed guide, ends before the chip")
     view.note(end - 2, 1.5, 200, -120, "the support closes the gap")
-    view.note(inner - PARTS_HEIGHT - 0.8, 6, -130, -20, "breakout")
-    view.note(inner - PARTS_HEIGHT - 2.8, 2, -95, 0, "lid, with black foam")
+    view.note(inner - dims.PARTS_HEIGHT - 0.8, 6, -130, -20, "breakout")
+    view.note(inner - dims.PARTS_HEIGHT - 2.8, 2, -95, 0, "lid, with black foam")
     return view.at(0, below)[1] + 90
 
 
@@ -276,19 +261,19 @@ def _led_end(sheet: _Sheet, shape: StripShape, placed: dict, top: float) -> floa
     """Draw the LED's end of a strip on a sheet, below `top`; return the lower edge.
 
     `top` and the result are in pixels. `placed` has the parts of the strip, see
-    `strip_assembly.assembly`.
+    `assembly.assembly`.
     """
     sheet.title(top, "The LED's end")
     end, detail = shape.length_mm / 2, 12.0
     above = placed["led_cap"].bounding_box()[5]
     view = _View(sheet, 480 - end * detail, top + 60 + above * detail, detail)
     _draw(view, placed, (end - 10, end + 30))
-    wall = end + END_LENGTH + BEYOND
-    middle, hole = STRIP_THICKNESS - GUIDE_THICKNESS / 2, LED_DIAMETER / 2
-    view.across("led_depth", wall, wall + LED_DEPTH, above, -20, "for the LED")
-    view.across("end_length", end, end + END_LENGTH, above, -20, "end")
-    view.across("beyond", end + END_LENGTH, wall, above, -50, "wall")
-    view.upright("led_diameter", middle - hole, middle + hole, wall + LED_DEPTH, 40, "LED")
+    wall = end + dims.END_LENGTH + dims.BEYOND
+    middle, hole = dims.STRIP_THICKNESS - dims.GUIDE_THICKNESS / 2, dims.LED_DIAMETER / 2
+    view.across("led_depth", wall, wall + dims.LED_DEPTH, above, -20, "for the LED")
+    view.across("end_length", end, end + dims.END_LENGTH, above, -20, "end")
+    view.across("beyond", end + dims.END_LENGTH, wall, above, -50, "wall")
+    view.upright("led_diameter", middle - hole, middle + hole, wall + dims.LED_DEPTH, 40, "LED")
     view.note(end - 4, 2.5, -160, -60, "clear guide, touches the LED")
     view.note(end - 4, 0.5, -160, 20, "dyed guide, ends at the wall")
     view.note(end - 5, -5, -160, 40, "base")
@@ -308,8 +293,8 @@ def _draw(view: _View, placed: dict, span: tuple[float, float] | None = None) ->
 def _moulds(shape: StripShape, made: dict) -> _Sheet:
     sheet = _Sheet()
     for top, name, depth, cast, what in (
-        (30, "guides", GUIDE_THICKNESS, "clear", "Mould of both guides"),
-        (630, "support", STRIP_THICKNESS, "support", "Mould of the support"),
+        (30, "guides", dims.GUIDE_THICKNESS, "clear", "Mould of both guides"),
+        (630, "support", dims.STRIP_THICKNESS, "support", "Mould of the support"),
     ):
         tray, lid = made[f"{name}_tray"], made[f"{name}_lid"]
         sheet.title(top, f"{what}, closed, cut across its middle")
@@ -321,18 +306,20 @@ def _moulds(shape: StripShape, made: dict) -> _Sheet:
         for solid in castings_:
             view.outline(_across(solid), cast)
         a0, b0, _, a1, b1, _ = castings_[0].bounding_box()
-        view.across(f"{name}_cavity_width", b0, b1, FLOOR + depth, -90, "cavity")
+        view.across(f"{name}_cavity_width", b0, b1, dims.FLOOR + depth, -90, "cavity")
         view.across(f"{name}_tray_width", y0, y1, 0, 26, "tray")
-        view.upright(f"{name}_cavity_depth", FLOOR, FLOOR + depth, y1, 30, "cavity")
-        view.upright(f"{name}_floor", 0, FLOOR, y1, 30, "floor")
-        view.upright(f"{name}_lid", FLOOR + depth, FLOOR + depth + LID, y1, 30, "lid")
+        view.upright(f"{name}_cavity_depth", dims.FLOOR, dims.FLOOR + depth, y1, 30, "cavity")
+        view.upright(f"{name}_floor", 0, dims.FLOOR, y1, 30, "floor")
+        view.upright(
+            f"{name}_lid", dims.FLOOR + depth, dims.FLOOR + depth + dims.LID, y1, 30, "lid"
+        )
         sheet.title(top + 300, "The tray from above: cavity, grooves, pins, slots to lever it open")
         scale = min((_WIDTH - 2 * _MARGIN) / (x1 - x0), 170 / (y1 - y0))
         plan = _View(sheet, _WIDTH / 2, top + 410, scale)
         plan.outline(tray.project(), "tray")
-        plan.outline(tray.slice(FLOOR + depth / 2), "lid")  # with the core of the air gap
-        plan.outline(tray.slice(FLOOR + depth - GROOVE_DEPTH / 2), "lid")
-        plan.outline(tray.slice(FLOOR + depth + _JUST_ABOVE), "chip")
+        plan.outline(tray.slice(dims.FLOOR + depth / 2), "lid")  # with the core of the air gap
+        plan.outline(tray.slice(dims.FLOOR + depth - dims.GROOVE_DEPTH / 2), "lid")
+        plan.outline(tray.slice(dims.FLOOR + depth + _JUST_ABOVE), "chip")
         plan.across(f"{name}_cavity_length", a0, a1, y0, 24, "cavity")
         plan.across(f"{name}_tray_length", x0, x1, y0, 54, "tray")
     return sheet.end(1260)

@@ -14,49 +14,8 @@ from pathlib import Path
 from spots import atomic
 from spots.errors import SpotsError, missing
 
-from .shape import (
-    BACK,
-    BEYOND,
-    CABLE_NOTCH,
-    CAP_WALL,
-    CLEARANCE,
-    END_LENGTH,
-    END_WALL,
-    FLOOR,
-    GAP_WIDTH,
-    GROOVE_DEPTH,
-    GROOVE_WIDTH,
-    GUIDE_THICKNESS,
-    GUIDE_WIDTH,
-    LAND,
-    LED_DEPTH,
-    LED_DIAMETER,
-    LID,
-    LID_PLATE,
-    LID_PLUG,
-    MIDDLE_WALL,
-    NOSE_GAP,
-    NOSE_WALL,
-    PARTS_HEIGHT,
-    PCB,
-    PIN_FOOT,
-    PIN_HEIGHT,
-    PIN_HOLE,
-    PIN_INSET,
-    PIN_TOP,
-    POST,
-    RAIL,
-    SEPTUM,
-    SIDE_WALL,
-    SLOPE,
-    STRIP_THICKNESS,
-    STRIP_WIDTH,
-    TEST_JIG,
-    TEST_LENGTH,
-    TONGUE_HEIGHT,
-    TONGUE_WIDTH,
-    StripShape,
-)
+from . import shape as dims
+from .shape import StripShape
 
 # A binary STL file: a header of 80 bytes, the number of triangles, and 50 bytes for each of them.
 _HEAD, _TRIANGLE = struct.Struct("<80xI"), 50
@@ -84,21 +43,23 @@ def parts(shape: StripShape) -> dict:
     dict of str to manifold3d.Manifold
         Closed solids in mm. Each key is the name of the part's STL file, without its suffix.
     """
-    guides, support = _cavities_y(2, GUIDE_WIDTH), _cavities_y(1, STRIP_WIDTH)
+    guides, support = _cavities_y(2, dims.GUIDE_WIDTH), _cavities_y(1, dims.STRIP_WIDTH)
     return {
         "guides_tray": _guide_tray(shape.guide_mm),
-        "guides_lid": _lid(shape.guide_mm, guides, GUIDE_WIDTH),
+        "guides_lid": _lid(shape.guide_mm, guides, dims.GUIDE_WIDTH),
         "support_tray": _support_tray(shape),
-        "support_lid": _lid(shape.support_mm, support, STRIP_WIDTH)
-        + _frustum(GUIDE_WIDTH, shape.support_mm - 2 * CLEARANCE, GUIDE_THICKNESS).translate(
-            (0, 0, LID)
-        ),
-        "test_tray": _guide_tray(TEST_LENGTH),
-        "test_lid": _lid(TEST_LENGTH, guides, GUIDE_WIDTH),
-        "test_jig": _box(TEST_JIG, STRIP_WIDTH, STRIP_THICKNESS)
-        - _box(TEST_JIG + 2 * _CUT, GUIDE_WIDTH + 2 * CLEARANCE, GUIDE_THICKNESS + _CUT).translate(
-            (0, 0, STRIP_THICKNESS - GUIDE_THICKNESS)
-        ),
+        "support_lid": _lid(shape.support_mm, support, dims.STRIP_WIDTH)
+        + _frustum(
+            dims.GUIDE_WIDTH, shape.support_mm - 2 * dims.CLEARANCE, dims.GUIDE_THICKNESS
+        ).translate((0, 0, dims.LID)),
+        "test_tray": _guide_tray(dims.TEST_LENGTH),
+        "test_lid": _lid(dims.TEST_LENGTH, guides, dims.GUIDE_WIDTH),
+        "test_jig": _box(dims.TEST_JIG, dims.STRIP_WIDTH, dims.STRIP_THICKNESS)
+        - _box(
+            dims.TEST_JIG + 2 * _CUT,
+            dims.GUIDE_WIDTH + 2 * dims.CLEARANCE,
+            dims.GUIDE_THICKNESS + _CUT,
+        ).translate((0, 0, dims.STRIP_THICKNESS - dims.GUIDE_THICKNESS)),
         "sensor_cap": _sensor_cap(shape),
         "sensor_lid": _sensor_lid(shape),
         "led_cap": _led_cap(shape),
@@ -173,7 +134,7 @@ def _frustum(width: float, length: float, height: float):
 
     It is `height` mm high.
     """
-    top = 1 - 2 * SLOPE * height / length, 1 - 2 * SLOPE * height / width
+    top = 1 - 2 * dims.SLOPE * height / length, 1 - 2 * dims.SLOPE * height / width
     return _rectangle(length, width).extrude(height, scale_top=top)
 
 
@@ -188,12 +149,12 @@ def _cavities_y(count: int, width: float) -> list[float]:
 
     Each cavity is `width` mm wide.
     """
-    pitch = width + MIDDLE_WALL
+    pitch = width + dims.MIDDLE_WALL
     return [(i - (count - 1) / 2) * pitch for i in range(count)]
 
 
 def _mould_width(middles: list[float], width: float) -> float:
-    return max(middles) - min(middles) + width + 2 * SIDE_WALL
+    return max(middles) - min(middles) + width + 2 * dims.SIDE_WALL
 
 
 def _pins(length: float, wide: float) -> list[tuple[float, float]]:
@@ -201,7 +162,7 @@ def _pins(length: float, wide: float) -> list[tuple[float, float]]:
 
     The pins are not symmetric, so that the lid fits in one orientation only.
     """
-    x, y = length / 2 - 2 * PIN_INSET, wide / 2 - PIN_INSET
+    x, y = length / 2 - 2 * dims.PIN_INSET, wide / 2 - dims.PIN_INSET
     return [(-x, y), (x, y), (-x / 2, -y)]
 
 
@@ -211,31 +172,31 @@ def _tray(length: float, middles: list[float], width: float, depth: float):
     `length`, `width` and `depth` are those of a cavity in mm; `middles` are the y coordinates of
     the cavities' centre lines.
     """
-    wide, top = _mould_width(middles, width), FLOOR + depth
-    block = _box(length + 2 * END_WALL, wide, top)
+    wide, top = _mould_width(middles, width), dims.FLOOR + depth
+    block = _box(length + 2 * dims.END_WALL, wide, top)
     for x, y in _pins(length, wide):
-        block += _cylinder(PIN_HEIGHT, PIN_FOOT, PIN_TOP).translate((x, y, top))
+        block += _cylinder(dims.PIN_HEIGHT, dims.PIN_FOOT, dims.PIN_TOP).translate((x, y, top))
     beside = {
-        round(m + side * (width / 2 + LAND + GROOVE_WIDTH / 2), 6)
+        round(m + side * (width / 2 + dims.LAND + dims.GROOVE_WIDTH / 2), 6)
         for m in middles
         for side in (-1, 1)
     }
     for y in beside:
-        groove = _box(length, GROOVE_WIDTH, GROOVE_DEPTH + _CUT)
-        block -= groove.translate((0, y, top - GROOVE_DEPTH))
+        groove = _box(length, dims.GROOVE_WIDTH, dims.GROOVE_DEPTH + _CUT)
+        block -= groove.translate((0, y, top - dims.GROOVE_DEPTH))
     # Slots to lever the lid off.
     for side in (-1, 1):
-        slot = _box(10.0, 2.0, GROOVE_DEPTH + _CUT)
-        block -= slot.translate((length / 4, side * wide / 2, top - GROOVE_DEPTH))
+        slot = _box(10.0, 2.0, dims.GROOVE_DEPTH + _CUT)
+        block -= slot.translate((length / 4, side * wide / 2, top - dims.GROOVE_DEPTH))
     return block
 
 
 def _lid(length: float, middles: list[float], width: float):
     wide = _mould_width(middles, width)
-    plate = _box(length + 2 * END_WALL, wide, LID)
+    plate = _box(length + 2 * dims.END_WALL, wide, dims.LID)
     for x, y in _pins(length, wide):
         # The tray's pins, mirrored: the lid is turned over about its long axis.
-        plate -= _cylinder(LID + 2 * _CUT, PIN_HOLE).translate((x, -y, -_CUT))
+        plate -= _cylinder(dims.LID + 2 * _CUT, dims.PIN_HOLE).translate((x, -y, -_CUT))
     return plate
 
 
@@ -245,11 +206,11 @@ def _cavity(width: float, length: float, depth: float):
 
 
 def _guide_tray(length: float):
-    middles = _cavities_y(2, GUIDE_WIDTH)
-    tray = _tray(length, middles, GUIDE_WIDTH, GUIDE_THICKNESS)
+    middles = _cavities_y(2, dims.GUIDE_WIDTH)
+    tray = _tray(length, middles, dims.GUIDE_WIDTH, dims.GUIDE_THICKNESS)
     for y in middles:
-        opening = _opened(GUIDE_WIDTH, length, GUIDE_THICKNESS)
-        tray -= opening.translate((0, y, FLOOR + GUIDE_THICKNESS))
+        opening = _opened(dims.GUIDE_WIDTH, length, dims.GUIDE_THICKNESS)
+        tray -= opening.translate((0, y, dims.FLOOR + dims.GUIDE_THICKNESS))
     return tray
 
 
@@ -259,23 +220,23 @@ def _opened(width: float, length: float, depth: float):
 
 
 def _support_tray(shape: StripShape):
-    length, depth = shape.support_mm, STRIP_THICKNESS
-    tray = _tray(length, [0.0], STRIP_WIDTH, depth)
-    tray -= _opened(STRIP_WIDTH, length, depth).translate((0, 0, FLOOR + depth))
+    length, depth = shape.support_mm, dims.STRIP_THICKNESS
+    tray = _tray(length, [0.0], dims.STRIP_WIDTH, depth)
+    tray -= _opened(dims.STRIP_WIDTH, length, depth).translate((0, 0, dims.FLOOR + depth))
     # Cores of the dyed guide's pocket, which is open at both ends, and of the air gap above it.
-    pocket = _frustum(GUIDE_WIDTH, length + END_WALL, GUIDE_THICKNESS)
-    gap_mm = depth - 2 * GUIDE_THICKNESS
-    gap = _frustum(GAP_WIDTH, shape.length_mm, gap_mm).translate((0, 0, GUIDE_THICKNESS))
-    return tray + (pocket + gap).translate((0, 0, FLOOR))
+    pocket = _frustum(dims.GUIDE_WIDTH, length + dims.END_WALL, dims.GUIDE_THICKNESS)
+    gap_mm = depth - 2 * dims.GUIDE_THICKNESS
+    gap = _frustum(dims.GAP_WIDTH, shape.length_mm, gap_mm).translate((0, 0, dims.GUIDE_THICKNESS))
+    return tray + (pocket + gap).translate((0, 0, dims.FLOOR))
 
 
 def _end_socket():
     """Return the hole for the end of a strip, open at z = 0; the strip's lower face is at y = 0."""
-    c = CLEARANCE
+    c = dims.CLEARANCE
     return _between(
-        (-STRIP_WIDTH / 2 - c, STRIP_WIDTH / 2 + c),
-        (-c, STRIP_THICKNESS + c),
-        (-_CUT, END_LENGTH),
+        (-dims.STRIP_WIDTH / 2 - c, dims.STRIP_WIDTH / 2 + c),
+        (-c, dims.STRIP_THICKNESS + c),
+        (-_CUT, dims.END_LENGTH),
     )
 
 
@@ -284,18 +245,18 @@ def _window(middle_y: float, top: float):
 
     `middle_y` is the height of the guide's centre line above the strip's lower face. All in mm.
     """
-    width, high = GUIDE_WIDTH / 2 + CLEARANCE, GUIDE_THICKNESS / 2 + CLEARANCE
+    width, high = dims.GUIDE_WIDTH / 2 + dims.CLEARANCE, dims.GUIDE_THICKNESS / 2 + dims.CLEARANCE
     return _between(
-        (-width, width), (middle_y - high, middle_y + high), (END_LENGTH - _CUT, top + _CUT)
+        (-width, width), (middle_y - high, middle_y + high), (dims.END_LENGTH - _CUT, top + _CUT)
     )
 
 
 def _mortise(bottom: float):
-    c = CLEARANCE
+    c = dims.CLEARANCE
     return _between(
-        (-TONGUE_WIDTH / 2 - c, TONGUE_WIDTH / 2 + c),
-        (bottom - _CUT, bottom + TONGUE_HEIGHT + c),
-        (-_CUT, END_LENGTH + c),
+        (-dims.TONGUE_WIDTH / 2 - c, dims.TONGUE_WIDTH / 2 + c),
+        (bottom - _CUT, bottom + dims.TONGUE_HEIGHT + c),
+        (-_CUT, dims.END_LENGTH + c),
     )
 
 
@@ -305,10 +266,10 @@ def _pocket(shape: StripShape) -> tuple[tuple, tuple]:
     The chip of a breakout in the pocket faces the dyed guide.
     """
     board, (x, y) = shape.board, shape.board.window_mm
-    middle = GUIDE_THICKNESS / 2
+    middle = dims.GUIDE_THICKNESS / 2
     return (
-        (-x - CLEARANCE, board.width_mm - x + CLEARANCE),
-        (middle - y - CLEARANCE, middle + board.height_mm - y + CLEARANCE),
+        (-x - dims.CLEARANCE, board.width_mm - x + dims.CLEARANCE),
+        (middle - y - dims.CLEARANCE, middle + board.height_mm - y + dims.CLEARANCE),
     )
 
 
@@ -318,26 +279,34 @@ def _grown(span: tuple, by: float) -> tuple:
 
 def _sensor_cap(shape: StripShape):
     x, y = _pocket(shape)
-    floor = END_LENGTH + SEPTUM
-    board = floor + PARTS_HEIGHT
-    top = board + PCB + BACK
-    cap = _between(_grown(x, CAP_WALL), _grown(y, CAP_WALL), (0, top))
+    floor = dims.END_LENGTH + dims.SEPTUM
+    board = floor + dims.PARTS_HEIGHT
+    top = board + dims.PCB + dims.BACK
+    cap = _between(_grown(x, dims.CAP_WALL), _grown(y, dims.CAP_WALL), (0, top))
     cap -= _between(x, y, (floor, top + _CUT))
     # Posts for the breakout, a tube (nose) around the guide, and a notch for the cable.
-    inside = _between(_grown(x, CAP_WALL / 2), _grown(y, CAP_WALL / 2), (floor - _CUT, board))
-    for px in ((x[0] - CAP_WALL, x[0] + POST[0]), (x[1] - POST[0], x[1] + CAP_WALL)):
-        for py in ((y[0] - CAP_WALL, y[0] + POST[1]), (y[1] - POST[1], y[1] + CAP_WALL)):
+    inside = _between(
+        _grown(x, dims.CAP_WALL / 2), _grown(y, dims.CAP_WALL / 2), (floor - _CUT, board)
+    )
+    for px in (
+        (x[0] - dims.CAP_WALL, x[0] + dims.POST[0]),
+        (x[1] - dims.POST[0], x[1] + dims.CAP_WALL),
+    ):
+        for py in (
+            (y[0] - dims.CAP_WALL, y[0] + dims.POST[1]),
+            (y[1] - dims.POST[1], y[1] + dims.CAP_WALL),
+        ):
             cap += _between(px, py, (floor, board)) ^ inside
-    middle, around = GUIDE_THICKNESS / 2, CLEARANCE + NOSE_WALL
-    nose = board - NOSE_GAP
+    middle, around = dims.GUIDE_THICKNESS / 2, dims.CLEARANCE + dims.NOSE_WALL
+    nose = board - dims.NOSE_GAP
     cap += _between(
-        (-GUIDE_WIDTH / 2 - around, GUIDE_WIDTH / 2 + around),
-        (middle - GUIDE_THICKNESS / 2 - around, middle + GUIDE_THICKNESS / 2 + around),
+        (-dims.GUIDE_WIDTH / 2 - around, dims.GUIDE_WIDTH / 2 + around),
+        (middle - dims.GUIDE_THICKNESS / 2 - around, middle + dims.GUIDE_THICKNESS / 2 + around),
         (floor - _CUT, nose),
     )
-    at = (y[0] + y[1] - CABLE_NOTCH) / 2
+    at = (y[0] + y[1] - dims.CABLE_NOTCH) / 2
     cap -= _between(
-        (x[1] - _CUT, x[1] + CAP_WALL + _CUT), (at, at + CABLE_NOTCH), (floor, top + _CUT)
+        (x[1] - _CUT, x[1] + dims.CAP_WALL + _CUT), (at, at + dims.CABLE_NOTCH), (floor, top + _CUT)
     )
     return cap - _end_socket() - _window(middle, nose) - _mortise(-shape.base_mm)
 
@@ -345,26 +314,28 @@ def _sensor_cap(shape: StripShape):
 def _sensor_lid(shape: StripShape):
     x, y = _pocket(shape)
     x = -x[1], -x[0]  # the lid is turned over to close the cap
-    plate = _between(_grown(x, CAP_WALL), _grown(y, CAP_WALL), (0, LID_PLATE))
-    plug = _between(_grown(x, -CLEARANCE), _grown(y, -CLEARANCE), (0, LID_PLATE + LID_PLUG))
+    plate = _between(_grown(x, dims.CAP_WALL), _grown(y, dims.CAP_WALL), (0, dims.LID_PLATE))
+    plug = _between(
+        _grown(x, -dims.CLEARANCE), _grown(y, -dims.CLEARANCE), (0, dims.LID_PLATE + dims.LID_PLUG)
+    )
     return plate + plug
 
 
 def _led_cap(shape: StripShape):
-    middle = STRIP_THICKNESS - GUIDE_THICKNESS / 2
-    half = STRIP_WIDTH / 2 + CLEARANCE + CAP_WALL
-    led = END_LENGTH + BEYOND
-    high = middle + LED_DIAMETER / 2 + CLEARANCE + CAP_WALL
-    cap = _between((-half, half), (-shape.base_mm, high), (0, led + LED_DEPTH))
-    hole = _cylinder(LED_DEPTH + _CUT, LED_DIAMETER + 2 * CLEARANCE)
+    middle = dims.STRIP_THICKNESS - dims.GUIDE_THICKNESS / 2
+    half = dims.STRIP_WIDTH / 2 + dims.CLEARANCE + dims.CAP_WALL
+    led = dims.END_LENGTH + dims.BEYOND
+    high = middle + dims.LED_DIAMETER / 2 + dims.CLEARANCE + dims.CAP_WALL
+    cap = _between((-half, half), (-shape.base_mm, high), (0, led + dims.LED_DEPTH))
+    hole = _cylinder(dims.LED_DEPTH + _CUT, dims.LED_DIAMETER + 2 * dims.CLEARANCE)
     cap -= hole.translate((0, middle, led))
     return cap - _end_socket() - _window(middle, led) - _mortise(-shape.base_mm)
 
 
 def _base(shape: StripShape):
     """Return the bar under the strip, with a tongue for each cap and rails beside the strip."""
-    wide = STRIP_WIDTH + 2 * (CLEARANCE + RAIL)
-    bar = _box(shape.length_mm, wide, shape.base_mm + RAIL)
-    bed = _box(shape.length_mm + 2 * _CUT, STRIP_WIDTH + 2 * CLEARANCE, RAIL + _CUT)
-    tongue = _box(shape.support_mm, TONGUE_WIDTH, TONGUE_HEIGHT)
+    wide = dims.STRIP_WIDTH + 2 * (dims.CLEARANCE + dims.RAIL)
+    bar = _box(shape.length_mm, wide, shape.base_mm + dims.RAIL)
+    bed = _box(shape.length_mm + 2 * _CUT, dims.STRIP_WIDTH + 2 * dims.CLEARANCE, dims.RAIL + _CUT)
+    tongue = _box(shape.support_mm, dims.TONGUE_WIDTH, dims.TONGUE_HEIGHT)
     return bar - bed.translate((0, 0, shape.base_mm)) + tongue

@@ -1,6 +1,6 @@
 """Writes ``build.md``: which rubbers to mix, and in which order to cast a number of strips.
 
-Volumes are those of the mould's cavities (`strip_shape`). Each statement has its source, or the
+Volumes are those of the mould's cavities (shape.py). Each statement has its source, or the
 words *not tried*: nobody has cast a strip with these moulds yet.
 """
 

@@ -24,7 +24,7 @@ from spots_device.sensor.as7341 import AS7341
 
 ticks, diff = time.ticks_us, time.ticks_diff
 _CLEAR = bytes((0x93, 0x08))
-_TICKS = 10  # time between two readings, in ticks of contact.TICK_US
+_TICKS = 10  # time between two readings, in ticks of tracker.TICK_US
 
 
 class Null:
@@ -237,7 +237,7 @@ evidence.weigh = weigh
 for kind in range(3):
     us = sorted(times[i] for i in range(size) if kinds[i] == kind)
     name = ("up", "one", "two")[kind]
-    show("contact.ContactTracker.take, %s" % name, sum(us) / len(us))
+    show("tracker.ContactTracker.take, %s" % name, sum(us) / len(us))
     show("   count, median, last %d, %d," % (len(us), us[len(us) // 2]), us[-1])
 show("weighed %d times, mean" % weighed[0], weighed[1] / weighed[0])
 show("keypad.Keypad.tick", mean_us(lambda: keypad.tick(5)))

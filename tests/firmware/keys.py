@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from spots_device.fingers.tracker import TICKS
+from spots_device.fingers.state import TICKS
 from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import (
     KEYBOARD,

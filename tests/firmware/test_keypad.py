@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from smallint import SmallInt
 
 from keys import LENGTH_UM, Desk, clicks, key, letter, limit
-from spots_device.fingers.tracker import TICKS
+from spots_device.fingers.state import TICKS
 from spots_device.keys.layout import (
     BALANCED,
     HOLD_PREFERRED,

@@ -13,7 +13,7 @@ from smallint import small
 
 from spots.link.frames import Decoder, Touch
 from spots_device.board.settings import checksum
-from spots_device.fingers.tracker import TICKS
+from spots_device.fingers.state import TICKS
 from spots_device.reading.decode import MISFIT, TOO_DARK, TOUCHING
 from spots_device.sensor.as7341 import AS7341
 from spots_sim.board.cpython_board import use_folder

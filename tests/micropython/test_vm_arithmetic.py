@@ -14,9 +14,8 @@ from unittest.mock import Mock
 import pytest
 
 from spots_device.board.settings import LIMITS
-from spots_device.fingers import pair
+from spots_device.fingers import pair, tracker
 from spots_device.fingers import state as contact_state
-from spots_device.fingers import tracker as contact
 from spots_device.fingers.state import (
     FADED,
     FOUND,
@@ -323,12 +322,12 @@ def test_a_finger_that_rests(compare, rng):
 
 def a_finger(rng):
     """Return readings of random taps, holds, slides, firm presses and touches of two fingers."""
-    t = rng.randint(0, contact.TICKS - 1)
+    t = rng.randint(0, contact_state.TICKS - 1)
     readings = []
 
     def read(flags, x_um, force_mN):
         nonlocal t
-        t = (t + 10) % contact.TICKS
+        t = (t + 10) % contact_state.TICKS
         readings.append((flags, x_um, force_mN, (force_mN.bit_length() << 20) + 1000 * force_mN, t))
 
     for _ in range(9):
@@ -363,7 +362,7 @@ def some_fingers(rng, length_um, decay, seconds=9):
             touches.append((now_s, rise_s, fall_s, ends_s, places, light, more))
             now_s = ends_s + rng.choice((0.03, 0.2, 0.6)) * rng.uniform(1, 1 + lane)
     readings = []
-    start = rng.randint(0, contact.TICKS - 1)
+    start = rng.randint(0, contact_state.TICKS - 1)
     for i in range(100 * seconds):
         now_s = 0.01 * i
         found = []
@@ -374,7 +373,7 @@ def some_fingers(rng, length_um, decay, seconds=9):
                 x_um = places[0] + (places[1] - places[0]) * past
                 found.append((x_um, light * ramp * (1 + (more - 1) * past)))
         light = sum(one for _, one in found)
-        t = (start + i * 10_000 // 1024) % contact.TICKS
+        t = (start + i * 10_000 // 1024) % contact_state.TICKS
         if light < 20:
             readings += [4, 0, 0, 0, t]
             continue
@@ -416,12 +415,12 @@ def results_of_watch(cases, monkeypatch):
         seen.add(what if what < 0 else what & 0xFF)
         return what
 
-    monkeypatch.setattr(contact, "watch", watch)
+    monkeypatch.setattr(tracker, "watch", watch)
     for lines, length_um, decay, *readings in cases:
-        tracker = contact.ContactTracker(Mock(**{"second.return_value": True}))
-        tracker.set_layout(Layout(lines), length_um, decay)
+        fingers = tracker.ContactTracker(Mock(**{"second.return_value": True}))
+        fingers.set_layout(Layout(lines), length_um, decay)
         for i in range(0, len(readings), 5):
-            tracker.take(*readings[i : i + 5])
+            fingers.take(*readings[i : i + 5])
     return seen
 
 

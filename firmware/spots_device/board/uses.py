@@ -5,15 +5,7 @@ functions that are switched off are not imported, which saves memory.
 """
 
 from ..fingers.state import STATE, TWO
-from ..reading.decode import (
-    BRIGHTNESS,
-    FLAGS,
-    FORCE_MN,
-    MISFIT,
-    POSITION_UM,
-    TOO_DARK,
-    TOUCHING,
-)
+from ..reading import decode as d
 
 # Name of each USB interface, and the setting that enables it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
@@ -191,18 +183,20 @@ class Uses:
             self._track(state)
             if self._fingers is not None:
                 self._fingers.send(sensor, state)
-            flags = state[FLAGS]
+            flags = state[d.FLAGS]
             # Not the property `two`: a call takes longer than a look-up.
-            if flags & TOUCHING and self._tracker.state[STATE] == TWO:
+            if flags & d.TOUCHING and self._tracker.state[STATE] == TWO:
                 self.two = True
-                # A spectrum that fits one press gets both bits, see contact.TWO_FIT.
-                state[FLAGS] = flags | (MISFIT if flags & MISFIT else MISFIT | TOO_DARK)
+                # A spectrum that fits one press gets both bits, see tracker.TWO_FIT.
+                state[d.FLAGS] = flags | (d.MISFIT if flags & d.MISFIT else d.MISFIT | d.TOO_DARK)
         if self._gamepad_on and not self.two:
-            self._axes.take(state[FLAGS], state[POSITION_UM], state[FORCE_MN])
+            self._axes.take(state[d.FLAGS], state[d.POSITION_UM], state[d.FORCE_MN])
 
     def _track(self, state):
         t = self._time.ticks()
-        self._tracker.take(state[FLAGS], state[POSITION_UM], state[FORCE_MN], state[BRIGHTNESS], t)
+        self._tracker.take(
+            state[d.FLAGS], state[d.POSITION_UM], state[d.FORCE_MN], state[d.BRIGHTNESS], t
+        )
         if self._keys_on:
             self._keypad.tick(t)
 

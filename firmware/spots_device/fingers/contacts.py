@@ -1,9 +1,9 @@
-"""Sends CONTACT frames of the fingers that `contact.ContactTracker` finds; see docs/protocol.md.
+"""Sends CONTACT frames of the fingers that `tracker.ContactTracker` finds; see docs/protocol.md.
 
 Imported only while contacts are streamed. Integers only; allocates nothing.
 """
 
-from ..reading.decode import BRIGHTNESS, FORCE_MN, POSITION_UM
+from ..reading import decode as d
 
 # States of a finger.
 DOWN = 0  # first frame of the finger
@@ -26,7 +26,7 @@ class _Finger:
 class Fingers:
     """Sends a CONTACT frame for each finger and reading.
 
-    It receives the events of a `contact.ContactTracker`, and passes them on to another receiver.
+    It receives the events of a `tracker.ContactTracker`, and passes them on to another receiver.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ class Fingers:
             if not first.there:
                 self._begin(first)
             first.alone = True
-            first.x_um = reading[POSITION_UM]
-            first.sigma_um = tracker.noise_um(reading[BRIGHTNESS])
-            self._report(first, CONFIRMED, reading[FORCE_MN])
+            first.x_um = reading[d.POSITION_UM]
+            first.sigma_um = tracker.noise_um(reading[d.BRIGHTNESS])
+            self._report(first, CONFIRMED, reading[d.FORCE_MN])
         elif first.there:
             if tracker.two:
                 first.x_um = tracker.x_um
@@ -88,7 +88,7 @@ class Fingers:
         self._end(self._second)
         self._tracker.spend()
 
-    # Events of contact.ContactTracker.
+    # Events of tracker.ContactTracker.
 
     def down(self, x_um, t):
         self._begin(self._first)

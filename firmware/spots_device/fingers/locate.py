@@ -9,21 +9,7 @@ from array import array
 
 from .. import const
 from ..reading.log2 import log2_q20
-from .state import (
-    APART_UM,
-    B_LAST,
-    B_NOW,
-    DECAY,
-    DRIFTS,
-    FOUND_SLACK_UM,
-    FOUND_UM,
-    LENGTH_UM,
-    NEAR_UM,
-    NOISE_PRODUCT,
-    X_LAST_UM,
-    X_NOW_UM,
-    X_UM,
-)
+from . import state as c
 
 FAR_LOG2 = 18  # distances are below 2**18 um
 # The misfit grows with the loss of brightness (Q20 of log2) that two fingers cause. The loss is
@@ -135,7 +121,7 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     room = 0
     if fits >= 0:
         room = _FIT - lost if fits else lost - _MISFIT
-    if apart_um < APART_UM or apart_um >> FAR_LOG2 or room < 0:
+    if apart_um < c.APART_UM or apart_um >> FAR_LOG2 or room < 0:
         return False
     found[0] = x1_um + away_um
     found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
@@ -146,23 +132,25 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
 def estimate(s, x1_um, b1, fits):
     """Estimate a finger beside another one, which has position `x1_um` and brightness `b1`.
 
-    `s` is the state of a `contact.ContactTracker` with the present reading; `fits` is as in
+    `s` is the state of a `tracker.ContactTracker` with the present reading; `fits` is as in
     `locate`. Stores the result in three elements of the state, from `FOUND_UM` on. Returns whether
     there is a solution on the strip.
     """
     return (
-        s[LENGTH_UM]
+        s[c.LENGTH_UM]
         and locate(
             s,
-            s[DECAY],
+            s[c.DECAY],
             x1_um,
             b1,
-            s[X_NOW_UM],
-            s[B_NOW],
-            -1 if s[DRIFTS] else fits,
-            noise(s[NOISE_PRODUCT], s[B_NOW]),
+            s[c.X_NOW_UM],
+            s[c.B_NOW],
+            -1 if s[c.DRIFTS] else fits,
+            noise(s[c.NOISE_PRODUCT], s[c.B_NOW]),
         )
-        and -NEAR_UM - s[FOUND_SLACK_UM] < s[FOUND_UM] < s[LENGTH_UM] + NEAR_UM + s[FOUND_SLACK_UM]
+        and -c.NEAR_UM - s[c.FOUND_SLACK_UM]
+        < s[c.FOUND_UM]
+        < s[c.LENGTH_UM] + c.NEAR_UM + s[c.FOUND_SLACK_UM]
     )
 
 
@@ -196,7 +184,7 @@ def light(s, away_um, is_now):
     Parameters
     ----------
     s : array.array
-        State of a `contact.ContactTracker` with the last two readings.
+        State of a `tracker.ContactTracker` with the last two readings.
     away_um : int
         Distance from the first finger to the second one, in um; not 0.
     is_now : bool
@@ -207,7 +195,7 @@ def light(s, away_um, is_now):
     -------
     int
     """
-    now = _part(s[DECAY], s[X_NOW_UM] - s[X_UM], s[B_NOW], away_um)
+    now = _part(s[c.DECAY], s[c.X_NOW_UM] - s[c.X_UM], s[c.B_NOW], away_um)
     if is_now:
         return now
-    return now - _part(s[DECAY], s[X_LAST_UM] - s[X_UM], s[B_LAST], away_um)
+    return now - _part(s[c.DECAY], s[c.X_LAST_UM] - s[c.X_UM], s[c.B_LAST], away_um)

@@ -1,97 +1,16 @@
 """Compares a reading with earlier ones while there may be two fingers; finds what has happened.
 
-`contact.ContactTracker` then reports it.
+`tracker.ContactTracker` then reports it.
 
 Boards with ``viper = true`` in board.toml get pair_viper.py instead of this file: `watch` with
 identical results, in machine code. Integers only; allocates nothing.
 """
 
 from .. import const
-from ..reading.decode import (
-    MISFIT,
-    NOT_CALIBRATED,
-    SATURATED,
-    TOO_DARK,
-    TOUCHING,
-)
+from ..reading import decode as d
+from . import state as c
 from .evidence import guess, has_almost_left, remains, slides
 from .locate import estimate, noise
-from .state import (
-    APART_UM,
-    B_BOTH,
-    B_GUESS,
-    B_LAST,
-    B_NOW,
-    B_PAIR,
-    B_SECOND,
-    B_SEEN,
-    B_SINCE,
-    CALM,
-    CHECKED,
-    ENDS,
-    EVEN,
-    FADED,
-    FALLS,
-    FELL,
-    FIT_BOTH,
-    FIT_SEEN,
-    FITS,
-    FLAGS_NOW,
-    FORCE_MN,
-    FORCE_NOW_MN,
-    FOUND,
-    FOUND_B,
-    FOUND_SLACK_UM,
-    FOUND_UM,
-    GUESSED,
-    HAS_DIPPED,
-    IS_EVEN,
-    KNOWN,
-    LEAST,
-    LEAVING,
-    LENGTH_UM,
-    LIFTED,
-    LIFTS_T,
-    LOST,
-    LOW,
-    MORE,
-    MOVED,
-    NEAR_UM,
-    NEXT,
-    NOISE_PRODUCT,
-    ODD,
-    PAIR,
-    PEAK,
-    RELEASE_MN,
-    REMAINS,
-    REST_UM,
-    RESTED,
-    RISEN,
-    RISES,
-    SAME,
-    SECOND,
-    SEEN,
-    SINCE,
-    SINGLE,
-    SOON,
-    STEP_LAST_UM,
-    STEP_UM,
-    STUCK_T,
-    T_NOW,
-    THIRD,
-    TICKS,
-    X_BOTH_UM,
-    X_GUESS_UM,
-    X_LAST_UM,
-    X_NOW_UM,
-    X_PAIR_UM,
-    X_PEAK_UM,
-    X_SECOND_UM,
-    X_SEEN_UM,
-    X_UM,
-    B,
-    T,
-)
 
 _REST_T = const(12)  # least time for which the position must stay
 _FALL_T = const(34)  # longest time in which a finger lifts
@@ -106,7 +25,7 @@ def watch(s, late, b, state):
     Parameters
     ----------
     s, late, state : array.array
-        State `TWO` of a `contact.ContactTracker` with the present reading, see contact_state.py.
+        State `TWO` of a `tracker.ContactTracker` with the present reading, see state.py.
         All three are the same array: machine code uses it as two pointers and as an object.
     b : int
         Brightness of the reading, element `B_NOW`.
@@ -114,130 +33,135 @@ def watch(s, late, b, state):
     Returns
     -------
     int
-        0 if there is nothing to report; else a number or bits from contact_state.py, such as
+        0 if there is nothing to report; else a number or bits from state.py, such as
         `MOVED` or `FOUND | REMAINS`. -1 if the reading needs the checks in
-        `contact.ContactTracker.take`; the state is then unchanged.
+        `tracker.ContactTracker.take`; the state is then unchanged.
     """
-    flags = s[FLAGS_NOW]
-    if not flags & CHECKED:
+    flags = s[c.FLAGS_NOW]
+    if not flags & c.CHECKED:
         if (
-            flags & (TOUCHING | NOT_CALIBRATED | SATURATED) != TOUCHING
-            or (s[FORCE_NOW_MN] < s[RELEASE_MN] and not flags & (MISFIT | TOO_DARK))
-            or s[STUCK_T]
-            or not s[LENGTH_UM]
+            flags & (d.TOUCHING | d.NOT_CALIBRATED | d.SATURATED) != d.TOUCHING
+            or (s[c.FORCE_NOW_MN] < s[c.RELEASE_MN] and not flags & (d.MISFIT | d.TOO_DARK))
+            or s[c.STUCK_T]
+            or not s[c.LENGTH_UM]
         ):
             return -1
-        if s[LEAVING]:
-            s[LEAVING] = False
-            s[HAS_DIPPED] = True
-        s[FITS] = not flags & MISFIT or flags & TOO_DARK > 0
-        if s[FITS]:
-            s[FORCE_MN] = s[FORCE_NOW_MN]
+        if s[c.LEAVING]:
+            s[c.LEAVING] = False
+            s[c.HAS_DIPPED] = True
+        s[c.FITS] = not flags & d.MISFIT or flags & d.TOO_DARK > 0
+        if s[c.FITS]:
+            s[c.FORCE_MN] = s[c.FORCE_NOW_MN]
     # While the first finger lifts, the light decreases. If it grows, a third finger arrives.
     if (
-        b > s[B_SEEN] + RISEN
-        and (s[T] - s[FELL]) & (TICKS - 1) >= LIFTS_T
+        b > s[c.B_SEEN] + c.RISEN
+        and (s[c.T] - s[c.FELL]) & (c.TICKS - 1) >= c.LIFTS_T
         and has_almost_left(state)
     ):
-        return NEXT
+        return c.NEXT
     # The light of two fingers decreased and grows again: there may be a third finger.
-    if s[LOW] < s[PEAK] - LOST and b > s[LOW] + _GROWN and s[PEAK] > s[B] + _BOTH:
-        s[THIRD] = True
+    if s[c.LOW] < s[c.PEAK] - c.LOST and b > s[c.LOW] + _GROWN and s[c.PEAK] > s[c.B] + _BOTH:
+        s[c.THIRD] = True
     _compare(s)
-    if not s[FITS]:
-        s[ODD] = True
+    if not s[c.FITS]:
+        s[c.ODD] = True
     what = 0
-    if s[FITS] and s[KNOWN] and s[PAIR] and not s[SECOND]:
+    if s[c.FITS] and s[c.KNOWN] and s[c.PAIR] and not s[c.SECOND]:
         what = remains(state)
-    if b < s[PEAK] - EVEN and not (
-        s[SECOND] and not s[FALLS] and b > s[B_LAST] - EVEN and slides(state)
+    if b < s[c.PEAK] - c.EVEN and not (
+        s[c.SECOND] and not s[c.FALLS] and b > s[c.B_LAST] - c.EVEN and slides(state)
     ):
-        s[IS_EVEN] = s[RISES] = False  # the first finger may be leaving
-        if s[KNOWN] and not s[FALLS] and b < s[B_LAST] - CALM and s[STEP_UM] > REST_UM:
-            s[FALLS] = True
-            s[FELL] = s[T_NOW]
-    if s[SECOND]:
+        s[c.IS_EVEN] = s[c.RISES] = False  # the first finger may be leaving
+        if s[c.KNOWN] and not s[c.FALLS] and b < s[c.B_LAST] - c.CALM and s[c.STEP_UM] > c.REST_UM:
+            s[c.FALLS] = True
+            s[c.FELL] = s[c.T_NOW]
+    if s[c.SECOND]:
         done = _resolve(s)
         if done >= 0:
-            s[T] = s[T_NOW]
+            s[c.T] = s[c.T_NOW]
             return done
     else:
-        s[X_PAIR_UM] = s[X_NOW_UM]
-        s[B_PAIR] = b
-        if not (s[THIRD] or s[HAS_DIPPED]) and guess(state):
-            what |= FOUND
-    s[PAIR] = True
-    if what & (SINGLE | ENDS) or (
-        s[SEEN] >= 1 and ((s[T_NOW] - s[SINCE]) & (TICKS - 1)) * (s[SEEN] + 1) >= _REST_T * s[SEEN]
+        s[c.X_PAIR_UM] = s[c.X_NOW_UM]
+        s[c.B_PAIR] = b
+        if not (s[c.THIRD] or s[c.HAS_DIPPED]) and guess(state):
+            what |= c.FOUND
+    s[c.PAIR] = True
+    if what & (c.SINGLE | c.ENDS) or (
+        s[c.SEEN] >= 1
+        and ((s[c.T_NOW] - s[c.SINCE]) & (c.TICKS - 1)) * (s[c.SEEN] + 1) >= _REST_T * s[c.SEEN]
     ):
-        what |= REMAINS
-    s[T] = s[T_NOW]
+        what |= c.REMAINS
+    s[c.T] = s[c.T_NOW]
     return what
 
 
 def _compare(s):
     # Updates the extremes of the brightness, the first reading at the present position, and the
     # last two readings.
-    x_um = s[X_NOW_UM]
-    b = s[B_NOW]
-    if b >= s[PEAK]:
-        s[PEAK] = s[LOW] = b
-        s[X_PEAK_UM] = x_um
-    if b < s[LOW]:
-        s[LOW] = b
-    if b < s[LEAST]:
-        s[LEAST] = b
-    s[X_LAST_UM] = x_last_um = s[X_SEEN_UM]
-    s[B_LAST] = b_last = s[B_SEEN]
-    s[X_SEEN_UM] = x_um
-    s[B_SEEN] = b
+    x_um = s[c.X_NOW_UM]
+    b = s[c.B_NOW]
+    if b >= s[c.PEAK]:
+        s[c.PEAK] = s[c.LOW] = b
+        s[c.X_PEAK_UM] = x_um
+    if b < s[c.LOW]:
+        s[c.LOW] = b
+    if b < s[c.LEAST]:
+        s[c.LEAST] = b
+    s[c.X_LAST_UM] = x_last_um = s[c.X_SEEN_UM]
+    s[c.B_LAST] = b_last = s[c.B_SEEN]
+    s[c.X_SEEN_UM] = x_um
+    s[c.B_SEEN] = b
     off_um = abs(x_um - x_last_um)
-    steady = off_um < REST_UM or off_um < noise(s[NOISE_PRODUCT], min(b, b_last)) * 7 >> 1
-    if b > b_last + RISEN:
-        s[B_BOTH] = 0
-    elif s[RESTED] and not steady:
-        s[X_BOTH_UM] = x_last_um
-        s[B_BOTH] = b_last
-        s[FIT_BOTH] = s[FIT_SEEN]
-    s[RESTED] = steady
-    s[FIT_SEEN] = s[FITS]
-    if s[FITS] and steady and s[SEEN] >= 0:
-        s[SEEN] = min(s[SEEN] + 1, 99)
+    steady = off_um < c.REST_UM or off_um < noise(s[c.NOISE_PRODUCT], min(b, b_last)) * 7 >> 1
+    if b > b_last + c.RISEN:
+        s[c.B_BOTH] = 0
+    elif s[c.RESTED] and not steady:
+        s[c.X_BOTH_UM] = x_last_um
+        s[c.B_BOTH] = b_last
+        s[c.FIT_BOTH] = s[c.FIT_SEEN]
+    s[c.RESTED] = steady
+    s[c.FIT_SEEN] = s[c.FITS]
+    if s[c.FITS] and steady and s[c.SEEN] >= 0:
+        s[c.SEEN] = min(s[c.SEEN] + 1, 99)
     else:
-        s[SEEN] = 0 if s[FITS] else -1
-        s[SINCE] = s[T_NOW]
-        s[B_SINCE] = b
-    s[STEP_LAST_UM] = s[STEP_UM]
-    s[STEP_UM] = abs(x_um - s[X_UM]) - abs(x_last_um - s[X_UM])
+        s[c.SEEN] = 0 if s[c.FITS] else -1
+        s[c.SINCE] = s[c.T_NOW]
+        s[c.B_SINCE] = b
+    s[c.STEP_LAST_UM] = s[c.STEP_UM]
+    s[c.STEP_UM] = abs(x_um - s[c.X_UM]) - abs(x_last_um - s[c.X_UM])
 
 
 def _resolve(s):
     # Updates the light of two known fingers; returns -1 if neither has left, and no other finger
     # touches, but their light is not known either.
-    if s[IS_EVEN]:
-        if estimate(s, s[X_UM], s[B], s[FITS]):
-            near = abs(s[FOUND_UM] - s[X_SECOND_UM]) < NEAR_UM
-            if near and s[B_NOW] == s[PEAK]:
-                s[X_SECOND_UM] = s[FOUND_UM]
-                s[B_SECOND] = s[FOUND_B]
+    if s[c.IS_EVEN]:
+        if estimate(s, s[c.X_UM], s[c.B], s[c.FITS]):
+            near = abs(s[c.FOUND_UM] - s[c.X_SECOND_UM]) < c.NEAR_UM
+            if near and s[c.B_NOW] == s[c.PEAK]:
+                s[c.X_SECOND_UM] = s[c.FOUND_UM]
+                s[c.B_SECOND] = s[c.FOUND_B]
             # If `slides` returns true, its last estimate is the same.
             if near or slides(s):
-                s[X_PAIR_UM] = s[X_NOW_UM]
-                s[B_PAIR] = s[B_NOW]
-                s[GUESSED] = False
-                return MOVED
+                s[c.X_PAIR_UM] = s[c.X_NOW_UM]
+                s[c.B_PAIR] = s[c.B_NOW]
+                s[c.GUESSED] = False
+                return c.MOVED
         # Two fingers that rest act like one finger at the position that was measured for both.
-        slack_um = _find_third(s, s[X_PAIR_UM], s[B_PAIR], -1)
-        return SAME | slack_um << 8 if slack_um else 0
-    if s[FITS] and abs(s[X_NOW_UM] - s[X_SECOND_UM]) < NEAR_UM and s[B_NOW] < s[B_SECOND] + MORE:
-        return LIFTED
-    if not s[FALLS]:
-        s[GUESSED] = False
+        slack_um = _find_third(s, s[c.X_PAIR_UM], s[c.B_PAIR], -1)
+        return c.SAME | slack_um << 8 if slack_um else 0
+    if (
+        s[c.FITS]
+        and abs(s[c.X_NOW_UM] - s[c.X_SECOND_UM]) < c.NEAR_UM
+        and s[c.B_NOW] < s[c.B_SECOND] + c.MORE
+    ):
+        return c.LIFTED
+    if not s[c.FALLS]:
+        s[c.GUESSED] = False
         return -1
-    slack_um = _find_third(s, s[X_SECOND_UM], s[B_SECOND], s[FITS])
-    if not slack_um and (s[T_NOW] - s[FELL]) & (TICKS - 1) < _FALL_T:
+    slack_um = _find_third(s, s[c.X_SECOND_UM], s[c.B_SECOND], s[c.FITS])
+    if not slack_um and (s[c.T_NOW] - s[c.FELL]) & (c.TICKS - 1) < _FALL_T:
         return -1
-    return FADED | slack_um << 8
+    return c.FADED | slack_um << 8
 
 
 def _find_third(s, x0_um, b0, fits):
@@ -247,14 +171,16 @@ def _find_third(s, x0_um, b0, fits):
     # finger's position in um, or 0 until two readings agree on this position. While the first
     # finger lifts, readings do not agree.
     is_there = estimate(s, x0_um, b0, fits)
-    agrees = s[GUESSED]
-    at_um = s[FOUND_UM]
-    off_um = abs(at_um - s[X_GUESS_UM])
-    s[X_GUESS_UM] = at_um
-    s[B_GUESS] = s[FOUND_B]
-    s[GUESSED] = (
-        is_there and abs(at_um - s[X_UM]) > APART_UM and abs(at_um - s[X_SECOND_UM]) > APART_UM
+    agrees = s[c.GUESSED]
+    at_um = s[c.FOUND_UM]
+    off_um = abs(at_um - s[c.X_GUESS_UM])
+    s[c.X_GUESS_UM] = at_um
+    s[c.B_GUESS] = s[c.FOUND_B]
+    s[c.GUESSED] = (
+        is_there
+        and abs(at_um - s[c.X_UM]) > c.APART_UM
+        and abs(at_um - s[c.X_SECOND_UM]) > c.APART_UM
     )
-    if not (agrees and s[GUESSED]) or off_um > APART_UM:
+    if not (agrees and s[c.GUESSED]) or off_um > c.APART_UM:
         return 0
-    return (s[FOUND_SLACK_UM] * SOON >> 3) + off_um
+    return (s[c.FOUND_SLACK_UM] * c.SOON >> 3) + off_um

@@ -18,20 +18,8 @@ bits; allocates nothing.
 
 from .. import const
 from ..reading.log2 import log2_q20
+from . import state as c
 from .locate import FAR_LOG2, light, power
-from .state import (
-    APART_UM,
-    EVEN,
-    FOUND_B,
-    FOUND_SLACK_UM,
-    FOUND_UM,
-    LENGTH_UM,
-    NEAR_UM,
-    X_LAST_UM,
-    X_NOW_UM,
-    X_UM,
-    B,
-)
 
 _ROOM_UM = const(300)  # least distance of a reading's position from each finger
 _STEP_UM = const(2000)  # change of the distance, with which `weigh` measures the uncertainty
@@ -39,17 +27,17 @@ _STEP_UM = const(2000)  # change of the distance, with which `weigh` measures th
 
 def _far_um(s):
     # Returns the distance from the first finger to the strip's end on the side of the reading.
-    end_um = s[LENGTH_UM] + NEAR_UM if s[X_NOW_UM] > s[X_UM] else -NEAR_UM
-    return end_um - s[X_UM]
+    end_um = s[c.LENGTH_UM] + c.NEAR_UM if s[c.X_NOW_UM] > s[c.X_UM] else -c.NEAR_UM
+    return end_um - s[c.X_UM]
 
 
 def may_rest(s):
     """Return whether the first finger may be as bright in the present reading as before.
 
-    `s` is the state of a `contact.ContactTracker`. The result is False if the first finger must
+    `s` is the state of a `tracker.ContactTracker`. The result is False if the first finger must
     have become dimmer, even with a second finger at the strip's end.
     """
-    off_um = s[X_NOW_UM] - s[X_UM]
+    off_um = s[c.X_NOW_UM] - s[c.X_UM]
     far_um = _far_um(s)
     sign = 1 if far_um > 0 else -1
     far_um = min(far_um * sign, (1 << FAR_LOG2))
@@ -57,7 +45,7 @@ def may_rest(s):
         return True
     return (
         off_um * sign < far_um - _ROOM_UM
-        and light(s, far_um * sign, True) >= power(s[B] - EVEN) >> 6
+        and light(s, far_um * sign, True) >= power(s[c.B] - c.EVEN) >> 6
     )
 
 
@@ -65,12 +53,12 @@ def weigh(s):
     """Estimate both fingers from two readings that differ only in the second finger's force.
 
     The readings are the present one and the one before, in the state `s` of a
-    `contact.ContactTracker`. Returns whether there is a second finger. Stores three elements of the
+    `tracker.ContactTracker`. Returns whether there is a second finger. Stores three elements of the
     state, from `FOUND_UM` on: position of the second finger and its uncertainty in um, and
     brightness of the first finger.
     """
-    a_um = s[X_LAST_UM] - s[X_UM]
-    b_um = s[X_NOW_UM] - s[X_UM]
+    a_um = s[c.X_LAST_UM] - s[c.X_UM]
+    b_um = s[c.X_NOW_UM] - s[c.X_UM]
     far_um = _far_um(s)
     sign = 1 if far_um > 0 else -1
     low = max(a_um * sign, b_um * sign) + _ROOM_UM
@@ -89,10 +77,10 @@ def weigh(s):
         else:
             high = middle
     first = light(s, low, True)
-    if first < 16 or abs(low) < APART_UM:
+    if first < 16 or abs(low) < c.APART_UM:
         return False
     gap = light(s, low + sign * _STEP_UM, False)
-    s[FOUND_UM] = s[X_UM] + low
-    s[FOUND_SLACK_UM] = min(first * (_STEP_UM // 80) // (abs(gap) + 1), (1 << FAR_LOG2))
-    s[FOUND_B] = log2_q20(first) - (4 << 20)
+    s[c.FOUND_UM] = s[c.X_UM] + low
+    s[c.FOUND_SLACK_UM] = min(first * (_STEP_UM // 80) // (abs(gap) + 1), (1 << FAR_LOG2))
+    s[c.FOUND_B] = log2_q20(first) - (4 << 20)
     return True

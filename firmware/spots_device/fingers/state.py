@@ -1,4 +1,4 @@
-"""Limits and state of `contact.ContactTracker`, for all modules that process its readings.
+"""Limits and state of `tracker.ContactTracker`, for all modules that process its readings.
 
 A build for boards replaces these names by their values.
 """
@@ -116,7 +116,7 @@ DOWN = 1  # one finger
 SPENT = 2  # the finger or object must be lifted before the next touch
 TWO = 3  # perhaps several fingers
 
-CHECKED = 256  # in `FLAGS_NOW`: `contact.ContactTracker.take` has checked the flags
+CHECKED = 256  # in `FLAGS_NOW`: `tracker.ContactTracker.take` has checked the flags
 
 # Results of `pair.watch`: bits, or one of the numbers.
 SINGLE = 1  # the light changed, but not the position: one finger remains

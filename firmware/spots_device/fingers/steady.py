@@ -4,84 +4,50 @@ Boards with ``viper = true`` in board.toml get steady_viper.py instead of this f
 function with identical results, in machine code. Integers only; allocates nothing.
 """
 
-from ..reading.decode import (
-    LED_OFF,
-    MISFIT,
-    NOT_CALIBRATED,
-    SATURATED,
-    TOO_DARK,
-    TOUCHING,
-)
-from .state import (
-    B_BEFORE,
-    B_NOW,
-    B_OLDEST,
-    DRIFTS,
-    FIRM_MN,
-    FORCE_MN,
-    FORCE_NOW_MN,
-    HAS_DIPPED,
-    HIGH_MN,
-    HIGH_UM,
-    LEAVING,
-    LOOSE,
-    LOW_MN,
-    LOW_UM,
-    RELEASE_MN,
-    SAME_UM,
-    STILL,
-    STUCK_T,
-    T_NOW,
-    TICKS,
-    X_BEFORE_UM,
-    X_NOW_UM,
-    X_SEEN_UM,
-    X_UM,
-    B,
-    T,
-)
+from ..reading import decode as d
+from . import state as c
 
 
 def stays(s, flags):
     """Process a reading of a finger that rests or moves slowly; return whether this was done.
 
-    If not, the state is unchanged, and `contact.ContactTracker.take` processes the reading.
+    If not, the state is unchanged, and `tracker.ContactTracker.take` processes the reading.
 
     Parameters
     ----------
     s : array.array
-        State `DOWN` of a `contact.ContactTracker` with the present reading, see contact_state.py.
+        State `DOWN` of a `tracker.ContactTracker` with the present reading, see state.py.
     flags : int
         Flags of the reading.
     """
-    x_um = s[X_NOW_UM]
-    force_mN = s[FORCE_NOW_MN]
-    t = s[T_NOW]
-    off_um = x_um - s[X_UM]
+    x_um = s[c.X_NOW_UM]
+    force_mN = s[c.FORCE_NOW_MN]
+    t = s[c.T_NOW]
+    off_um = x_um - s[c.X_UM]
     if not (
-        flags & (TOUCHING | LED_OFF | NOT_CALIBRATED | SATURATED) == TOUCHING
-        and bool(flags & MISFIT) == bool(flags & TOO_DARK)
-        and not s[LEAVING]
-        and -SAME_UM < off_um < SAME_UM
-        and s[RELEASE_MN] <= force_mN < s[FIRM_MN]
+        flags & (d.TOUCHING | d.LED_OFF | d.NOT_CALIBRATED | d.SATURATED) == d.TOUCHING
+        and bool(flags & d.MISFIT) == bool(flags & d.TOO_DARK)
+        and not s[c.LEAVING]
+        and -c.SAME_UM < off_um < c.SAME_UM
+        and s[c.RELEASE_MN] <= force_mN < s[c.FIRM_MN]
         and (
-            not s[STUCK_T]
+            not s[c.STUCK_T]
             or (
-                s[LOW_UM] <= x_um <= s[HIGH_UM]
-                and s[LOW_MN] <= force_mN <= s[HIGH_MN]
-                and (t - s[STILL]) & (TICKS - 1) < s[STUCK_T]
+                s[c.LOW_UM] <= x_um <= s[c.HIGH_UM]
+                and s[c.LOW_MN] <= force_mN <= s[c.HIGH_MN]
+                and (t - s[c.STILL]) & (c.TICKS - 1) < s[c.STUCK_T]
             )
         )
     ):
         return False
-    s[FORCE_MN] = force_mN
-    s[X_BEFORE_UM] = s[X_UM]
-    s[X_UM] += off_um >> 1
-    s[X_SEEN_UM] = x_um
-    s[B_OLDEST] = s[B_BEFORE]
-    s[B_BEFORE] = s[B]
-    s[B] = s[B_NOW]
-    s[LOOSE] = s[HAS_DIPPED] = False
-    s[DRIFTS] = flags & MISFIT
-    s[T] = t
+    s[c.FORCE_MN] = force_mN
+    s[c.X_BEFORE_UM] = s[c.X_UM]
+    s[c.X_UM] += off_um >> 1
+    s[c.X_SEEN_UM] = x_um
+    s[c.B_OLDEST] = s[c.B_BEFORE]
+    s[c.B_BEFORE] = s[c.B]
+    s[c.B] = s[c.B_NOW]
+    s[c.LOOSE] = s[c.HAS_DIPPED] = False
+    s[c.DRIFTS] = flags & d.MISFIT
+    s[c.T] = t
     return True

@@ -45,14 +45,8 @@ Integers only; allocates nothing.
 from array import array
 
 from .. import const
-from ..reading.decode import (
-    LED_OFF,
-    MISFIT,
-    NOT_CALIBRATED,
-    SATURATED,
-    TOO_DARK,
-    TOUCHING,
-)
+from ..reading import decode as d
+from . import state as c
 from .evidence import (
     has_almost_left,
     has_left,
@@ -61,104 +55,13 @@ from .evidence import (
 )
 from .locate import noise
 from .pair import watch
-from .state import (
-    APART_UM,
-    B_BEFORE,
-    B_BOTH,
-    B_GUESS,
-    B_NOW,
-    B_OLDEST,
-    B_SECOND,
-    B_SEEN,
-    BEGAN,
-    CALM,
-    CHECKED,
-    DECAY,
-    DETECT,
-    DOWN,
-    DRIFTS,
-    ENDS,
-    EVEN,
-    FALLS,
-    FELL,
-    FIRM_MN,
-    FITS,
-    FLAGS_NOW,
-    FORCE_MN,
-    FORCE_NOW_MN,
-    FOUND,
-    FOUND_SLACK_UM,
-    FOUND_UM,
-    GUESSED,
-    HAS_DIPPED,
-    HIGH_MN,
-    HIGH_UM,
-    HINT_UM,
-    IGNORED,
-    IS_CALM,
-    IS_EVEN,
-    JUMP_UM,
-    KNOWN,
-    LEAST,
-    LEAVING,
-    LEFT,
-    LENGTH_UM,
-    LIFTED,
-    LOOSE,
-    LOST,
-    LOW,
-    LOW_MN,
-    LOW_UM,
-    MOVED,
-    NEAR_UM,
-    NEVER,
-    NEXT,
-    NOISE_PRODUCT,
-    ODD,
-    PAIR,
-    PEAK,
-    PRESS_MN,
-    RELEASE_MN,
-    RELEASE_T,
-    REMAINS,
-    RESTED,
-    RISES,
-    SAME,
-    SAME_UM,
-    SECOND,
-    SEEN,
-    SINCE,
-    SINGLE,
-    SIZE,
-    SLACK_GUESS_UM,
-    SOON,
-    SPENT,
-    STATE,
-    STEP_UM,
-    STILL,
-    STUCK_T,
-    T_NOW,
-    THIRD,
-    TICKS,
-    TWO,
-    UP,
-    X_BEFORE_UM,
-    X_GUESS_UM,
-    X_NOW_UM,
-    X_PEAK_UM,
-    X_SECOND_UM,
-    X_SEEN_UM,
-    X_UM,
-    B,
-    T,
-)
 from .steady import stays
 
-DOUBTFUL = LED_OFF | MISFIT | NOT_CALIBRATED | SATURATED | TOO_DARK
+DOUBTFUL = d.LED_OFF | d.MISFIT | d.NOT_CALIBRATED | d.SATURATED | d.TOO_DARK
 # Flags of an untrusted reading whose spectrum fits one press well enough for a key: the strip has
 # drifted, or there are two fingers.
-TWO_FIT = MISFIT | TOO_DARK
-_BLIND = NOT_CALIBRATED | SATURATED
+TWO_FIT = d.MISFIT | d.TOO_DARK
+_BLIND = d.NOT_CALIBRATED | d.SATURATED
 TICK_US = 1024  # see `TICKS`
 
 # Product of the light in counts and the standard deviation of the position in um by ADC noise, at
@@ -187,7 +90,7 @@ def elapsed(since, now):
 
     The result is correct if the times are less than `TICKS` apart, even if the counter wraps.
     """
-    return (now - since) & (TICKS - 1)
+    return (now - since) & (c.TICKS - 1)
 
 
 class ContactTracker:
@@ -212,35 +115,35 @@ class ContactTracker:
     def __init__(self, sink):
         self.sink = sink
         self._layout = None
-        self.state = s = array("i", bytes(4 * SIZE))
-        s[STATE] = SPENT
-        s[FIRM_MN] = NEVER
+        self.state = s = array("i", bytes(4 * c.SIZE))
+        s[c.STATE] = c.SPENT
+        s[c.FIRM_MN] = c.NEVER
 
     def report_to(self, sink):
         """Use another receiver; it gets the positions of a finger that already touches."""
         self.sink = sink
-        self.state[IGNORED] = False
+        self.state[c.IGNORED] = False
 
     @property
     def x_um(self):
         """Position of the first finger in um."""
-        return self.state[X_UM]
+        return self.state[c.X_UM]
 
     @property
     def force_mN(self):
         """Force of the last reading that fits one press, in mN."""
-        return self.state[FORCE_MN]
+        return self.state[c.FORCE_MN]
 
     @property
     def touched(self):
         """Whether a finger with a known position touches the strip."""
         s = self.state
-        return s[STATE] == DOWN or (s[STATE] == TWO and s[KNOWN])
+        return s[c.STATE] == c.DOWN or (s[c.STATE] == c.TWO and s[c.KNOWN])
 
     @property
     def two(self):
         """Whether more than one finger may touch the strip."""
-        return self.state[STATE] == TWO
+        return self.state[c.STATE] == c.TWO
 
     def set_layout(self, layout, length_um=0, decay=0):
         """Set the limits and the strip length; a finger that touches is ignored until it lifts.
@@ -257,27 +160,27 @@ class ContactTracker:
         """
         s = self.state
         self._layout = layout
-        s[RELEASE_MN] = layout.release_mN
-        s[PRESS_MN] = layout.press_mN
-        s[STUCK_T] = layout.stuck_t
-        s[DETECT] = layout.detect
-        s[JUMP_UM] = layout.jump_um
-        s[RELEASE_T] = layout.release_t
-        s[DECAY] = decay
-        s[LENGTH_UM] = length_um
+        s[c.RELEASE_MN] = layout.release_mN
+        s[c.PRESS_MN] = layout.press_mN
+        s[c.STUCK_T] = layout.stuck_t
+        s[c.DETECT] = layout.detect
+        s[c.JUMP_UM] = layout.jump_um
+        s[c.RELEASE_T] = layout.release_t
+        s[c.DECAY] = decay
+        s[c.LENGTH_UM] = length_um
         # Light decreases along a strip, and a long strip needs a weak dye: the noise grows. The
         # position comes from the decay: half the decay, twice the noise.
         share = min(max(length_um, 0), 600_000) * 3 // 1000
         product = max(share * share * 18 // 13, _NOISE)
-        s[NOISE_PRODUCT] = max(product, product // max(decay, 72) * _TYPICAL)
+        s[c.NOISE_PRODUCT] = max(product, product // max(decay, 72) * _TYPICAL)
         self.spend()
 
     def spend(self):
         """End the present touch; the finger must be lifted before a new touch can begin."""
         s = self.state
-        s[STATE] = SPENT
-        s[SEEN] = 0
-        s[LEAVING] = False
+        s[c.STATE] = c.SPENT
+        s[c.SEEN] = 0
+        s[c.LEAVING] = False
 
     def take(self, flags, position_um, force_mN, brightness, t):
         """Process a reading: update the state, and call the methods of `sink`.
@@ -296,64 +199,64 @@ class ContactTracker:
         # The call frames of this function and of most that it calls have at most 11 words, see
         # strip.py: the reading is in the state.
         s = self.state
-        if flags & LED_OFF:
+        if flags & d.LED_OFF:
             return  # with the LED off, a touch cannot be detected
-        s[X_NOW_UM] = position_um
-        s[FORCE_NOW_MN] = force_mN
-        s[B_NOW] = brightness
-        s[T_NOW] = t
-        if s[STATE] == DOWN:
+        s[c.X_NOW_UM] = position_um
+        s[c.FORCE_NOW_MN] = force_mN
+        s[c.B_NOW] = brightness
+        s[c.T_NOW] = t
+        if s[c.STATE] == c.DOWN:
             if stays(s, flags):
-                if not s[IGNORED] and self.sink.at(position_um, t):
-                    s[IGNORED] = True
+                if not s[c.IGNORED] and self.sink.at(position_um, t):
+                    s[c.IGNORED] = True
                 return
-        elif s[STATE] == TWO and self._part(flags):
+        elif s[c.STATE] == c.TWO and self._part(flags):
             return
-        if not flags & TOUCHING or (force_mN < s[RELEASE_MN] and not flags & DOUBTFUL):
-            if s[STATE] != UP:
+        if not flags & d.TOUCHING or (force_mN < s[c.RELEASE_MN] and not flags & DOUBTFUL):
+            if s[c.STATE] != c.UP:
                 self._lift(t)
             else:
-                s[SEEN] = 0
-            if force_mN and not flags & MISFIT and s[STATE] == UP:
+                s[c.SEEN] = 0
+            if force_mN and not flags & d.MISFIT and s[c.STATE] == c.UP:
                 self._approach()
             return
-        if s[LEAVING]:
-            s[LEAVING] = False
-            s[HAS_DIPPED] = True
+        if s[c.LEAVING]:
+            s[c.LEAVING] = False
+            s[c.HAS_DIPPED] = True
         if flags & _BLIND:
-            s[SEEN] = 0
+            s[c.SEEN] = 0
             return
-        s[FITS] = not flags & MISFIT or flags & TWO_FIT == TWO_FIT
-        if s[FITS]:
-            s[FORCE_MN] = force_mN
-            if s[STUCK_T] and s[STATE] and self._rests():
-                s[STATE] = SPENT
+        s[c.FITS] = not flags & d.MISFIT or flags & TWO_FIT == TWO_FIT
+        if s[c.FITS]:
+            s[c.FORCE_MN] = force_mN
+            if s[c.STUCK_T] and s[c.STATE] and self._rests():
+                s[c.STATE] = c.SPENT
                 self.sink.stuck()
                 return
-        elif not s[LENGTH_UM]:
+        elif not s[c.LENGTH_UM]:
             return
-        if s[STATE] == DOWN:
+        if s[c.STATE] == c.DOWN:
             self._follow()
-        elif s[STATE] == UP:
+        elif s[c.STATE] == c.UP:
             self._press()
-        elif s[STATE] == TWO:
-            self._part(flags | CHECKED)
-        if s[STATE] == DOWN:
-            s[DRIFTS] = flags & MISFIT
-        s[T] = t
+        elif s[c.STATE] == c.TWO:
+            self._part(flags | c.CHECKED)
+        if s[c.STATE] == c.DOWN:
+            s[c.DRIFTS] = flags & d.MISFIT
+        s[c.T] = t
 
     def _lift(self, t):
         s = self.state
-        if not s[LEAVING]:
-            s[LEAVING] = True
-            s[LEFT] = s[T]
-        if elapsed(s[LEFT], t) < s[RELEASE_T]:
+        if not s[c.LEAVING]:
+            s[c.LEAVING] = True
+            s[c.LEFT] = s[c.T]
+        if elapsed(s[c.LEFT], t) < s[c.RELEASE_T]:
             return
-        s[LEAVING] = False
-        if s[STATE] == TWO and has_almost_left(s):
-            self.sink.next(s[X_SEEN_UM], t)
-        down, s[STATE] = self.touched, UP
-        s[SEEN] = 0
+        s[c.LEAVING] = False
+        if s[c.STATE] == c.TWO and has_almost_left(s):
+            self.sink.next(s[c.X_SEEN_UM], t)
+        down, s[c.STATE] = self.touched, c.UP
+        s[c.SEEN] = 0
         if down:
             self.sink.up(t)
 
@@ -362,89 +265,90 @@ class ContactTracker:
     def _approach(self):
         """Record a reading that may be the first reading of a touch."""
         s = self.state
-        s[BEGAN] = s[SINCE] = s[T_NOW]
-        s[X_UM] = s[X_SEEN_UM] = s[X_NOW_UM]
-        s[B_SEEN] = s[B_NOW]
-        s[STEP_UM] = 0
-        s[SEEN] = 1
+        s[c.BEGAN] = s[c.SINCE] = s[c.T_NOW]
+        s[c.X_UM] = s[c.X_SEEN_UM] = s[c.X_NOW_UM]
+        s[c.B_SEEN] = s[c.B_NOW]
+        s[c.STEP_UM] = 0
+        s[c.SEEN] = 1
 
     def _press(self):
         s = self.state
-        if s[FORCE_NOW_MN] < s[PRESS_MN]:
-            s[SEEN] = 0
-            if s[FITS]:
+        if s[c.FORCE_NOW_MN] < s[c.PRESS_MN]:
+            s[c.SEEN] = 0
+            if s[c.FITS]:
                 self._approach()
             return
-        x_um = s[X_NOW_UM]
-        moved_um = x_um - s[X_SEEN_UM]
-        if not s[SEEN]:
+        x_um = s[c.X_NOW_UM]
+        moved_um = x_um - s[c.X_SEEN_UM]
+        if not s[c.SEEN]:
             self._approach()
         elif (
-            s[FITS]
-            and s[SEEN] > 0
-            and abs(moved_um) < (slack_um(s, s[B_SEEN]) * 5 >> 2 if s[LENGTH_UM] else s[JUMP_UM])
+            s[c.FITS]
+            and s[c.SEEN] > 0
+            and abs(moved_um)
+            < (slack_um(s, s[c.B_SEEN]) * 5 >> 2 if s[c.LENGTH_UM] else s[c.JUMP_UM])
         ):
-            s[SEEN] += 1
+            s[c.SEEN] += 1
         else:
-            steady = s[STEP_UM] and abs(moved_um - s[STEP_UM]) < slack_um(s, s[B_SEEN])
-            if s[FITS] and steady and abs(moved_um) <= s[JUMP_UM]:
-                s[SEEN] = s[DETECT]  # the finger slides already
+            steady = s[c.STEP_UM] and abs(moved_um - s[c.STEP_UM]) < slack_um(s, s[c.B_SEEN])
+            if s[c.FITS] and steady and abs(moved_um) <= s[c.JUMP_UM]:
+                s[c.SEEN] = s[c.DETECT]  # the finger slides already
             else:
-                s[SEEN] = 1
-                s[X_UM] = x_um
-                if elapsed(s[BEGAN], s[T_NOW]) >= _TOGETHER_T:
-                    s[KNOWN] = s[IS_EVEN] = False
+                s[c.SEEN] = 1
+                s[c.X_UM] = x_um
+                if elapsed(s[c.BEGAN], s[c.T_NOW]) >= _TOGETHER_T:
+                    s[c.KNOWN] = s[c.IS_EVEN] = False
                     self._mix()
                     return
         # Three readings show whether a motion is steady.
-        s[STEP_UM] = moved_um if s[SEEN] == 1 and elapsed(s[BEGAN], s[T_NOW]) else 0
-        if not s[FITS]:
-            s[STEP_UM] = 0
-            s[SEEN] = -1
-        s[X_SEEN_UM] = x_um
-        s[B_SEEN] = s[B_NOW]
-        if s[SEEN] >= s[DETECT]:
-            self._begin(x_um, s[B_NOW])
-            s[B_BEFORE] = 0
-            self.sink.down(x_um, s[T_NOW])
+        s[c.STEP_UM] = moved_um if s[c.SEEN] == 1 and elapsed(s[c.BEGAN], s[c.T_NOW]) else 0
+        if not s[c.FITS]:
+            s[c.STEP_UM] = 0
+            s[c.SEEN] = -1
+        s[c.X_SEEN_UM] = x_um
+        s[c.B_SEEN] = s[c.B_NOW]
+        if s[c.SEEN] >= s[c.DETECT]:
+            self._begin(x_um, s[c.B_NOW])
+            s[c.B_BEFORE] = 0
+            self.sink.down(x_um, s[c.T_NOW])
             self._harden()
 
     # State DOWN.
 
     def _begin(self, x_um, brightness):
         s = self.state
-        s[STATE] = DOWN
-        s[SEEN] = 0
-        s[LOOSE] = False
-        s[HAS_DIPPED] = s[IGNORED] = False
-        s[X_UM] = s[X_BEFORE_UM] = x_um
-        s[B] = s[B_BEFORE] = brightness
-        s[B_OLDEST] = 0
-        s[X_SEEN_UM] = x_um
-        s[FIRM_MN] = self._layout.firm_mN
+        s[c.STATE] = c.DOWN
+        s[c.SEEN] = 0
+        s[c.LOOSE] = False
+        s[c.HAS_DIPPED] = s[c.IGNORED] = False
+        s[c.X_UM] = s[c.X_BEFORE_UM] = x_um
+        s[c.B] = s[c.B_BEFORE] = brightness
+        s[c.B_OLDEST] = 0
+        s[c.X_SEEN_UM] = x_um
+        s[c.FIRM_MN] = self._layout.firm_mN
         self._rest(x_um)
 
     def _follow(self):
         s = self.state
-        x_um = s[X_NOW_UM]
-        off_um = x_um - s[X_UM]
-        if s[FITS] and -SAME_UM < off_um < SAME_UM:
+        x_um = s[c.X_NOW_UM]
+        off_um = x_um - s[c.X_UM]
+        if s[c.FITS] and -c.SAME_UM < off_um < c.SAME_UM:
             off_um >>= 1
-            s[LOOSE] = False
-        elif s[FITS] and s[LOOSE] and -NEAR_UM < off_um < NEAR_UM:
+            s[c.LOOSE] = False
+        elif s[c.FITS] and s[c.LOOSE] and -c.NEAR_UM < off_um < c.NEAR_UM:
             pass
         elif self._is_next(off_um):
-            self._part(CHECKED)
+            self._part(c.CHECKED)
             return
-        s[X_BEFORE_UM] = s[X_UM]
-        s[X_UM] += off_um
-        s[X_SEEN_UM] = x_um
-        s[B_OLDEST] = s[B_BEFORE]
-        s[B_BEFORE] = s[B]
-        s[B] = s[B_NOW]
-        s[HAS_DIPPED] = False
-        self.sink.at(x_um, s[T_NOW])
-        if s[FORCE_NOW_MN] >= s[FIRM_MN]:
+        s[c.X_BEFORE_UM] = s[c.X_UM]
+        s[c.X_UM] += off_um
+        s[c.X_SEEN_UM] = x_um
+        s[c.B_OLDEST] = s[c.B_BEFORE]
+        s[c.B_BEFORE] = s[c.B]
+        s[c.B] = s[c.B_NOW]
+        s[c.HAS_DIPPED] = False
+        self.sink.at(x_um, s[c.T_NOW])
+        if s[c.FORCE_NOW_MN] >= s[c.FIRM_MN]:
             self._harden()
 
     def _is_next(self, off_um):
@@ -453,13 +357,13 @@ class ContactTracker:
         `off_um` is the distance of the reading from the finger, in um.
         """
         s = self.state
-        if s[FITS] and not s[HAS_DIPPED]:
-            if abs(off_um) < 4 * noise(s[NOISE_PRODUCT], s[B_NOW]):
+        if s[c.FITS] and not s[c.HAS_DIPPED]:
+            if abs(off_um) < 4 * noise(s[c.NOISE_PRODUCT], s[c.B_NOW]):
                 return False
-            if abs(s[X_NOW_UM] - s[X_SEEN_UM]) <= s[JUMP_UM] and (
-                not s[LENGTH_UM]
-                or abs(s[B_NOW] - s[B])
-                <= _SLIDE_LIGHT * min((s[T_NOW] - s[T]) & (TICKS - 1), _TOGETHER_T)
+            if abs(s[c.X_NOW_UM] - s[c.X_SEEN_UM]) <= s[c.JUMP_UM] and (
+                not s[c.LENGTH_UM]
+                or abs(s[c.B_NOW] - s[c.B])
+                <= _SLIDE_LIGHT * min((s[c.T_NOW] - s[c.T]) & (c.TICKS - 1), _TOGETHER_T)
             ):
                 return False
         self._overlap()
@@ -469,186 +373,191 @@ class ContactTracker:
         # Another finger may have touched at the present reading: enter state TWO.
         self._mix()
         s = self.state
-        before = s[B_BEFORE]
-        risen = s[B] - before
-        drift = abs(before - s[B_OLDEST])
-        s[IS_CALM] = abs(risen) < CALM and drift < CALM
+        before = s[c.B_BEFORE]
+        risen = s[c.B] - before
+        drift = abs(before - s[c.B_OLDEST])
+        s[c.IS_CALM] = abs(risen) < c.CALM and drift < c.CALM
         if not before:
-            drift = EVEN
-        s[IS_EVEN] = risen > -EVEN and (risen < EVEN or drift < EVEN)
-        s[RISES] = risen >= EVEN and drift >= EVEN
-        s[FALLS] = risen <= -EVEN
-        s[FELL] = s[T_NOW]
-        if s[LEAST] > s[B]:
-            s[LEAST] = s[B]
-        if s[LEAST] < max(s[B], before, s[B_OLDEST]) - _FALLEN:
-            s[HAS_DIPPED] = True
-        s[KNOWN] = True
-        s[X_UM] = s[X_BEFORE_UM]
-        if not s[RISES]:
-            s[B] = before
-        s[SEEN] = -1
+            drift = c.EVEN
+        s[c.IS_EVEN] = risen > -c.EVEN and (risen < c.EVEN or drift < c.EVEN)
+        s[c.RISES] = risen >= c.EVEN and drift >= c.EVEN
+        s[c.FALLS] = risen <= -c.EVEN
+        s[c.FELL] = s[c.T_NOW]
+        if s[c.LEAST] > s[c.B]:
+            s[c.LEAST] = s[c.B]
+        if s[c.LEAST] < max(s[c.B], before, s[c.B_OLDEST]) - _FALLEN:
+            s[c.HAS_DIPPED] = True
+        s[c.KNOWN] = True
+        s[c.X_UM] = s[c.X_BEFORE_UM]
+        if not s[c.RISES]:
+            s[c.B] = before
+        s[c.SEEN] = -1
 
     # State TWO.
 
     def _mix(self):
         s = self.state
-        s[STATE] = TWO
-        s[BEGAN] = s[T_NOW]
-        s[ODD] = s[SECOND] = s[THIRD] = False
-        s[RESTED] = s[GUESSED] = s[PAIR] = False
-        s[B_BOTH] = 0
-        s[HINT_UM] = -NEVER
-        s[PEAK] = s[LEAST] = s[LOW] = s[B_NOW]
-        s[X_PEAK_UM] = s[X_NOW_UM]
+        s[c.STATE] = c.TWO
+        s[c.BEGAN] = s[c.T_NOW]
+        s[c.ODD] = s[c.SECOND] = s[c.THIRD] = False
+        s[c.RESTED] = s[c.GUESSED] = s[c.PAIR] = False
+        s[c.B_BOTH] = 0
+        s[c.HINT_UM] = -c.NEVER
+        s[c.PEAK] = s[c.LEAST] = s[c.LOW] = s[c.B_NOW]
+        s[c.X_PEAK_UM] = s[c.X_NOW_UM]
 
     def _part(self, flags):
         """Process a reading in the state TWO; return False if `take` must check it first."""
         s = self.state
-        s[FLAGS_NOW] = flags
-        what = watch(s, s, s[B_NOW], s)
+        s[c.FLAGS_NOW] = flags
+        what = watch(s, s, s[c.B_NOW], s)
         if what <= 0:
             return not what
-        if what == MOVED:
-            self.sink.moved(s[FOUND_UM], s[FOUND_SLACK_UM])
+        if what == c.MOVED:
+            self.sink.moved(s[c.FOUND_UM], s[c.FOUND_SLACK_UM])
             return True
-        t = s[T_NOW]
-        if what < MOVED:
-            if what & FOUND:
-                self._add(s[SLACK_GUESS_UM] * SOON >> 3)
-            if what & REMAINS:
+        t = s[c.T_NOW]
+        if what < c.MOVED:
+            if what & c.FOUND:
+                self._add(s[c.SLACK_GUESS_UM] * c.SOON >> 3)
+            if what & c.REMAINS:
                 self._remain(what)
-        elif what == NEXT:
-            self._begin(s[X_SEEN_UM], s[B_SEEN])
-            s[LOOSE] = True
-            self.sink.next(s[X_UM], t)
+        elif what == c.NEXT:
+            self._begin(s[c.X_SEEN_UM], s[c.B_SEEN])
+            s[c.LOOSE] = True
+            self.sink.next(s[c.X_UM], t)
             self._follow()
-        elif what == LIFTED:
-            b = s[B_SECOND]
-            s[SECOND] = False
-            self._begin(s[X_NOW_UM], s[B_NOW])
-            s[B_BEFORE] = b
-            s[LOOSE] = True
+        elif what == c.LIFTED:
+            b = s[c.B_SECOND]
+            s[c.SECOND] = False
+            self._begin(s[c.X_NOW_UM], s[c.B_NOW])
+            s[c.B_BEFORE] = b
+            s[c.LOOSE] = True
             self.sink.left(False, t)
-            self.sink.at(s[X_NOW_UM], t)
-        elif what & 0xFF == SAME:
-            self.sink.second(s[X_GUESS_UM], what >> 8, t)
-            self.sink.moved(s[X_SECOND_UM], what >> 8)
+            self.sink.at(s[c.X_NOW_UM], t)
+        elif what & 0xFF == c.SAME:
+            self.sink.second(s[c.X_GUESS_UM], what >> 8, t)
+            self.sink.moved(s[c.X_SECOND_UM], what >> 8)
         else:
             self._fade(what >> 8)
-        if s[STATE] == DOWN:
-            s[DRIFTS] = flags & MISFIT
-        s[T] = t
+        if s[c.STATE] == c.DOWN:
+            s[c.DRIFTS] = flags & d.MISFIT
+        s[c.T] = t
         return True
 
     def _add(self, slack_um):
         # Report the finger that was estimated last; it becomes the second one.
         s = self.state
-        s[SECOND] = self.sink.second(s[X_GUESS_UM], slack_um, s[T_NOW])
-        s[X_SECOND_UM] = s[X_GUESS_UM]
-        s[B_SECOND] = s[B_GUESS]
+        s[c.SECOND] = self.sink.second(s[c.X_GUESS_UM], slack_um, s[c.T_NOW])
+        s[c.X_SECOND_UM] = s[c.X_GUESS_UM]
+        s[c.B_SECOND] = s[c.B_GUESS]
 
     def _fade(self, slack_um):
         # The first finger has left. With `slack_um`, there is an estimate of a third one.
         s = self.state
-        s[X_UM] = s[X_BEFORE_UM] = s[X_SECOND_UM]
-        s[B] = s[B_SECOND]
-        s[SECOND] = False
+        s[c.X_UM] = s[c.X_BEFORE_UM] = s[c.X_SECOND_UM]
+        s[c.B] = s[c.B_SECOND]
+        s[c.SECOND] = False
         self._mix()
-        s[IS_EVEN] = s[PAIR] = True
-        s[HAS_DIPPED] = s[IS_CALM] = False
-        s[FALLS] = False
-        s[LOOSE] = True
-        self.sink.left(False, s[T_NOW])
-        if slack_um and s[B_GUESS] > s[B] - _HALF:
+        s[c.IS_EVEN] = s[c.PAIR] = True
+        s[c.HAS_DIPPED] = s[c.IS_CALM] = False
+        s[c.FALLS] = False
+        s[c.LOOSE] = True
+        self.sink.left(False, s[c.T_NOW])
+        if slack_um and s[c.B_GUESS] > s[c.B] - _HALF:
             self._add(slack_um)
 
     def _remain(self, how):
         # Only one finger seems to touch. `how`: the result of `pair.watch`.
         s = self.state
-        x_um = s[X_NOW_UM]
-        t = s[T_NOW]
-        if not s[KNOWN]:
+        x_um = s[c.X_NOW_UM]
+        t = s[c.T_NOW]
+        if not s[c.KNOWN]:
             # If light was lost and the position moved, one of two fingers has left. Or there was
             # only one finger, and ambient light that is now off.
-            if (s[B_NOW] < s[PEAK] - LOST and abs(x_um - s[X_PEAK_UM]) > _MOVED_UM) or (
-                s[ODD] and elapsed(s[SINCE], t) >= _TOGETHER_T
+            if (s[c.B_NOW] < s[c.PEAK] - c.LOST and abs(x_um - s[c.X_PEAK_UM]) > _MOVED_UM) or (
+                s[c.ODD] and elapsed(s[c.SINCE], t) >= _TOGETHER_T
             ):
-                self._begin(x_um, s[B_NOW])
-                s[B_BEFORE] = 0
+                self._begin(x_um, s[c.B_NOW])
+                s[c.B_BEFORE] = 0
                 self.sink.down(x_um, t)
                 self._recall()
                 self._harden()
             return
-        off_um = x_um - s[X_UM]
+        off_um = x_um - s[c.X_UM]
         # Two fingers are at least `APART_UM` apart. So a nearer position is that of the first
         # finger, which rolled, or slid while it lifted. If a second finger is known, it may also
         # be the position of both. The first reading of a soft touch is noisier than this one.
-        back_um = NEAR_UM if s[SECOND] else APART_UM
-        if abs(off_um) < back_um + 2 * noise(s[NOISE_PRODUCT], min(s[B_NOW], s[B])):
-            firm_mN = s[FIRM_MN]
-            if not s[SECOND]:
+        back_um = c.NEAR_UM if s[c.SECOND] else c.APART_UM
+        if abs(off_um) < back_um + 2 * noise(s[c.NOISE_PRODUCT], min(s[c.B_NOW], s[c.B])):
+            firm_mN = s[c.FIRM_MN]
+            if not s[c.SECOND]:
                 self._recall()
-            self._begin(x_um, s[B_NOW])
-            s[FIRM_MN] = firm_mN
-            if s[SECOND]:
-                s[SECOND] = False
+            self._begin(x_um, s[c.B_NOW])
+            s[c.FIRM_MN] = firm_mN
+            if s[c.SECOND]:
+                s[c.SECOND] = False
                 self.sink.left(True, t)
             self.sink.at(x_um, t)
-        elif how & SINGLE or has_left(s, off_um):
-            stays = s[SECOND] and not s[HAS_DIPPED] and abs(x_um - s[X_SECOND_UM]) < APART_UM
+        elif how & c.SINGLE or has_left(s, off_um):
+            stays = (
+                s[c.SECOND] and not s[c.HAS_DIPPED] and abs(x_um - s[c.X_SECOND_UM]) < c.APART_UM
+            )
             if not stays:
-                if s[SECOND]:
+                if s[c.SECOND]:
                     self.sink.left(True, t)
-                if not how & ENDS:
+                if not how & c.ENDS:
                     self._recall()
-            s[SECOND] = False
-            self._begin(x_um, s[B_NOW])
+            s[c.SECOND] = False
+            self._begin(x_um, s[c.B_NOW])
             if stays:
                 self.sink.left(False, t)
             else:
-                s[B_BEFORE] = 0
-                s[LOOSE] = 1 if how & ENDS else 0
+                s[c.B_BEFORE] = 0
+                s[c.LOOSE] = 1 if how & c.ENDS else 0
                 self.sink.next(x_um, t)
             self._harden()
 
     def _recall(self):
         """Report a second finger that was not found while two fingers touched."""
         s = self.state
-        if recalls(s) and self.sink.second(s[FOUND_UM], s[FOUND_SLACK_UM] * _LATER >> 3, s[T_NOW]):
-            self.sink.left(True, s[T_NOW])
+        if recalls(s) and self.sink.second(
+            s[c.FOUND_UM], s[c.FOUND_SLACK_UM] * _LATER >> 3, s[c.T_NOW]
+        ):
+            self.sink.left(True, s[c.T_NOW])
 
     def noise_um(self, brightness):
         """Return an upper limit of a position's standard deviation due to ADC noise, in um.
 
         `brightness` is that of the reading, in Q20 of log2.
         """
-        return noise(self.state[NOISE_PRODUCT], brightness)
+        return noise(self.state[c.NOISE_PRODUCT], brightness)
 
     def _harden(self):
         s = self.state
-        if s[FORCE_NOW_MN] >= s[FIRM_MN] and s[STATE] == DOWN:
-            s[FIRM_MN] = NEVER
-            self.sink.firm(s[T_NOW])
+        if s[c.FORCE_NOW_MN] >= s[c.FIRM_MN] and s[c.STATE] == c.DOWN:
+            s[c.FIRM_MN] = c.NEVER
+            self.sink.firm(s[c.T_NOW])
 
     def _rests(self):
         s = self.state
         if not (
-            s[LOW_UM] <= s[X_NOW_UM] <= s[HIGH_UM] and s[LOW_MN] <= s[FORCE_NOW_MN] <= s[HIGH_MN]
+            s[c.LOW_UM] <= s[c.X_NOW_UM] <= s[c.HIGH_UM]
+            and s[c.LOW_MN] <= s[c.FORCE_NOW_MN] <= s[c.HIGH_MN]
         ):
-            self._rest(s[X_NOW_UM])
+            self._rest(s[c.X_NOW_UM])
             return False
-        if elapsed(s[STILL], s[T_NOW]) < s[STUCK_T]:
+        if elapsed(s[c.STILL], s[c.T_NOW]) < s[c.STUCK_T]:
             return False
-        s[STILL] = s[T_NOW]
+        s[c.STILL] = s[c.T_NOW]
         return True
 
     def _rest(self, x_um):
         s = self.state
         off_um = self._layout.slide_um >> 1
-        force_mN = s[FORCE_NOW_MN]
-        s[LOW_UM] = x_um - off_um
-        s[HIGH_UM] = x_um + off_um
-        s[LOW_MN] = force_mN - (force_mN >> 2)
-        s[HIGH_MN] = force_mN + (force_mN >> 2)
-        s[STILL] = s[T_NOW]
+        force_mN = s[c.FORCE_NOW_MN]
+        s[c.LOW_UM] = x_um - off_um
+        s[c.HIGH_UM] = x_um + off_um
+        s[c.LOW_MN] = force_mN - (force_mN >> 2)
+        s[c.HIGH_MN] = force_mN + (force_mN >> 2)
+        s[c.STILL] = s[c.T_NOW]

@@ -4,7 +4,7 @@ Without a touch all values are 0, like a centred stick. Integers only; allocates
 """
 
 from ..fingers.tracker import DOUBTFUL, TWO_FIT
-from ..reading.decode import TOUCHING
+from ..reading import decode as d
 
 _BITS = 22  # most bits of a length: with 8 more bits it still fits a small integer
 _X_MAX = 32_767
@@ -15,7 +15,7 @@ class GamepadAxes:
 
     Parameters
     ----------
-    sink : hid.GamepadReports
+    sink : reports.GamepadReports
         Receives the axes and the button.
     """
 
@@ -46,12 +46,12 @@ class GamepadAxes:
         Parameters
         ----------
         flags : int
-            Flag bits of the reading, see the module `decode`. Any bit of `contact.DOUBTFUL` marks
-            the reading as untrusted, unless these bits are exactly `contact.TWO_FIT`.
+            Flag bits of the reading, see the module `decode`. Any bit of `tracker.DOUBTFUL` marks
+            the reading as untrusted, unless these bits are exactly `tracker.TWO_FIT`.
         position_um, force_mN : int
             Position in um and force in mN.
         """
-        if not flags & TOUCHING:
+        if not flags & d.TOUCHING:
             self._sink.update(0, 0, 0, 0)
         elif not flags & DOUBTFUL or flags & DOUBTFUL == TWO_FIT:
             self._sink.update(self._x(position_um), 0, self._z(force_mN), 1)

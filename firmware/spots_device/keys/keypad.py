@@ -2,7 +2,7 @@
 
 A gesture is decided as soon as it is unambiguous; a key with one action is pressed immediately. The
 end of a touch releases the pressed action, even if the layer has changed since the press. Integers
-only; allocates nothing. Times are in the ticks of contact.py (1.024 ms).
+only; allocates nothing. Times are in the ticks of tracker.py (1.024 ms).
 """
 
 from .. import const
@@ -100,7 +100,7 @@ class Keypad:
         """Drop a pending double tap, and a layer that is on for the next key only."""
         self._due = self._tapped_at = self._once = _NONE
 
-    # Events of contact.ContactTracker.
+    # Events of tracker.ContactTracker.
 
     def down(self, x_um, t, typed=_NONE):
         self._third = _NONE

@@ -85,7 +85,7 @@ def action(kind, number, modifiers=0):
 class Layout:
     """A validated layout.
 
-    Each statement of `LIMITS` is an attribute. Durations are in ticks (see contact.py), and the
+    Each statement of `LIMITS` is an attribute. Durations are in ticks (see tracker.py), and the
     names of their attributes end in ``_t`` instead of ``_ms``.
 
     Parameters

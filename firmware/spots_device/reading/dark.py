@@ -14,20 +14,7 @@ from array import array
 
 from .. import const
 from ..sensor.smux import CHANNELS
-from .decode import (
-    AGE_STEP_US,
-    AGE_US,
-    CHECK,
-    DARK,
-    EVERY_US,
-    FLOOR,
-    FOLLOWED,
-    FOLLOWS,
-    IDLE_MIN_US,
-    REST,
-    SHIFT,
-    WANTED,
-)
+from . import decode as d
 
 IDLE_US = 1_000_000  # time without a touch before the LED may be switched off
 
@@ -72,14 +59,14 @@ class Dark:
 
     def __init__(self, state):
         self.state = state
-        self.mean = memoryview(state)[DARK : DARK + CHANNELS]
+        self.mean = memoryview(state)[d.DARK : d.DARK + CHANNELS]
         self._window = array("i", bytes(4 * CHANNELS))
         self._count = 0  # windows in the mean
         self._taken = 0  # samples in the window
         self._left = 0  # samples until the LED is switched on again
         self._pool_wanted = False
-        state[WANTED] = 1
-        state[IDLE_MIN_US] = IDLE_US
+        state[d.WANTED] = 1
+        state[d.IDLE_MIN_US] = IDLE_US
 
     def schedule(self, exposure_us, dark_every):
         """Set how often dark windows are taken.
@@ -94,19 +81,19 @@ class Dark:
             touch. With 0, windows of four samples are taken while the strip is not touched.
         """
         state = self.state
-        state[AGE_STEP_US] = exposure_us
-        state[EVERY_US] = min(dark_every * exposure_us, _EVERY_MAX_US)
-        state[IDLE_MIN_US] = 0
+        state[d.AGE_STEP_US] = exposure_us
+        state[d.EVERY_US] = min(dark_every * exposure_us, _EVERY_MAX_US)
+        state[d.IDLE_MIN_US] = 0
         if not dark_every:
-            state[EVERY_US] = max(_DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
-            state[IDLE_MIN_US] = IDLE_US
+            state[d.EVERY_US] = max(_DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
+            state[d.IDLE_MIN_US] = IDLE_US
 
     def request(self):
         """Restart the mean of the dark windows with a window as soon as possible.
 
         No window is requested if the LED cannot be switched.
         """
-        self.state[WANTED] = 1 if self.state[AGE_STEP_US] else 0
+        self.state[d.WANTED] = 1 if self.state[d.AGE_STEP_US] else 0
 
     def use(self, sums):
         """Use a stored dark frame; return whether `sums` contains one.
@@ -116,7 +103,7 @@ class Dark:
         sums : sequence of int
             Six sums as the method `sums` returns them; empty or False for no dark frame.
         """
-        self.state[AGE_US] = 0
+        self.state[d.AGE_US] = 0
         for i in range(CHANNELS):
             self.mean[i] = sums[i] << _SUMS_SHIFT if sums else 0
         return bool(sums)
@@ -124,24 +111,24 @@ class Dark:
     def request_pool(self):
         """Restart the mean of the dark windows: request 16 in a row, or as many as fit in 2 s."""
         self._pool_wanted = True
-        self.state[WANTED] = 1
+        self.state[d.WANTED] = 1
 
     def begin(self, exposure_us):
         """Begin a series of dark samples of `exposure_us` us each; the LED must be off already.
 
         The series is one sample, one dark window (four samples), or all windows of `request_pool`.
         """
-        if self.state[WANTED]:
+        if self.state[d.WANTED]:
             windows = 1
             if self._pool_wanted:
                 windows = min(max(1, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us)), _WINDOWS)
             self._pool_wanted = False
-            if self.state[WANTED] != CHECK:
+            if self.state[d.WANTED] != d.CHECK:
                 self._count = 0
-            self.state[WANTED] = self._taken = 0
+            self.state[d.WANTED] = self._taken = 0
             self._left = _WINDOW_SAMPLES * windows
         else:
-            self._left = _WINDOW_SAMPLES if self.state[IDLE_MIN_US] else 1
+            self._left = _WINDOW_SAMPLES if self.state[d.IDLE_MIN_US] else 1
 
     def add(self, counts):
         """Add a dark sample (six counts); return whether the series of `begin` is complete."""
@@ -154,7 +141,7 @@ class Dark:
         self._left -= 1
         if self._left > 0:
             return False
-        self.state[AGE_US] = 0
+        self.state[d.AGE_US] = 0
         return True
 
     def sums(self):
@@ -210,9 +197,9 @@ class Baseline:
         self._dark = dark
         self._state = dark.state
         view = memoryview(dark.state)
-        self._level = view[REST : REST + CHANNELS]  # counts, Q12
-        self.floor = view[FLOOR : FLOOR + CHANNELS]
-        self._state[SHIFT] = _Q
+        self._level = view[d.REST : d.REST + CHANNELS]  # counts, Q12
+        self.floor = view[d.FLOOR : d.FLOOR + CHANNELS]
+        self._state[d.SHIFT] = _Q
         self.samples = 0
 
     def sums(self):
@@ -231,7 +218,7 @@ class Baseline:
         while dark_samples * samples > _PRODUCT_MAX:
             dark_samples >>= 1
             shift += 1
-        self._state[SHIFT] = shift
+        self._state[d.SHIFT] = shift
         self.update()
         return dark_samples
 
@@ -239,22 +226,22 @@ class Baseline:
         """Set whether readings change the baseline; if not, the baseline is 0."""
         state = self._state
         if not on:
-            state[FOLLOWS] = 0
-            if state[FOLLOWED]:
+            state[d.FOLLOWS] = 0
+            if state[d.FOLLOWED]:
                 self.forget()
-        elif not state[FOLLOWS]:
-            state[FOLLOWS] = 1
+        elif not state[d.FOLLOWS]:
+            state[d.FOLLOWS] = 1
 
     def forget(self):
         """Set the baseline to 0."""
-        self._state[FOLLOWED] = 0
+        self._state[d.FOLLOWED] = 0
         for i in range(CHANNELS):
             self._level[i] = 0
         self.update()
 
     def update(self):
         """Compute `floor` again; must be called after a change of dark frame or baseline."""
-        shift = self._state[SHIFT]
+        shift = self._state[d.SHIFT]
         half = 1 << shift >> 1
         for i in range(CHANNELS):
             self.floor[i] = self._dark.mean[i] + self._level[i] + half >> shift

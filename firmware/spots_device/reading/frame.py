@@ -9,17 +9,7 @@ from struct import pack_into
 
 from .. import const
 from ..sensor.smux import CHANNELS
-from .decode import (
-    CRC_SIZE,
-    DROPPED,
-    GAP,
-    HEAD_SIZE,
-    HEADER_SIZE,
-    KIND,
-    LESS_US,
-    TIME_HIGH,
-    TIME_LOW,
-)
+from . import decode as d
 from .kernel import frame
 
 TOUCH = 1
@@ -58,28 +48,28 @@ class Time32:
         self._ticks_us = clock.ticks_us
         self._diff = clock.ticks_diff
         self.last = clock.ticks_us()
-        self.head = array("i", bytes(4 * HEAD_SIZE))
+        self.head = array("i", bytes(4 * d.HEAD_SIZE))
 
     def set(self, ticks):
         """Set the time to `ticks`; the new time may be earlier than the present one."""
         head = self.head
-        low = head[TIME_LOW] + head[LESS_US] + self._diff(ticks, self.last)
+        low = head[d.TIME_LOW] + head[d.LESS_US] + self._diff(ticks, self.last)
         self.last = ticks
-        head[LESS_US] = 0
-        head[TIME_HIGH] = head[TIME_HIGH] + (low >> 16) & 0xFFFF
-        head[TIME_LOW] = low & 0xFFFF
+        head[d.LESS_US] = 0
+        head[d.TIME_HIGH] = head[d.TIME_HIGH] + (low >> 16) & 0xFFFF
+        head[d.TIME_LOW] = low & 0xFFFF
 
     def update(self):
         """Set the time to the present ticks of the clock."""
         self.set(self._ticks_us())
 
     def ticks(self):
-        """Return the time in units of 1024 us, see `contact.TICK_US`; 22 bits, so it wraps."""
-        return self.head[TIME_HIGH] << 6 | self.head[TIME_LOW] >> 10
+        """Return the time in units of 1024 us, see `tracker.TICK_US`; 22 bits, so it wraps."""
+        return self.head[d.TIME_HIGH] << 6 | self.head[d.TIME_LOW] >> 10
 
     def us(self):
         """Return the board time in us; allocates if it does not fit a small integer."""
-        return self.head[TIME_HIGH] << 16 | self.head[TIME_LOW]
+        return self.head[d.TIME_HIGH] << 16 | self.head[d.TIME_LOW]
 
 
 class Framer:
@@ -105,7 +95,7 @@ class Framer:
     def __init__(self, serial, time):
         self._write = serial.write
         self._head = time.head
-        self.payload = bytearray(HEADER_SIZE + TEXT_MAX + CRC_SIZE)
+        self.payload = bytearray(d.HEADER_SIZE + TEXT_MAX + d.CRC_SIZE)
         # A delimiter, and the encoded frame.
         self._delimited = memoryview(bytearray(len(self.payload) + 7))
         self.encoded = self._delimited[1:]
@@ -114,64 +104,64 @@ class Framer:
     def spectrum(self, sensor, flags, gain, counts):
         """Send six counts, flags and gain code as a SPECTRUM frame; return whether it was sent."""
         payload = self.payload
-        payload[HEADER_SIZE] = flags | self._head[GAP]
-        payload[HEADER_SIZE + 1] = gain
-        at = HEADER_SIZE + 2
+        payload[d.HEADER_SIZE] = flags | self._head[d.GAP]
+        payload[d.HEADER_SIZE + 1] = gain
+        at = d.HEADER_SIZE + 2
         for i in range(CHANNELS):
             payload[at] = counts[i] & 0xFF
             payload[at + 1] = counts[i] >> 8
             at += 2
-        self._head[KIND] = SPECTRUM | sensor << 4
-        return self.send(frame(self._head, payload, HEADER_SIZE + _SPECTRUM, self.encoded))
+        self._head[d.KIND] = SPECTRUM | sensor << 4
+        return self.send(frame(self._head, payload, d.HEADER_SIZE + _SPECTRUM, self.encoded))
 
     def key(self, sensor, page, usage, modifiers, pressed):
         """Send a key event as a KEY frame; return whether it was sent.
 
         `sensor` is the number of the sensor; the other arguments are those of `uses.Uses.key`.
         """
-        pack_into(KEY_BODY, self.payload, HEADER_SIZE, page, usage, modifiers, int(pressed))
-        return self._send_body(KEY | sensor << 4, HEADER_SIZE + _KEY)
+        pack_into(KEY_BODY, self.payload, d.HEADER_SIZE, page, usage, modifiers, int(pressed))
+        return self._send_body(KEY | sensor << 4, d.HEADER_SIZE + _KEY)
 
     def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
         """Send a finger as a CONTACT frame; docs/protocol.md describes the arguments."""
         pack_into(
             CONTACT_BODY,
             self.payload,
-            HEADER_SIZE,
+            d.HEADER_SIZE,
             finger,
             state,
             position_um,
             sigma_um,
             force_mN,
         )
-        return self._send_body(CONTACT | sensor << 4, HEADER_SIZE + _CONTACT)
+        return self._send_body(CONTACT | sensor << 4, d.HEADER_SIZE + _CONTACT)
 
     def text(self, data):
         """Send `data`, at most `TEXT_MAX` bytes, as a TEXT frame; return whether it was sent.
 
         Allocates.
         """
-        self.payload[HEADER_SIZE : HEADER_SIZE + len(data)] = data
-        return self._send_body(TEXT, HEADER_SIZE + len(data))
+        self.payload[d.HEADER_SIZE : d.HEADER_SIZE + len(data)] = data
+        return self._send_body(TEXT, d.HEADER_SIZE + len(data))
 
     def _send_body(self, kind, size):
         # Only TOUCH and SPECTRUM frames have flags. So after another frame, the flag `DROPPED`
         # remains set for the next TOUCH or SPECTRUM frame.
         head = self._head
-        head[KIND] = kind
-        gap = head[GAP]
+        head[d.KIND] = kind
+        gap = head[d.GAP]
         size = frame(head, self.payload, size, self.encoded)
         if not self.send(size):
             return False
-        head[GAP] = gap
+        head[d.GAP] = gap
         return True
 
     def send(self, length):
         """Send the first `length` bytes of `encoded`; return whether they were sent."""
         head = self._head
         encoded = self.encoded
-        if head[GAP]:
-            head[GAP] = 0
+        if head[d.GAP]:
+            head[d.GAP] = 0
             # A part of the dropped frame may have been sent. Without a delimiter after this part,
             # the present frame would be lost too. Delimiter and frame are sent in one write,
             # because the port would refuse a second write after a slow one.
@@ -179,6 +169,6 @@ class Framer:
             length += 1
         if self._write(encoded, length):
             return True
-        head[GAP] = DROPPED
+        head[d.GAP] = d.DROPPED
         self.dropped += 1
         return False

@@ -13,66 +13,7 @@ from array import array
 from struct import pack_into
 
 from ..sensor.smux import CHANNELS
-from .decode import (
-    AGE_STEP_US,
-    AGE_US,
-    AVERAGE,
-    BOUNDS,
-    BRIGHTNESS,
-    CHECK,
-    COMPLETE,
-    CONTRAST,
-    CRC_SIZE,
-    DARK,
-    DRIFT_MAX,
-    DUE,
-    ESTIMATED,
-    EVERY_US,
-    EXPOSURE_US,
-    FLAGS,
-    FLOOR,
-    FLOOR_SAMPLES,
-    FOLLOWED,
-    FOLLOWS,
-    FORCE_MN,
-    FORCES,
-    GAP,
-    HEADER_SIZE,
-    IDLE_MIN_US,
-    IDLE_US,
-    KIND,
-    LED_OFF,
-    LESS_US,
-    LEVEL,
-    LIGHT,
-    LOG_SAMPLES,
-    MISFIT,
-    MISSING,
-    NOT_CALIBRATED,
-    ODD,
-    ODD_US,
-    PENDING,
-    POSITION_UM,
-    READ,
-    REST,
-    SAMPLES,
-    SEGMENTS,
-    SEND,
-    SEQUENCE,
-    SHIFT,
-    STREAMED,
-    SUMS,
-    TAKEN,
-    TIME_HIGH,
-    TIME_LOW,
-    TOO_DARK,
-    TOUCH_OFF_MN,
-    TOUCH_ON_MN,
-    TOUCHING,
-    TWO,
-    WANTED,
-    WEIGHTS,
-)
+from . import decode as d
 from .log2 import GUARD, LIMIT, TABLE, Q
 
 # Indices of `state` that only this module uses, in addition to those in decode.py. `DRIFT`: drift
@@ -98,7 +39,7 @@ UP = 10
 DOWN = 6
 
 TOUCH_BODY = "<BiiiH"  # flags, contrast, brightness, position_um, force_mN
-TOUCH_SIZE = HEADER_SIZE + 15
+TOUCH_SIZE = d.HEADER_SIZE + 15
 _TOUCH = "<BHHH" + TOUCH_BODY[1:]  # with the header
 _TOUCH_COPY = "%ds" % TOUCH_SIZE
 
@@ -131,73 +72,75 @@ def process(state, tables, counts, flags, head, payload, encoded):
         dark window must begin.
     """
     done = 0
-    if flags & READ:
-        taken = state[TAKEN]
+    if flags & d.READ:
+        taken = state[d.TAKEN]
         if taken:
             for i in range(CHANNELS):
-                state[SUMS + i] += counts[i]
+                state[d.SUMS + i] += counts[i]
         else:
             # One line for each channel: a loop takes twice as long, here and in `estimate`.
-            state[SUMS] = counts[0]
-            state[SUMS + 1] = counts[1]
-            state[SUMS + 2] = counts[2]
-            state[SUMS + 3] = counts[3]
-            state[SUMS + 4] = counts[4]
-            state[SUMS + 5] = counts[5]
-        state[TAKEN] = taken + 1
-        state[PENDING] |= flags & 0xFF
-        if state[AGE_US] < state[EVERY_US]:
-            state[AGE_US] += state[AGE_STEP_US]
-        if taken + 1 < state[AVERAGE] and not flags & LED_OFF:
-            return DUE if state[WANTED] else 0
-        estimate(state, tables, state[PENDING])
-        state[ESTIMATED] = state[FLAGS]
-        half_us = state[TAKEN] * state[EXPOSURE_US] >> 1
-        low = head[TIME_LOW] + head[LESS_US] - half_us
-        head[LESS_US] = half_us
-        head[TIME_HIGH] = head[TIME_HIGH] + (low >> 16) & 0xFFFF
-        head[TIME_LOW] = low & 0xFFFF
-        done = COMPLETE
-    if not flags & SEND:
+            state[d.SUMS] = counts[0]
+            state[d.SUMS + 1] = counts[1]
+            state[d.SUMS + 2] = counts[2]
+            state[d.SUMS + 3] = counts[3]
+            state[d.SUMS + 4] = counts[4]
+            state[d.SUMS + 5] = counts[5]
+        state[d.TAKEN] = taken + 1
+        state[d.PENDING] |= flags & 0xFF
+        if state[d.AGE_US] < state[d.EVERY_US]:
+            state[d.AGE_US] += state[d.AGE_STEP_US]
+        if taken + 1 < state[d.AVERAGE] and not flags & d.LED_OFF:
+            return d.DUE if state[d.WANTED] else 0
+        estimate(state, tables, state[d.PENDING])
+        state[d.ESTIMATED] = state[d.FLAGS]
+        half_us = state[d.TAKEN] * state[d.EXPOSURE_US] >> 1
+        low = head[d.TIME_LOW] + head[d.LESS_US] - half_us
+        head[d.LESS_US] = half_us
+        head[d.TIME_HIGH] = head[d.TIME_HIGH] + (low >> 16) & 0xFFFF
+        head[d.TIME_LOW] = low & 0xFFFF
+        done = d.COMPLETE
+    if not flags & d.SEND:
         return done
-    lasted_us = state[TAKEN] * state[EXPOSURE_US]
-    state[TAKEN] = state[PENDING] = 0
-    before = state[ESTIMATED]
-    if before & TOUCHING:
-        state[IDLE_US] = 0
-    elif state[IDLE_US] < IDLE_US_MAX:
-        state[IDLE_US] += lasted_us
-    if not before & NOT_CALIBRATED:  # without a calibration, the spectrum of a press is unknown
+    lasted_us = state[d.TAKEN] * state[d.EXPOSURE_US]
+    state[d.TAKEN] = state[d.PENDING] = 0
+    before = state[d.ESTIMATED]
+    if before & d.TOUCHING:
+        state[d.IDLE_US] = 0
+    elif state[d.IDLE_US] < IDLE_US_MAX:
+        state[d.IDLE_US] += lasted_us
+    if not before & d.NOT_CALIBRATED:  # without a calibration, the spectrum of a press is unknown
         # Readings of two fingers look like ambient light. They have less weight in the detection,
         # because a dark frame costs readings.
-        done |= _odd_light(state, before, lasted_us >> 3 if flags & TWO else lasted_us)
-    if state[FOLLOWS] and not before & LED_OFF:
+        done |= _odd_light(state, before, lasted_us >> 3 if flags & d.TWO else lasted_us)
+    if state[d.FOLLOWS] and not before & d.LED_OFF:
         _follow(state)
-    if state[WANTED] or (state[AGE_US] >= state[EVERY_US] and state[IDLE_US] >= state[IDLE_MIN_US]):
-        done |= DUE
-    if state[STREAMED]:
-        head[KIND] = state[STREAMED]
-        head[GAP] |= state[MISSING]
-        state[MISSING] = 0
+    if state[d.WANTED] or (
+        state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]
+    ):
+        done |= d.DUE
+    if state[d.STREAMED]:
+        head[d.KIND] = state[d.STREAMED]
+        head[d.GAP] |= state[d.MISSING]
+        state[d.MISSING] = 0
         done |= touch(head, payload, state, encoded)
     return done
 
 
 def _odd_light(state, flags, lasted_us):
     # Return `ODD` if the ambient light has changed since the last dark frame, see dark.py.
-    if flags & (TOUCHING | LED_OFF):
-        odd = flags & MISFIT
+    if flags & (d.TOUCHING | d.LED_OFF):
+        odd = flags & d.MISFIT
     else:
-        level = state[LIGHT] // state[SAMPLES] + 1
-        if not state[LEVEL]:
-            state[LEVEL] = level
-        odd = abs(level - state[LEVEL]) > ODD_COUNTS
+        level = state[d.LIGHT] // state[d.SAMPLES] + 1
+        if not state[d.LEVEL]:
+            state[d.LEVEL] = level
+        odd = abs(level - state[d.LEVEL]) > ODD_COUNTS
     if not odd:
-        state[ODD_US] = 0
-    elif state[ODD_US] < ODD_US_MAX:
-        state[ODD_US] += lasted_us
-    elif state[AGE_US] >= ODD_EVERY_US:
-        return ODD
+        state[d.ODD_US] = 0
+    elif state[d.ODD_US] < ODD_US_MAX:
+        state[d.ODD_US] += lasted_us
+    elif state[d.AGE_US] >= ODD_EVERY_US:
+        return d.ODD
     return 0
 
 
@@ -205,21 +148,21 @@ def _follow(state):
     # Move the baseline towards the reading. Growing light may be a slow finger, so the baseline
     # follows it more slowly than fading light.
     up = down = 0
-    if state[FOLLOWS] > 1:
-        state[FOLLOWS] = 1
-    elif state[IDLE_US] >= SETTLED_US:
+    if state[d.FOLLOWS] > 1:
+        state[d.FOLLOWS] = 1
+    elif state[d.IDLE_US] >= SETTLED_US:
         up = UP
         down = DOWN
     else:
         return
-    state[FOLLOWED] = 1
-    half = 1 << state[SHIFT] >> 1
+    state[d.FOLLOWED] = 1
+    half = 1 << state[d.SHIFT] >> 1
     for i in range(CHANNELS):
-        rest = state[REST + i]
-        gap = (state[SUMS + i] * 4 // state[SAMPLES] << 10) - state[DARK + i] - rest
+        rest = state[d.REST + i]
+        gap = (state[d.SUMS + i] * 4 // state[d.SAMPLES] << 10) - state[d.DARK + i] - rest
         rest = max(rest + (gap >> (up if gap > 0 else down)), 0)
-        state[REST + i] = rest
-        state[FLOOR + i] = state[DARK + i] + rest + half >> state[SHIFT]
+        state[d.REST + i] = rest
+        state[d.FLOOR + i] = state[d.DARK + i] + rest + half >> state[d.SHIFT]
 
 
 def estimate(state, tables, flags):
@@ -239,21 +182,21 @@ def estimate(state, tables, flags):
     flags : int
         Flag bits that apply to the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
     """
-    touching = state[FLAGS] & TOUCHING
-    state[CONTRAST] = state[BRIGHTNESS] = state[POSITION_UM] = state[FORCE_MN] = 0
-    if not tables[SEGMENTS]:
-        flags |= NOT_CALIBRATED
-    if flags & LED_OFF:
+    touching = state[d.FLAGS] & d.TOUCHING
+    state[d.CONTRAST] = state[d.BRIGHTNESS] = state[d.POSITION_UM] = state[d.FORCE_MN] = 0
+    if not tables[d.SEGMENTS]:
+        flags |= d.NOT_CALIBRATED
+    if flags & d.LED_OFF:
         # Without light a touch cannot be detected: the state of the touch does not change.
-        state[FLAGS] = flags | touching
+        state[d.FLAGS] = flags | touching
         return
-    light = state[SUMS] + state[SUMS + 1] + state[SUMS + 2]
-    state[LIGHT] = light + state[SUMS + 3] + state[SUMS + 4] + state[SUMS + 5]
+    light = state[d.SUMS] + state[d.SUMS + 1] + state[d.SUMS + 2]
+    state[d.LIGHT] = light + state[d.SUMS + 3] + state[d.SUMS + 4] + state[d.SUMS + 5]
     if not _take_logs(state):
-        flags |= TOO_DARK
-    elif tables[SEGMENTS]:
-        flags |= _judge(state, touching) if _locate(state, tables) else TOO_DARK
-    state[FLAGS] = flags
+        flags |= d.TOO_DARK
+    elif tables[d.SEGMENTS]:
+        flags |= _judge(state, touching) if _locate(state, tables) else d.TOO_DARK
+    state[d.FLAGS] = flags
 
 
 def _size_table():
@@ -272,8 +215,8 @@ def _take_logs(state):
     # Computes `log2.log2_q20` without calls: 60 us for each logarithm instead of 75 us on an RP2040
     # with CircuitPython.
     for i in range(LOGS, LOGS + CHANNELS):
-        net = state[i + FLOOR - LOGS] * state[SAMPLES]
-        net = state[i + SUMS - LOGS] * state[FLOOR_SAMPLES] - net
+        net = state[i + d.FLOOR - LOGS] * state[d.SAMPLES]
+        net = state[i + d.SUMS - LOGS] * state[d.FLOOR_SAMPLES] - net
         if net <= 0:
             return False
         if net >= LIMIT:
@@ -298,24 +241,24 @@ def _take_logs(state):
 
 def _locate(state, tables):
     # Compute contrast, brightness, position, force, misfit; return whether the position is known.
-    _dots(tables, WEIGHTS, state)
-    state[CONTRAST] = state[FOUND]
+    _dots(tables, d.WEIGHTS, state)
+    state[d.CONTRAST] = state[FOUND]
     misfit = state[FOUND + 1] >> 8
-    place = BOUNDS + 2 * tables[SEGMENTS] - 2
-    while place > BOUNDS and state[CONTRAST] < tables[place]:
+    place = d.BOUNDS + 2 * tables[d.SEGMENTS] - 2
+    while place > d.BOUNDS and state[d.CONTRAST] < tables[place]:
         place -= 2
     place = tables[place + 1]
     _dots(tables, place, state)
-    brightness = state[FOUND + 1] - state[LOG_SAMPLES]
+    brightness = state[FOUND + 1] - state[d.LOG_SAMPLES]
     look_up(tables, place + 2 * CHANNELS, state[FOUND], state, 3)
     brightness -= state[FOUND + 2]
-    state[BRIGHTNESS] = brightness
-    if brightness < tables[tables[FORCES] + 1]:
+    state[d.BRIGHTNESS] = brightness
+    if brightness < tables[tables[d.FORCES] + 1]:
         return False
-    state[POSITION_UM] = state[FOUND]
+    state[d.POSITION_UM] = state[FOUND]
     state[MISFIT_Q12] = misfit - state[FOUND + 1]
-    look_up(tables, tables[FORCES], brightness, state, 2)
-    state[FORCE_MN] = state[FOUND]
+    look_up(tables, tables[d.FORCES], brightness, state, 2)
+    state[d.FORCE_MN] = state[FOUND]
     state[TOLERANCE_Q12] = state[FOUND + 1]
     return True
 
@@ -326,40 +269,40 @@ def _judge(state, touching):
     tolerance = state[TOLERANCE_Q12]
     flags = 0
     if abs(misfit) > tolerance:
-        flags = MISFIT
+        flags = d.MISFIT
         # A reading that fits one press after subtraction of the drift is untrusted, but good enough
-        # for a key, see contact.TWO_FIT.
+        # for a key, see tracker.TWO_FIT.
         if abs(misfit - state[DRIFT]) <= tolerance:
-            flags |= TOO_DARK
-    force_mN = state[FORCE_MN]
-    least_mN = state[TOUCH_OFF_MN]
+            flags |= d.TOO_DARK
+    force_mN = state[d.FORCE_MN]
+    least_mN = state[d.TOUCH_OFF_MN]
     if not touching:
-        least_mN = state[TOUCH_ON_MN]
-        if flags == MISFIT:
+        least_mN = state[d.TOUCH_ON_MN]
+        if flags == d.MISFIT:
             # The light fits no press, so it may be a lamp or two fingers. It begins a touch only at
             # the force from which the drift is learned, and only if it remains after a dark window.
             least_mN <<= 2
-            if force_mN >= least_mN and state[LEVEL] and state[AGE_STEP_US]:
-                state[WANTED] |= CHECK
+            if force_mN >= least_mN and state[d.LEVEL] and state[d.AGE_STEP_US]:
+                state[d.WANTED] |= d.CHECK
                 return flags
         state[LEARNS] = 3
     if not force_mN or force_mN < least_mN:
-        return flags & MISFIT
+        return flags & d.MISFIT
     # Drift shifts the misfit of all presses equally. A touch gives this shift in its third reading
     # with at least four times the force at which touches begin; in fainter readings the noise
     # exceeds most shifts. The shift is used if the previous touch gave the same shift: two fingers
     # seldom touch together twice in a row.
-    if state[LEARNS] and force_mN >> 2 >= state[TOUCH_ON_MN]:
+    if state[LEARNS] and force_mN >> 2 >= state[d.TOUCH_ON_MN]:
         state[LEARNS] -= 1
         if not state[LEARNS]:
             _learn(state, misfit, tolerance)
-            return _judge(state, TOUCHING)  # with the new drift
-    return flags | TOUCHING
+            return _judge(state, d.TOUCHING)  # with the new drift
+    return flags | d.TOUCHING
 
 
 def _learn(state, misfit, tolerance):
     if abs(misfit - state[SEEN]) <= tolerance:
-        limit = state[DRIFT_MAX]
+        limit = state[d.DRIFT_MAX]
         state[DRIFT] = min(max(misfit, -limit), limit)
     state[SEEN] = misfit
 
@@ -518,11 +461,11 @@ def frame(head, payload, size, encoded):
     encoded : bytearray
         Output: the encoded frame and its delimiters.
     """
-    payload[0] = head[KIND]
-    for i in range(SEQUENCE, GAP):
+    payload[0] = head[d.KIND]
+    for i in range(d.SEQUENCE, d.GAP):
         payload[2 * i - 1] = head[i] & 0xFF
         payload[2 * i] = head[i] >> 8
-    head[SEQUENCE] = (head[SEQUENCE] + 1) & 0xFFFF
+    head[d.SEQUENCE] = (head[d.SEQUENCE] + 1) & 0xFFFF
     crc = _crc
     crc[0] = crc[1] = 0xFFFF
     crc32(payload, size, crc)
@@ -530,8 +473,8 @@ def frame(head, payload, size, encoded):
     payload[size + 1] = ~crc[0] >> 8 & 0xFF
     payload[size + 2] = ~crc[1] & 0xFF
     payload[size + 3] = ~crc[1] >> 8 & 0xFF
-    size = cobs_encode(payload, size + CRC_SIZE, encoded)
-    if size + (1 if head[GAP] else 0) & 63 == 0:
+    size = cobs_encode(payload, size + d.CRC_SIZE, encoded)
+    if size + (1 if head[d.GAP] else 0) & 63 == 0:
         encoded[size] = 0
         size += 1
     return size
@@ -546,17 +489,17 @@ def touch(head, payload, state, encoded):
         _TOUCH,
         payload,
         0,
-        head[KIND],
-        head[SEQUENCE],
-        head[TIME_LOW],
-        head[TIME_HIGH],
-        state[FLAGS] | head[GAP],
-        state[CONTRAST],
-        state[BRIGHTNESS],
-        state[POSITION_UM],
-        state[FORCE_MN],
+        head[d.KIND],
+        head[d.SEQUENCE],
+        head[d.TIME_LOW],
+        head[d.TIME_HIGH],
+        state[d.FLAGS] | head[d.GAP],
+        state[d.CONTRAST],
+        state[d.BRIGHTNESS],
+        state[d.POSITION_UM],
+        state[d.FORCE_MN],
     )
-    head[SEQUENCE] = (head[SEQUENCE] + 1) & 0xFFFF
+    head[d.SEQUENCE] = (head[d.SEQUENCE] + 1) & 0xFFFF
     return _add_crc(payload, encoded)
 
 
@@ -578,7 +521,7 @@ def _add_crc(payload, encoded):
         high = highs[byte]
     low ^= 0xFFFFFF
     high ^= 0xFF
-    for at in range(TOUCH_SIZE + 1, TOUCH_SIZE + 1 + CRC_SIZE):
+    for at in range(TOUCH_SIZE + 1, TOUCH_SIZE + 1 + d.CRC_SIZE):
         encoded[at] = low & 0xFF
         if not encoded[at]:
             encoded[code_at] = at - code_at

@@ -11,7 +11,7 @@ its time constants. All integers fit 31 bits; `take` allocates nothing.
 from array import array
 
 from .. import const
-from .decode import FLAGS, FORCE_MN, LED_OFF, POSITION_UM
+from . import decode as d
 
 _PARTS = const(3)  # play operators, and parts of the creep
 _WEIGHTS_MAX = const((1 << 14) - 1)  # limit of the sum of weights, so that 65 N fits 31 bits
@@ -19,7 +19,7 @@ _WEIGHTS_MAX = const((1 << 14) - 1)  # limit of the sum of weights, so that 65 N
 # `_SURE_MN`, where the position has little noise.
 _APART_UM = const(8000)
 _SURE_MN = const(400)
-_TIME_MASK = const((1 << 22) - 1)  # ticks as in contact.py
+_TIME_MASK = const((1 << 22) - 1)  # ticks as in tracker.py
 # Creep is updated when at least `_LEAST_T` ticks have passed, in steps of at most `_STEP_T` ticks,
 # so that products fit 31 bits. A longer time than `_LONGEST_T` counts as `_LONGEST_T`.
 _LEAST_T = const(16)
@@ -64,7 +64,7 @@ class Compensation:
         reading : array of int
             The reading, as in `decode.Decode.state`; its force is corrected in place.
         t : int
-            Time in ticks of 1.024 ms, see `contact.TICK_US`.
+            Time in ticks of 1.024 ms, see `tracker.TICK_US`.
         """
         values = self._values
         state = self._state
@@ -78,11 +78,11 @@ class Compensation:
                 for i in range(_PARTS):
                     tau = (values[7 + i] * 125 >> 7) + 1
                     state[_PARTS + i] += (self._force - state[_PARTS + i]) * min(step, tau) // tau
-        if reading[FLAGS] & LED_OFF:
+        if reading[d.FLAGS] & d.LED_OFF:
             return
-        force_mN = reading[FORCE_MN]
+        force_mN = reading[d.FORCE_MN]
         if force_mN:
-            x_um = reading[POSITION_UM]
+            x_um = reading[d.POSITION_UM]
             moved = force_mN > _SURE_MN and abs(x_um - self._x_um) > _APART_UM
             if moved:
                 self._x_um = x_um
@@ -97,5 +97,5 @@ class Compensation:
                 state[i] = play = max(min(play, force_mN + radius), loading)
                 total -= values[4 + i] * (play - loading)
                 total -= values[10 + i] * (state[_PARTS + i] >> 6)
-            reading[FORCE_MN] = force_mN = min(max(total >> 12, 1), 65_535)
+            reading[d.FORCE_MN] = force_mN = min(max(total >> 12, 1), 65_535)
         self._force = force_mN << 6

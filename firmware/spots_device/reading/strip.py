@@ -8,38 +8,10 @@ restarts the sensor to correct the exposure (setting ``mains_hz``).
 from .. import const
 from ..sensor.exposure import AGAIN, DONE, choose
 from ..sensor.smux import CHANNELS
+from . import decode as d
 from .calibration import Conditions
 from .dark import Baseline, Dark
-from .decode import (
-    AGE_STEP_US,
-    AVERAGE,
-    COMPLETE,
-    DARK_SUBTRACTED,
-    DROPPED,
-    DUE,
-    EXPOSURE_US,
-    FLAGS,
-    FOLLOWS,
-    IDLE_MIN_US,
-    LED_OFF,
-    LESS_US,
-    LEVEL,
-    MISSING,
-    ODD,
-    ODD_US,
-    PENDING,
-    READ,
-    SAMPLES,
-    SATURATED,
-    SEND,
-    STREAMED,
-    SUMS,
-    TAKEN,
-    TOUCHING,
-    TWO,
-    WANTED,
-    Decode,
-)
+from .decode import Decode
 from .frame import TOUCH
 from .kernel import process
 
@@ -90,7 +62,7 @@ class Strip:
         self.conditions = None
         self.decode = Decode()
         self._reading = state = self.decode.state
-        self._sums = memoryview(state)[SUMS : SUMS + CHANNELS]
+        self._sums = memoryview(state)[d.SUMS : d.SUMS + CHANNELS]
         self._dark = Dark(state)
         self.baseline = Baseline(self._dark)
         self._kind = TOUCH | index << 4
@@ -113,11 +85,11 @@ class Strip:
     @property
     def stream_touch(self):
         """Whether a TOUCH frame is sent for each reading."""
-        return self._reading[STREAMED] > 0
+        return self._reading[d.STREAMED] > 0
 
     @stream_touch.setter
     def stream_touch(self, on):
-        self._reading[STREAMED] = self._kind if on else 0
+        self._reading[d.STREAMED] = self._kind if on else 0
 
     def start(self):
         """Start the sensor with the present settings; begin with a dark frame if possible.
@@ -162,9 +134,9 @@ class Strip:
         values = self.settings.values
         state = self._reading
         average = values["average"]
-        if average != state[AVERAGE]:
-            state[AVERAGE] = average
-            state[TAKEN] = state[PENDING] = 0
+        if average != state[d.AVERAGE]:
+            state[d.AVERAGE] = average
+            state[d.TAKEN] = state[d.PENDING] = 0
             self.decode.scale(average, self.baseline.rescale(average))
         self._mains_hz = values["mains_hz"]
         self.baseline.track(values["baseline"])
@@ -218,7 +190,7 @@ class Strip:
 
     def request_rest(self):
         """Use the next reading as the baseline."""
-        self._reading[FOLLOWS] = 2
+        self._reading[d.FOLLOWS] = 2
 
     def forget_requests(self):
         """Cancel the requested dark frame and the requested search for settings."""
@@ -240,8 +212,8 @@ class Strip:
             self._mark_gap()
         flags = self._lit
         if sensor.saturated:
-            flags |= SATURATED
-        self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
+            flags |= d.SATURATED
+        self._head[d.LESS_US] += self._diff(sensor.complete, self._time.last)
         self._time.last = sensor.complete
         flags = process(
             self._reading,
@@ -252,19 +224,19 @@ class Strip:
             self._payload,
             self._encoded,
         )
-        if flags >= ODD or self.stream_spectrum:
+        if flags >= d.ODD or self.stream_spectrum:
             self._finish(sensor, flags)
-        elif flags > COMPLETE:
-            self._send(flags - COMPLETE)
+        elif flags > d.COMPLETE:
+            self._send(flags - d.COMPLETE)
 
     def _mark_gap(self):
         self._missed = self._pacing.missed
-        self._reading[MISSING] = DROPPED
+        self._reading[d.MISSING] = d.DROPPED
 
     def _choose(self):
         # Choose between `take`, which is fast, and `_take_any`.
         self._tables = self.decode.tables
-        self._lit = READ | SEND | (self.lit_flags if self.sensor.led_on else LED_OFF)
+        self._lit = d.READ | d.SEND | (self.lit_flags if self.sensor.led_on else d.LED_OFF)
         self._rare = bool(
             self._state != _LIT
             or self._search is not None
@@ -277,7 +249,7 @@ class Strip:
             self._mark_gap()
         steady = sensor.steady
         state = self._state
-        flags = LED_OFF
+        flags = d.LED_OFF
         if sensor.led_on:
             flags |= self.lit_flags
         if state == _RISING and steady:
@@ -288,16 +260,16 @@ class Strip:
                 return
             flags = self._lit & 0xFF
             if sensor.saturated:
-                flags |= SATURATED
+                flags |= d.SATURATED
         if state == _UNKNOWN or (self._search is not None and self._state == _LIT):
             if state != _UNKNOWN:
                 self._judge(sensor)
-            if self._reading[WANTED] and self._state <= _UNKNOWN:
+            if self._reading[d.WANTED] and self._state <= _UNKNOWN:
                 self._start_blink(sensor)
             return
         self._stamp(sensor)
-        flags = self._process(flags | READ)
-        if flags & COMPLETE:
+        flags = self._process(flags | d.READ)
+        if flags & d.COMPLETE:
             flags |= self._process(self._use())
         self._finish(sensor, flags)
         if state == _BLINKING and steady and self._dark.add(sensor.counts):
@@ -305,7 +277,7 @@ class Strip:
 
     def _stamp(self, sensor):
         # A method of its own, because `_take_any` would need more than 11 words with these lines.
-        self._head[LESS_US] += self._diff(sensor.complete, self._time.last)
+        self._head[d.LESS_US] += self._diff(sensor.complete, self._time.last)
         self._time.last = sensor.complete
 
     def _process(self, flags):
@@ -326,20 +298,20 @@ class Strip:
         uses = self._uses
         if uses.active:
             uses.take(self.index, self._reading)
-            if uses.rests and self._reading[FOLLOWS]:
-                self._reading[FOLLOWS] = 2
+            if uses.rests and self._reading[d.FOLLOWS]:
+                self._reading[d.FOLLOWS] = 2
             if uses.two:
-                return SEND | TWO
-        return SEND
+                return d.SEND | d.TWO
+        return d.SEND
 
     def _finish(self, sensor, done):
-        if done & (COMPLETE - 1):
-            self._send(done & (COMPLETE - 1))
-        if done & COMPLETE and self.stream_spectrum:
+        if done & (d.COMPLETE - 1):
+            self._send(done & (d.COMPLETE - 1))
+        if done & d.COMPLETE and self.stream_spectrum:
             self._send_spectrum()
-        if done & ODD:
+        if done & d.ODD:
             self._dark.request()
-        if (done & DUE or self._reading[WANTED]) and self._state <= _UNKNOWN:
+        if (done & d.DUE or self._reading[d.WANTED]) and self._state <= _UNKNOWN:
             self._start_blink(sensor)
         elif self._mains_hz:
             self._correct_drift(sensor)
@@ -347,10 +319,10 @@ class Strip:
     def _send_spectrum(self):
         state = self._reading
         sums = self._sums
-        flags = state[FLAGS] | state[MISSING]
-        state[MISSING] = 0
-        samples = state[SAMPLES]
-        if samples > 1 and not flags & LED_OFF:
+        flags = state[d.FLAGS] | state[d.MISSING]
+        state[d.MISSING] = 0
+        samples = state[d.SAMPLES]
+        if samples > 1 and not flags & d.LED_OFF:
             for i in range(CHANNELS):
                 sums[i] = (sums[i] + (samples >> 1)) // samples
         self._framer.spectrum(self.index, flags, self.sensor.gain, sums)
@@ -371,10 +343,10 @@ class Strip:
             self._uid, sensor.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )
         self._state = _UNKNOWN
-        self.lit_flags = DARK_SUBTRACTED
-        self._reading[EXPOSURE_US] = sensor.exposure_us
+        self.lit_flags = d.DARK_SUBTRACTED
+        self._reading[d.EXPOSURE_US] = sensor.exposure_us
         self._missed = self._pacing.missed
-        self._reading[MISSING] = DROPPED
+        self._reading[d.MISSING] = d.DROPPED
         self.configure()
         self._dark.request()
         if led == "always":
@@ -383,36 +355,36 @@ class Strip:
             if not self._dark.use(stored[:2] == [gain, sensor.exposure_us] and stored[2:]):
                 self.lit_flags = 0
         self.baseline.forget()
-        self._reading[TAKEN] = self._reading[PENDING] = 0
+        self._reading[d.TAKEN] = self._reading[d.PENDING] = 0
         self._choose()
 
     def _correct_drift(self, sensor):
         if (
             self._state == _LIT
             and self._search is None
-            and (not self._reading[IDLE_MIN_US] or not self._reading[FLAGS] & TOUCHING)
+            and (not self._reading[d.IDLE_MIN_US] or not self._reading[d.FLAGS] & d.TOUCHING)
             and sensor.drifted()
         ):
             self.start()
 
     def _start_blink(self, sensor):
         sensor.switch_led(False)
-        self._reading[TAKEN] = self._reading[PENDING] = 0
+        self._reading[d.TAKEN] = self._reading[d.PENDING] = 0
         self._dark.begin(sensor.exposure_us)
         self._state = _BLINKING
         self._rare = True
 
     def _end_blink(self, sensor):
         self.baseline.update()
-        self._reading[LEVEL] = self._reading[ODD_US] = 0
+        self._reading[d.LEVEL] = self._reading[d.ODD_US] = 0
         sensor.switch_led(True)
         sensor.check()
         self._state = _RISING
-        if self._on_dark and not self._reading[WANTED]:  # else a newer request needs a new frame
-            if not self._reading[AGE_STEP_US]:
+        if self._on_dark and not self._reading[d.WANTED]:  # else a newer request needs a new frame
+            if not self._reading[d.AGE_STEP_US]:
                 frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
                 self.settings.values["dark"] = frame
-                self.lit_flags = DARK_SUBTRACTED
+                self.lit_flags = d.DARK_SUBTRACTED
             done, self._on_dark = self._on_dark, None
             done()
 

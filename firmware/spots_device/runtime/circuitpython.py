@@ -20,20 +20,8 @@ from adafruit_bus_device.i2c_device import I2CDevice
 from .. import const
 from ..board.settings import BoardSettings
 from ..board.store import Store
+from ..reading import decode as d
 from ..reading import kernel
-from ..reading.decode import (
-    BRIGHTNESS,
-    CONTRAST,
-    CRC_SIZE,
-    FLAGS,
-    FORCE_MN,
-    GAP,
-    KIND,
-    POSITION_UM,
-    SEQUENCE,
-    TIME_HIGH,
-    TIME_LOW,
-)
 from ..sensor.as7341 import AS7341, SensorError
 from .common import ADDRESS, CAPS_LOCK, HALF_CLOCK_US, WATCHDOG_MS, blink, free_bus, is_held, run
 from .stay import must_stay
@@ -49,7 +37,7 @@ _FINISH_US = const(20_000)  # longest wait for the rest of a TEXT frame
 _MAX_31_BITS = 0x7FFFFFFF
 _COMMON_SIZE = const(64)  # sizes up to this one get a cached view
 _TOUCH_BYTES = kernel.TOUCH_SIZE
-_TOUCH_SIZE = _TOUCH_BYTES + CRC_SIZE  # bytes of a TOUCH frame before its encoding
+_TOUCH_SIZE = _TOUCH_BYTES + d.CRC_SIZE  # bytes of a TOUCH frame before its encoding
 _TOUCH_COPY = "%ds" % _TOUCH_SIZE
 _ZERO = b"\0"
 _EARLY_US = const(2_000)  # more than the error of a time that is computed from milliseconds
@@ -284,21 +272,21 @@ def fast_touch(head, payload, state, encoded):
 
     It takes 0.5 ms, and allocates up to 32 bytes for a long integer.
     """
-    sequence = head[SEQUENCE]
-    head[SEQUENCE] = (sequence + 1) & 0xFFFF
+    sequence = head[d.SEQUENCE]
+    head[d.SEQUENCE] = (sequence + 1) & 0xFFFF
     pack_into(
         "<BHHHBiiiH",
         payload,
         0,
-        head[KIND],
+        head[d.KIND],
         sequence,
-        head[TIME_LOW],
-        head[TIME_HIGH],
-        state[FLAGS] | head[GAP],
-        state[CONTRAST],
-        state[BRIGHTNESS],
-        state[POSITION_UM],
-        state[FORCE_MN],
+        head[d.TIME_LOW],
+        head[d.TIME_HIGH],
+        state[d.FLAGS] | head[d.GAP],
+        state[d.CONTRAST],
+        state[d.BRIGHTNESS],
+        state[d.POSITION_UM],
+        state[d.FORCE_MN],
     )
     view = _views.get(_TOUCH_BYTES)
     view = view[1] if view and view[0] is payload else view_of(payload, _TOUCH_BYTES)

@@ -7,7 +7,8 @@ import math
 from typing import Any
 
 from spots_device.fingers import contacts as fingers
-from spots_device.fingers.tracker import TICK_US, TICKS, ContactTracker
+from spots_device.fingers.state import TICKS
+from spots_device.fingers.tracker import TICK_US, ContactTracker
 from spots_device.keys.layout import Layout, default_lines
 from spots_device.reading.decode import (
     BRIGHTNESS,

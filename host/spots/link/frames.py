@@ -18,7 +18,7 @@ from cobs import cobs  # pyright: ignore[reportMissingTypeStubs]
 
 from spots_device.fingers import contacts as fingers
 from spots_device.reading import decode, frame
-from spots_device.reading.kernel import CRC_SIZE, TOUCH_BODY
+from spots_device.reading.kernel import TOUCH_BODY
 
 _HEADER = struct.Struct("<BHHH")  # kind and sensor, sequence, time low, time high
 _TOUCH = struct.Struct(TOUCH_BODY)
@@ -29,7 +29,7 @@ _CRC = struct.Struct("<I")
 _object = msgspec.json.Decoder(dict[str, Any]).decode
 # Bytes of the longest frame, without its delimiter. COBS adds one byte, and another for every 254
 # bytes.
-ENCODED_MAX = frame.HEADER_SIZE + frame.TEXT_MAX + CRC_SIZE + 4
+ENCODED_MAX = decode.HEADER_SIZE + frame.TEXT_MAX + decode.CRC_SIZE + 4
 _SEQUENCES = 1 << 16
 _READINGS = frame.TOUCH, frame.SPECTRUM, frame.CONTACT
 NOTE = 15  # kind of a note
@@ -406,7 +406,7 @@ class Decoder:
         if parse is None:
             return None
         try:
-            found = parse(kind >> 4, sequence, low | high << 16, payload[frame.HEADER_SIZE :])
+            found = parse(kind >> 4, sequence, low | high << 16, payload[decode.HEADER_SIZE :])
         except (struct.error, ValueError):
             self.stats.bad_crc += 1
             return None
@@ -429,9 +429,9 @@ def checked(piece: bytes) -> bytes | None:
         payload = cobs.decode(piece)  # pyright: ignore[reportUnknownMemberType]
     except cobs.DecodeError:
         return None
-    if len(payload) < frame.HEADER_SIZE + CRC_SIZE:
+    if len(payload) < decode.HEADER_SIZE + decode.CRC_SIZE:
         return None
-    body, crc = payload[:-CRC_SIZE], payload[-CRC_SIZE:]
+    body, crc = payload[: -decode.CRC_SIZE], payload[-decode.CRC_SIZE :]
     return body if _CRC.pack(zlib.crc32(body)) == crc else None
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spots_device.reading import frame
-from spots_device.reading.kernel import CRC_SIZE
+from spots_device.reading.decode import CRC_SIZE, HEADER_SIZE
 
 from ..link.frames import LAYOUTS, NOTE, Decoder, Frame, LinkStats, Note, Reading, Text
 from .columns import payloads
@@ -72,7 +72,7 @@ class _Table:
 _TABLES = {kind: _Table(*layout) for kind, layout in LAYOUTS.items()}
 # Bytes of an encoded frame, by kind; a note without content has the smallest size.
 _SIZES = {kind: table.size for kind, table in _TABLES.items()} | {
-    NOTE: frame.HEADER_SIZE + CRC_SIZE + _COBS_SIZE
+    NOTE: HEADER_SIZE + CRC_SIZE + _COBS_SIZE
 }
 
 
@@ -111,7 +111,7 @@ class _BlockDecoder(Decoder):
         ends = np.flatnonzero(stream == 0)
         starts = np.concatenate(([0], ends[:-1] + 1))[: len(ends)]
         starts, ends = starts[ends > starts], ends[ends > starts]
-        headers = np.zeros((frame.HEADER_SIZE, len(starts)), np.uint8)
+        headers = np.zeros((HEADER_SIZE, len(starts)), np.uint8)
         plain = np.zeros(len(starts), bool)
         groups: _Groups = {}
         for kind, size in _SIZES.items():
@@ -123,7 +123,7 @@ class _BlockDecoder(Decoder):
             right = columns[0] & 0x0F == kind
             where, columns = where[right], columns if right.all() else columns[:, right]
             groups[kind] = where, columns
-            headers[:, where] = columns[: frame.HEADER_SIZE]
+            headers[:, where] = columns[:HEADER_SIZE]
             plain[where] = True
         begin = 0
         for at in [*np.flatnonzero(~plain).tolist(), len(plain)]:

@@ -10,7 +10,7 @@ import zlib
 
 import numpy as np
 
-from spots_device.reading.kernel import CRC_SIZE
+from spots_device.reading.decode import CRC_SIZE
 
 # Bytes of the longest piece. In a longer piece, a COBS group may end without a zero.
 SIZE_MAX = 254

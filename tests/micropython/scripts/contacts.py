@@ -1,7 +1,7 @@
 """Processes readings of fingers while the heap is locked; prints two sums after each reading.
 
 Each line of given.json is a case: lines of a layout, length of the strip in um, decay, and five
-integers for each reading, which are the arguments of `contact.ContactTracker.take`. The sums depend
+integers for each reading, which are the arguments of `tracker.ContactTracker.take`. The sums depend
 on the state of the tracker and on all its events.
 """
 

@@ -24,36 +24,10 @@ from spots_device.fingers.state import (
 from spots_device.fingers.steady import stays
 from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import Layout
+from spots_device.reading import decode as d
 from spots_device.reading import kernel
 from spots_device.reading.calibration import pack
-from spots_device.reading.decode import (
-    AGE_STEP_US,
-    AVERAGE,
-    CRC_SIZE,
-    DARK,
-    DRIFT_MAX,
-    FLOOR,
-    FOLLOWS,
-    HEAD_SIZE,
-    HEADER_SIZE,
-    IDLE_US,
-    LEVEL,
-    PENDING,
-    READ,
-    REST,
-    SAMPLES,
-    SEND,
-    SHIFT,
-    STREAMED,
-    SUMS,
-    TAKEN,
-    TIME_HIGH,
-    TIME_LOW,
-    TOUCH_OFF_MN,
-    TOUCH_ON_MN,
-    WANTED,
-    Decode,
-)
+from spots_device.reading.decode import Decode
 from spots_device.reading.frame import Time32
 from spots_device.reading.log2 import log2_q20
 from spots_device.sensor.burst import unpack as unpack_burst
@@ -66,7 +40,7 @@ _encoded = bytearray(880)
 _COMPARED = 17  # elements of a state, up to the tolerance of the misfit
 _decode = Decode()
 _decode.scale(1, 4)
-_head = array("i", bytes(4 * HEAD_SIZE))
+_head = array("i", bytes(4 * d.HEAD_SIZE))
 _tracked = array("i", bytes(4 * SIZE))
 _clock = Clock()
 _time = Time32(_clock)
@@ -82,8 +56,10 @@ def prepare_estimate(cases):
     prepared = []
     for tables, limits, checked, readings in cases:
         decode = Decode()
-        decode.state[LEVEL], decode.state[AGE_STEP_US] = checked
-        decode.state[TOUCH_ON_MN], decode.state[TOUCH_OFF_MN], decode.state[DRIFT_MAX] = limits
+        decode.state[d.LEVEL], decode.state[d.AGE_STEP_US] = checked
+        decode.state[d.TOUCH_ON_MN], decode.state[d.TOUCH_OFF_MN], decode.state[d.DRIFT_MAX] = (
+            limits
+        )
         decode.tables = pack(*tables)
         readings = [
             (samples, array("i", sums), array("i", floor), flags)
@@ -94,10 +70,10 @@ def prepare_estimate(cases):
 
 
 def _estimate(state, tables, sums, floor, flags):
-    state[TAKEN] = state[PENDING] = 0
+    state[d.TAKEN] = state[d.PENDING] = 0
     for i in range(6):
-        state[FLOOR + i] = floor[i]
-    kernel.process(state, tables, sums, flags | READ, _head, _payload, _encoded)
+        state[d.FLOOR + i] = floor[i]
+    kernel.process(state, tables, sums, flags | d.READ, _head, _payload, _encoded)
 
 
 def estimate(cases, results):
@@ -112,7 +88,7 @@ def estimate(cases, results):
             for k in range(_COMPARED):
                 results[at] = decode.state[k]
                 at += 1
-            results[at] = decode.state[WANTED]
+            results[at] = decode.state[d.WANTED]
             at += 1
 
 
@@ -132,10 +108,10 @@ def prepare_accumulate(cases):
     prepared = []
     for sums, counts, samples in cases:
         state = Decode().state
-        state[AVERAGE] = samples + 2
-        state[TAKEN] = samples
+        state[d.AVERAGE] = samples + 2
+        state[d.TAKEN] = samples
         for i in range(6):
-            state[SUMS + i] = sums[i]
+            state[d.SUMS + i] = sums[i]
         prepared.append((state, array("i", counts)))
     return prepared
 
@@ -143,9 +119,9 @@ def prepare_accumulate(cases):
 def accumulate(cases, results):
     for i in range(len(cases)):
         case = cases[i]
-        kernel.process(case[0], _decode.tables, case[1], READ, _head, _payload, _encoded)
+        kernel.process(case[0], _decode.tables, case[1], d.READ, _head, _payload, _encoded)
         for j in range(6):
-            results[6 * i + j] = case[0][SUMS + j]
+            results[6 * i + j] = case[0][d.SUMS + j]
 
 
 _AT = 2 << 20  # contrast of one count, with the weights below
@@ -181,16 +157,16 @@ def table(cases, results):
 
 def prepare_frame(cases):
     # Room for header and checksum.
-    return [(bytearray([0] * HEADER_SIZE + case + [0] * CRC_SIZE), len(case)) for case in cases]
+    return [(bytearray([0] * d.HEADER_SIZE + case + [0] * d.CRC_SIZE), len(case)) for case in cases]
 
 
 def frame(cases, results):
     width = len(results) // len(cases)
     for i in range(len(cases)):
         case = cases[i]
-        for j in range(HEAD_SIZE):
+        for j in range(d.HEAD_SIZE):
             _head[j] = 255 - 50 * j if i & 1 else 65_535 * (j > 0)
-        length = kernel.frame(_head, case[0], HEADER_SIZE + case[1], _encoded)
+        length = kernel.frame(_head, case[0], d.HEADER_SIZE + case[1], _encoded)
         results[i * width] = _head[1]
         _keep(length, i * width + 1, results)
 
@@ -205,11 +181,11 @@ def touch(cases, results):
     for i in range(len(cases)):
         _head[4] = 32 * (i & 1)
         state = _decode.state
-        state[STREAMED] = 1
+        state[d.STREAMED] = 1
         for j in range(5):
             state[j] = cases[i][j]
-        done = kernel.process(state, _decode.tables, _ONE, SEND, _head, payload, _encoded)
-        state[STREAMED] = 0
+        done = kernel.process(state, _decode.tables, _ONE, d.SEND, _head, payload, _encoded)
+        state[d.STREAMED] = 0
         _keep(done & 0xFFF, i * width, results)
 
 
@@ -277,13 +253,13 @@ def prepare_follow(cases):
     prepared = []
     for rest, floor, sums, dark, samples, shift, up, _ in cases:
         state = Decode().state
-        for at, values in ((REST, rest), (FLOOR, floor), (SUMS, sums), (DARK, dark)):
+        for at, values in ((d.REST, rest), (d.FLOOR, floor), (d.SUMS, sums), (d.DARK, dark)):
             for i in range(6):
                 state[at + i] = values[i]
-        state[SAMPLES] = samples
-        state[SHIFT] = shift
-        state[IDLE_US] = 300_000
-        state[FOLLOWS] = 1 if up else 2
+        state[d.SAMPLES] = samples
+        state[d.SHIFT] = shift
+        state[d.IDLE_US] = 300_000
+        state[d.FOLLOWS] = 1 if up else 2
         prepared.append(state)
     return prepared
 
@@ -291,10 +267,10 @@ def prepare_follow(cases):
 def follow(cases, results):
     for i in range(len(cases)):
         state = cases[i]
-        kernel.process(state, _decode.tables, _ONE, SEND, _head, _payload, _encoded)
+        kernel.process(state, _decode.tables, _ONE, d.SEND, _head, _payload, _encoded)
         for j in range(6):
-            results[12 * i + j] = state[REST + j]
-            results[12 * i + 6 + j] = state[FLOOR + j]
+            results[12 * i + j] = state[d.REST + j]
+            results[12 * i + 6 + j] = state[d.FLOOR + j]
 
 
 def _keep(size, at, results):
@@ -310,8 +286,8 @@ def _arrays(rows):
 def time32(cases, results):
     for i in range(len(cases)):
         _time.set(cases[i])
-        results[2 * i] = _time.head[TIME_HIGH]
-        results[2 * i + 1] = _time.head[TIME_LOW]
+        results[2 * i] = _time.head[d.TIME_HIGH]
+        results[2 * i + 1] = _time.head[d.TIME_LOW]
 
 
 def pacing(cases, results):
