@@ -277,7 +277,7 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
 
 def test_erase_takes_what_is_ours_and_asks_first(empty, built, capsys, monkeypatch):
     shutil.copytree(built("virtual"), empty, dirs_exist_ok=True)
-    for name in ("settings.txt", "calibration.txt.old", "notes.py"):
+    for name in ("settings.txt", "saved-b.txt", "layout1-a.txt", "notes.py"):
         (empty / name).write_text("")
     monkeypatch.setattr(sys.stdin, "isatty", lambda: False)
     with virtual_board(empty) as port:

@@ -54,6 +54,7 @@ PLACES = (
     "spots_device/board/app.py.part",
     "boot_out.txt",
     "settings.txt",
+    "calibration-a.txt",
     "calibration.txt.old",
     "notes.py",
     "spots_device/mine.py",
