@@ -1,7 +1,10 @@
 """Figures of `spots characterize`, and the response of strips, which depends only on the dye."""
 
+from unittest.mock import create_autospec
+
 import numpy as np
 import pytest
+from make import paper
 from make.paper import document, rows
 
 from spots_sim.measure import figures
@@ -126,3 +129,12 @@ def test_the_document_has_what_was_measured_and_what_cannot_be(run):
     assert all(len(row[3]) == 2 and row[4].endswith(".") for row in rows([run, run], [42.0, 6.0]))
     for name in NAMES:
         assert f"(paper/{name}.png)" in page
+
+
+def test_the_program_of_the_page_writes_it_and_its_figures(run, responses, tmp_path, monkeypatch):
+    for name, result in (("characterize", run), ("family", responses)):
+        stub = create_autospec(getattr(paper, name), return_value=result)
+        monkeypatch.setattr(paper, name, stub)
+    paper.main(tmp_path)
+    assert "| 7 µm |" in (tmp_path / "paper.md").read_text(encoding="utf-8")
+    assert {path.stem for path in (tmp_path / "paper").glob("*.png")} == NAMES

@@ -149,7 +149,7 @@ def test_a_board_that_refuses_after_a_restart_is_asked_again_for_a_while():
         stats=stats,
         ended=False,
     )
-    pairs = twin_source.readings([board], None, restarted)
+    pairs = twin_source.readings([board], (0,), None, restarted)
     stats.restarts = 0
     board.frames = lambda seconds: setattr(stats, "restarts", 1) or iter(())
     with pytest.raises(SpotsError, match="the board refuses"):

@@ -311,9 +311,9 @@ def _bow(last: tuple[Angle, Angle, Angle], time_s: float) -> float:
 
 def readings(
     boards: list[Board],
+    sensors: Sequence[int],
     seconds: float | None = None,
     restarted: Callable[[Board], None] = lambda board: None,
-    sensors: Sequence[int] = (0, 0),
 ) -> Iterator[tuple[int, Touch]]:
     """Start the streams of both joints' boards, and yield the readings.
 
@@ -321,6 +321,8 @@ def readings(
     ----------
     boards : list of Board
         Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
+    sensors : sequence of int
+        Number of each joint's strip on its board.
     seconds : float, optional
         Time after which to end, in seconds by the clock of `Board.now_s`. If not given, boards are
         read without a limit, and recordings until all of them have ended.
@@ -328,8 +330,6 @@ def readings(
         Called with a board that has restarted and streams again. Such a board has lost all settings
         and calibrations that were not saved. If the function raises SpotsError, the call is
         repeated for up to 10 s.
-    sensors : sequence of int
-        Number of each joint's strip on its board.
 
     Yields
     ------

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -32,20 +32,20 @@ class Source(NamedTuple):
         The twin, which `follow` updates.
     boards : list of Board
         Board of joint 1 and board of joint 2; the same object twice if one board has both strips.
+    sensors : sequence of int
+        Number of each joint's strip on its board.
     restarted : callable
         Called with a board after it restarted, to upload its calibrations again.
-    sensors : tuple of int
-        Number of each joint's strip on its board.
     """
 
     twin: Twin
     boards: list[Board]
+    sensors: Sequence[int]
     restarted: Callable[[Board], object] = lambda board: None
-    sensors: tuple[int, ...] = (0, 0)
 
     def readings(self, seconds: float | None = None) -> Iterator[tuple[int, Touch]]:
         """Yield pairs of joint index (0 or 1) and reading; end after `seconds` if given."""
-        return readings(self.boards, seconds, self.restarted, self.sensors)
+        return readings(self.boards, self.sensors, seconds, self.restarted)
 
     def follow(self, seconds: float | None = None) -> Iterator[Terminal]:
         """Yield the end point's position at each reading; end after `seconds` if given."""
@@ -107,7 +107,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
                 f"{boards[0].port}: name the calibrations of two strips in the linkage file"
             )
         record_all(stack, list(dict.fromkeys(boards)), record)
-        yield Source(twin, boards, lambda board: give_all([board]), sensors)
+        yield Source(twin, boards, sensors, lambda board: give_all([board]))
 
 
 def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[CalibrationFile]]:

@@ -95,7 +95,7 @@ def driven(machine: DrivenLinkage, record: list[str] = ()) -> Iterator[Source]:
     with ExitStack() as stack:
         boards = [stack.enter_context(machine.open(joint)) for joint in (0, 1)]
         record_all(stack, boards, record)
-        yield Source(Twin(machine.linkage, machine.encoders()), boards)
+        yield Source(Twin(machine.linkage, machine.encoders()), boards, (0, 0))
 
 
 def run(options) -> None:

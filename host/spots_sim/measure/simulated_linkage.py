@@ -176,6 +176,7 @@ class Simulation:
         noise = _seeds(seed, run + 1)
         self.strips = _strips(sensor, seed, exposure_us, rezeroed)
         on_s = start_s(sensor) - START_S
+        self._sensors = (0, 1) if one_board else (0, 0)
         with ExitStack() as opened:
             self.boards: list[Board] = []
             if one_board:
@@ -220,7 +221,7 @@ class Simulation:
     def readings(self) -> Iterator[tuple[int, Touch]]:
         """Yield pairs of joint index (0 or 1) and reading until the end of the motion."""
         left_s = self.motion.seconds - max(board.now_s() for board in self.boards)
-        for joint, touch in readings(self.boards, left_s):
+        for joint, touch in readings(self.boards, self._sensors, left_s):
             yield joint, touch._replace(flags=touch.flags & ~self._misfits)
 
 

@@ -1,0 +1,83 @@
+"""The programs that write pages and pictures of the documents run, in a short form.
+
+tests/calibrate/test_figures.py runs the one for paper.md.
+"""
+
+import asyncio
+import shutil
+from functools import partial
+from pathlib import Path
+
+import msgspec
+from make import applications_page, linkage_page, pictures, screenshots
+
+from spots_sim import survey
+from spots_sim.files import load
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def test_the_page_of_the_linkage(tmp_path, monkeypatch):
+    def short(kind, name):
+        file = load(kind, name)
+        return msgspec.structs.replace(file, stroke=file.stroke[-1:]) if name == "sust" else file
+
+    ideal, *_ = linkage_page.STRIPS
+    monkeypatch.setattr(linkage_page, "STRIPS", {ideal: linkage_page.STRIPS[ideal]})
+    monkeypatch.setattr(linkage_page, "ONE_BOARD", {ideal: range(1)})
+    monkeypatch.setattr(linkage_page, "SEEDS", range(1))
+    monkeypatch.setattr(linkage_page, "EXPOSURES_US", (30_000,))
+    monkeypatch.setattr(linkage_page, "load", short)
+    monkeypatch.setattr(linkage_page, "survey", partial(linkage_page.survey, pitch_mm=40.0))
+    monkeypatch.setattr(survey, "CALIBRATION_PLACES", 12)
+    linkage_page.main(tmp_path)
+    assert {path.name for path in tmp_path.rglob("*.*")} == {
+        "fivebar.md", "angles.png", "deviation.png", "sust.png"
+    }  # fmt: skip
+    text = (tmp_path / "fivebar.md").read_text(encoding="utf-8")
+    assert "places, mean of a stop | 0." in text
+
+
+def test_the_page_of_the_applications(tmp_path, monkeypatch):
+    for name, value in (
+        ("STRIPS", applications_page.STRIPS[:1]),
+        ("WORDS_PER_MIN", (100,)),
+        ("SEEDS", range(1)),
+        ("TOUCHES", 4),
+        ("_SECONDS", 1.0),
+    ):
+        monkeypatch.setattr(applications_page, name, value)
+    applications_page.main(tmp_path)
+    text = (tmp_path / "applications.md").read_text(encoding="utf-8")
+    assert "| 100 words a minute: errors, no finger | " in text
+    assert "| controller: states sent | " in text
+
+
+def test_the_pictures(tmp_path, monkeypatch, capsys):
+    for path in DOCS.glob("*.svg.in"):
+        shutil.copy(path, tmp_path)
+    (tmp_path / "fivebar").mkdir()
+    for name, value in (
+        ("_HERE", tmp_path),
+        ("MOMENT_S", 0.2),
+        ("HARD_S", 0.2),
+        ("WORN_S", 0.2),
+        ("WROTE_S", 0.5),
+        ("TYPED", "h"),
+    ):
+        monkeypatch.setattr(pictures, name, value)
+    monkeypatch.setattr(pictures, "wirings", partial(pictures.wirings, tmp_path))
+    pictures.main()
+    printed = {Path(line) for line in capsys.readouterr().out.splitlines()}
+    assert printed == {*tmp_path.rglob("*.svg")}
+    assert {path.relative_to(tmp_path) for path in printed} == {
+        path.relative_to(DOCS) for path in DOCS.rglob("*.svg")
+    }
+
+
+def test_the_screenshots(tmp_path, monkeypatch):
+    for name, value in (("_HERE", tmp_path), ("_AFTER_S", 0), ("_HARD_N", 0), ("_SIGNAL_S", 0)):
+        monkeypatch.setattr(screenshots, name, value)
+    asyncio.run(screenshots.main())
+    made = {path.name for path in tmp_path.iterdir()}
+    assert made == {path.name for path in DOCS.glob("page-*.png")}
