@@ -4,6 +4,7 @@ A harder press closes the gripper further. The gripper opens when nothing presse
 """
 
 import argparse
+import sys
 
 import spots
 
@@ -41,6 +42,8 @@ try:
                 move(at_mm)
 except KeyboardInterrupt:
     pass  # Ctrl-C ends it
+except BrokenPipeError:
+    sys.stdout = None  # the program that reads the output has ended
 except spots.SpotsError as error:
     parser.error(str(error))
 finally:

@@ -1,6 +1,7 @@
 """Print position and force of each press on the strip."""
 
 import argparse
+import sys
 
 import spots
 
@@ -18,5 +19,7 @@ try:
                 print(f"{touch.time_s:10.3f} s  {place_mm:7.3f} mm  {force_N:6.3f} N", flush=True)
 except KeyboardInterrupt:
     pass  # Ctrl-C ends it
+except BrokenPipeError:
+    sys.stdout = None  # the program that reads the output has ended
 except spots.SpotsError as error:
     parser.error(str(error))

@@ -5,6 +5,7 @@ For a real joint, calibrate first: spots calibrate position, then force, then jo
 
 import argparse
 import math
+import sys
 from pathlib import Path
 
 import spots
@@ -45,5 +46,7 @@ try:
                 )
 except KeyboardInterrupt:
     pass  # Ctrl-C ends it
+except BrokenPipeError:
+    sys.stdout = None  # the program that reads the output has ended
 except spots.SpotsError as error:
     parser.error(str(error))

@@ -4,6 +4,7 @@ docs/fivebar.md shows how to write or measure the linkage file.
 """
 
 import argparse
+import sys
 
 import spots
 from spots.linkage.twin_source import opened
@@ -28,5 +29,7 @@ try:
                 print(f"{place} +- {terminal.sigma_mm:.2f}", flush=True)
 except KeyboardInterrupt:
     pass  # Ctrl-C ends it
+except BrokenPipeError:
+    sys.stdout = None  # the program that reads the output has ended
 except spots.SpotsError as error:
     parser.error(str(error))

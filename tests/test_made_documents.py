@@ -11,8 +11,8 @@ from pathlib import Path
 import msgspec
 from make import applications_page, linkage_page, pictures, screenshots
 
-from spots_sim import survey
-from spots_sim.files import load
+from spots_sim.measure import survey
+from spots_sim.strip.files import load
 
 DOCS = Path(__file__).parents[1] / "docs"
 

@@ -15,9 +15,9 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
-from .errors import SpotsError
+from .errors import SpotsError, printable
 
 # Console events of Windows. Windows ends the process when their handler returns, or after 5 s.
 _CONSOLE_EVENTS = (2, 5, 6)  # close, logoff, shutdown
@@ -244,3 +244,23 @@ def on_console_event(event: int, released: threading.Event) -> bool:
     _thread.interrupt_main()
     released.wait(_CONSOLE_S)
     return True
+
+
+@contextlib.contextmanager
+def stop_explained(state: Callable[[], str]) -> Iterator[None]:
+    """Run a block in which Ctrl-C prints a sentence about what is stored and how to go on.
+
+    Parameters
+    ----------
+    state : callable
+        Returns the sentence. It is called after Ctrl-C; KeyboardInterrupt is then raised again.
+
+    Yields
+    ------
+    None
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        print(f"\nspots: stopped: {printable(state())}", file=sys.stderr)
+        raise

@@ -284,6 +284,9 @@ def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, c
     made.press(ZONES_MM[0], 1500)
     assert keys_of(made.board.frames(0.15)) == [(ONE, True)]
     assert keys_of(made.board.frames(0.05)) == []
+    # `push` has saved the layout, so it only asks for the reboot.
+    wanted = "reboot to make the board a USB keyboard; keys are sent as frames only"
+    assert push(made.board, load("digits")) == wanted
     made.board.command("keys off")
     assert reports(made) == []
 

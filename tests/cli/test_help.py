@@ -68,6 +68,12 @@ def test_help_fits_the_terminal(capsys, monkeypatch, columns):
         (["Doctor"], "did you mean doctor?"),
         (["flash", "pico", "--prot", "x"], "there is no option --prot: did you mean --port?"),
         (["monitor", "--secnds=3"], "there is no option --secnds=3: did you mean --seconds"),
+        (
+            ["design", "--lenght-mm", "60"],
+            "there is no option --lenght-mm: did you mean --length-mm",
+        ),
+        (["--verson"], "there is no option --verson: did you mean --version?"),
+        (["command", "get", "-x"], "there is no option -x"),
         (["keys", "chek", "mini"], "there is no 'chek': did you mean check?"),
         (["calibrate", "positon"], "did you mean position?"),
         (["export", "a.spots", "--to", "cvs"], "there is no 'cvs': valid names are mcap, csv, npz"),
@@ -135,3 +141,21 @@ def test_every_glyph_of_a_picture_has_a_plain_character():
     text = "".join((Path(spots.__file__).parent / name).read_text("utf-8") for name in views)
     assert [c for c in set(text) if not c.isascii() and c not in glyphs.PLAIN] == []
     assert all(len(plain) == 1 and plain.isascii() for plain in glyphs.PLAIN.values())
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "monitor --port A --port B",
+        "flash pico --port=A --port=B",
+        "record x.spots --port A --port A",
+        "design --length-mm 60 --length-mm 70",
+        "calibrate --session a --session b",
+        "demo --use keyboard --use wearable",
+    ],
+)
+def test_an_option_with_one_value_is_refused_when_it_is_given_twice(capsys, line):
+    code, text = printed(capsys, *line.split())
+    assert code == 2
+    assert "it is given twice, as '" in text
+    assert "leave out one of them" in text

@@ -432,7 +432,7 @@ def test_a_board_that_is_a_gamepad_itself_is_not_made_two(monkeypatch, capsys, r
     made = rig(pressing())
     made.board.info["gamepad"] = 1
     evdev.UInput.made.clear()
-    monkeypatch.setattr(play, "open_named", lambda options: made.board)
+    monkeypatch.setattr(play, "open_announced", lambda options: made.board)
     assert cli.main(["controller", "--seconds", "1"]) == 2
     assert "gamepad off" in capsys.readouterr().err
     assert evdev.UInput.made == []

@@ -7,6 +7,7 @@ from spots import cli
 from spots.errors import SpotsError
 from spots.keyboard.keys import say
 from spots.keyboard.layout import FOLDER, load
+from spots.outputs.usages import USAGES
 from spots_device.keys.layout import (
     KEY_SIZE,
     TAP,
@@ -38,6 +39,47 @@ def test_every_layout_of_the_package_is_one_that_a_board_takes(name, capsys):
     for keys in layout.layers.values():
         for key in keys:
             assert key.label in said
+
+
+EVERY_ACTION = """
+name = "All"
+[[layer]]
+name = "base"
+swipe_minus = "POWER"
+swipe_plus = "toggle more"
+keys = [
+  {tap = "A", double = "B", hold = "C", firm = "D", slide_minus = "E", slide_plus = "F"%s},
+  "G",
+]
+[[layer]]
+name = "more"
+swipe_minus = "LEFT_CONTROL+LEFT_ALT+DELETE"
+keys = ["once base", {hold = "layer base"}, {tap = "toggle more"}]
+"""
+LABELS = ["", "k", "a label that has more characters than there are columns for it in a table"]
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_a_layout_is_shown_with_all_its_actions_each_on_one_line(label, tmp_path, capsys):
+    path = write(tmp_path, EVERY_ACTION % (label and f', label = "{label}"'))
+    layout = load(path)
+    stored = [line.split() for line in layout.lines if line.startswith(("layer ", "key "))]
+    actions = {int(word) for kind, *words in stored for word in words[2 * (kind == "key") :]}
+    assert len(actions - {0}) == 12
+    assert cli.main(["keys", "show", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for number in actions - {0}:
+        name = say(layout, number)
+        assert any(f" {name} " in line for line in lines), name
+
+
+def test_no_name_of_a_key_is_broken_at_the_end_of_a_line(tmp_path, capsys):
+    names = sorted({usage.name for usage in USAGES.values()}, key=len)[-4:]
+    keys = ", ".join(f'{{tap = "{name}", double = "{name}", hold = "{name}"}}' for name in names)
+    path = write(tmp_path, f'name = "Long"\n[[layer]]\nname = "base"\nkeys = [{keys}]\n')
+    assert cli.main(["keys", "show", str(path)]) == 0
+    shown = capsys.readouterr().out
+    assert [shown.count(f" {name} ") for name in names] == [3] * len(names)
 
 
 def test_the_mini_keyboard_has_a_way_to_every_letter_and_digit():

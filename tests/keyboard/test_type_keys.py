@@ -301,7 +301,9 @@ def test_a_dry_run_prints_the_keys(capsys):
 
 def test_a_board_that_is_a_keyboard_itself_only_allows_a_dry_run(board, monkeypatch, capsys):
     push(board, load("digits"))
-    monkeypatch.setattr("spots.keyboard.keyboard.open_named", lambda options: nullcontext(board))
+    monkeypatch.setattr(
+        "spots.keyboard.keyboard.open_announced", lambda options: nullcontext(board)
+    )
     assert cli.main(["keyboard", "--seconds", "3"]) == 2
     assert "keys off" in capsys.readouterr().err
     assert cli.main(["keyboard", "--dry-run", "--seconds", "3"]) == 0

@@ -11,6 +11,7 @@ from .. import atomic
 from ..errors import SpotsError
 from ..link.connect import open
 from ..link.ports import offered
+from ..signals import stop_explained
 from .bench import Bench
 from .calibration_file import KIND, CalibrationFile
 from .guide import Guide
@@ -44,7 +45,7 @@ def calibrate_command(options: argparse.Namespace) -> None:
     atomic.distinct({"--session": session.path, "--out": out})
     atomic.check_writable(session.path, append=True)
     atomic.check_writable(out, KIND)
-    with opened(options, session, out) as bench:
+    with stop_explained(session.progress), opened(options, session, out) as bench:
         calibrate(bench, session, kind, count, options.strain_percent, options)
 
 

@@ -13,6 +13,7 @@ from spots_device.reading.decode import DARK_SAMPLES
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.connect import ensured, open_named
+from ..signals import stop_explained
 from .guide import Guide
 
 _TIMEOUT_S = 60.0
@@ -22,7 +23,8 @@ _MOST = 0.05  # largest dark count as a share of full scale; more is ambient lig
 def dark_command(options: argparse.Namespace) -> None:
     """Run ``spots dark`` with the options that `cli` parsed."""
     guide = Guide()
-    with open_named(options) as board:
+    again = "nothing is saved; plug the LED in again, and run the same command again"
+    with stop_explained(lambda: again), open_named(options) as board:
         dark = take_dark(board, guide.ask)
     counts = " ".join(f"{sum_ / DARK_SAMPLES:.1f}" for sum_ in dark)
     guide.say(f"the dark frame is stored on the board: {counts} counts")

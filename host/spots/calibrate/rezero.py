@@ -19,6 +19,7 @@ from spots_device.reading.log2 import ONE as ONE_Q20
 
 from ..atomic import check_writable
 from ..errors import SpotsError
+from ..signals import stop_explained
 from . import calibration_file as file
 from .bench import Bench
 from .calibrate import opened
@@ -40,7 +41,8 @@ def rezero_command(options: argparse.Namespace) -> None:
     check_writable(path)
     force_mN = options.force_N and 1000 * options.force_N
     with opened(options, made, path) as bench:
-        new = rezero(bench, made, options.presses, options.quick, force_mN, options.joint)
+        with stop_explained(lambda: f"{path} and the board are unchanged; run the command again"):
+            new = rezero(bench, made, options.presses, options.quick, force_mN, options.joint)
         bench.reader.restore()
         name = use(bench, made, new)
         bench.guide.say(f"{path}: {new.rezeros[-1].drift}; the board stores calibration {name}")

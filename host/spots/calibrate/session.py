@@ -278,6 +278,14 @@ class Session:
         """
         return self._refer(point(wanted, reading, conditions))
 
+    def progress(self) -> str:
+        """Return how many presses are stored, and how to go on with them."""
+        if not self.points:
+            return "nothing is stored; the same command begins again"
+        count = len(self.points)
+        presses = "1 press" if count == 1 else f"{count} presses"
+        return f"{self.path} has {presses}; the same command goes on after the last one"
+
     def add(self, taken: Point) -> None:
         """Append a point to the file, and wait until the point is on disk.
 

@@ -99,8 +99,9 @@ COMMANDS = monitor, serve, command
 def _monitor(options: argparse.Namespace) -> None:
     from ..link.calibrated import next_step, start_fault
     from ..terminal.monitor import watch
+    from ..terminal.opening import open_announced
 
-    with arguments.open_board(options) as board:
+    with open_announced(options) as board:
         step = next_step(board.command("hello"))
         if fault := start_fault(board.info):
             print(f"spots: {printable(fault)}", file=sys.stderr)

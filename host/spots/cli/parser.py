@@ -3,8 +3,10 @@
 import argparse
 import inspect
 import shutil
+import sys
 import textwrap
 from collections.abc import Callable, Iterable
+from itertools import takewhile
 from pkgutil import resolve_name
 from types import ModuleType
 from typing import NoReturn
@@ -36,6 +38,19 @@ def calls(target: str, *names: str) -> Callable[[argparse.Namespace], None]:
     return run
 
 
+class _Once(argparse.Action):
+    """Stores the value of an option; refuses a second value, which would replace the first one."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        if option_string and self.dest in parser.given:
+            first = getattr(namespace, self.dest)
+            raise argparse.ArgumentError(
+                self, f"it is given twice, as '{first}' and '{values}': leave out one of them"
+            )
+        parser.given.add(self.dest)
+        setattr(namespace, self.dest, values)
+
+
 class Parser(argparse.ArgumentParser):
     """A parser of `spots` or of one of its commands.
 
@@ -43,12 +58,17 @@ class Parser(argparse.ArgumentParser):
     ----------
     command : callable or None
         Function that adds the options when they are first needed, see `add_commands`.
+    given : set of str
+        Names of the options on the command line that have one value.
     """
 
     command: Callable[["Parser"], Callable] | None = None
 
     def __init__(self, **options):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
+        self.given: set[str] = set()
+        self.register("action", None, _Once)
+        self.register("action", "store", _Once)
 
     def flag(self, name: str, text: str) -> None:
         """Add an option without a value.
@@ -102,14 +122,31 @@ class Parser(argparse.ArgumentParser):
         if self.command:
             add_options, self.command = self.command, None
             self.set_defaults(run=add_options(self))
+        self.given.clear()
+        args = sys.argv[1:] if args is None else list(args)
+        self._refuse_unknown(args)  # before argparse reports a missing option that is misspelt
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
             if not unknown[0].startswith("-"):
                 self.error(f"unexpected argument '{unknown[0]}'")
-            options = [name for name in self._option_string_actions if name.startswith("--")]
-            hint = did_you_mean(unknown[0].partition("=")[0], options)
-            self.error(f"there is no option {unknown[0]}: {hint}")
+            self._refuse(unknown[0])
         return namespace, unknown
+
+    def _refuse_unknown(self, args: list[str]) -> None:
+        """Exit with an error at the first argument that is an unknown long option."""
+        for arg in takewhile(lambda arg: arg != "--", args):
+            if self._subparsers and not arg.startswith("-"):
+                return  # the rest belongs to a command
+            name = arg.partition("=")[0]
+            # An abbreviation is valid, and a text with a space is a value.
+            known = any(one.startswith(name) for one in self._option_string_actions)
+            if arg.startswith("--") and " " not in arg and not known:
+                self._refuse(arg)
+
+    def _refuse(self, arg: str) -> NoReturn:
+        options = [name for name in self._option_string_actions if name.startswith("--")]
+        hint = did_you_mean(arg.partition("=")[0], options)
+        self.error(f"there is no option {arg}: {hint}")
 
     def _check_value(self, action, value):
         if action.choices is not None and value not in action.choices:

@@ -13,11 +13,11 @@ from ..atomic import check_writable
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
-from ..link.connect import open_named
 from ..link.frames import Touch
 from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad
 from ..signals import released_by_signals
+from ..terminal.opening import open_announced
 from ..terminal.view import Pace, drawn
 from .controller_settings import DEFAULT, KIND, ControllerSettings, load
 from .controller_setup import set_up
@@ -34,7 +34,7 @@ def controller_command(options: argparse.Namespace) -> None:
     settings = None if options.calibrate else load(options.settings or DEFAULT)
     if settings is None:
         check_writable(Path(options.settings or _NEW), KIND)
-    with released_by_signals(), open_named(options) as board:
+    with released_by_signals(), open_announced(options) as board:
         if settings is None:
             set_up(board, options.settings or _NEW)
             return

@@ -11,6 +11,7 @@ from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.calibrated import hello_calibrated
 from ..link.frames import Touch
+from ..signals import stop_explained
 from .controller_settings import DEFAULT, ControllerSettings, ForceAxis, PositionAxis, load, save
 
 _SETTLE_S = 0.3  # the start of a touch is not used
@@ -57,11 +58,12 @@ def set_up(board: Board, path: str | Path, say: Callable[[str], None] = print) -
     if before:
         say(f"{shown} keeps its other settings, but loses its comments")
     found = {}
-    for step, words in _STEPS.items():
-        say(words)
-        found[step] = _touch(board)
-        say("  done, lift the finger")
-        _lift(board)
+    with stop_explained(lambda: "nothing is written; the same command begins again"):
+        for step, words in _STEPS.items():
+            say(words)
+            found[step] = _touch(board)
+            say("  done, lift the finger")
+            _lift(board)
     percent = {step: round(touch.position_um / length_um * 100, 1) for step, touch in found.items()}
     force_mN = {step: touch.force_mN for step, touch in found.items()}
     save(_measured(settings, percent, force_mN), path, before)

@@ -6,11 +6,11 @@ import math
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
-from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..signals import released_by_signals
+from ..terminal.opening import open_announced
 from .key_engine import KeyEngine
 from .layout import KeyLayout, load
 
@@ -20,7 +20,7 @@ _TICK_S = 0.02
 def keyboard_command(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
-    with released_by_signals(), open_named(options) as board:
+    with released_by_signals(), open_announced(options) as board:
         info = board.command("hello")
         if info["keys"] and not options.dry_run:
             raise SpotsError(

@@ -1,5 +1,6 @@
 """``spots keys``: shows and validates layout files, and uploads a layout to a board."""
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.panel import Panel
 from rich.table import Table
@@ -10,9 +11,11 @@ from ..link.board import Board
 from ..link.connect import ensured, upload_lines
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
 from ..terminal.view import framed
-from .layout import LAYER_VERBS, SLOTS, KeyLayout, PlacedKey, load, parts_of
+from .layout import LAYER_VERBS, SLOTS, SWIPES, KeyLayout, PlacedKey, load, parts_of
 
 COLUMNS = 74
+_LABEL = 20  # characters of a label; a longer one takes several lines
+_GAP = 2  # between the columns of a table
 _SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
 _VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 
@@ -25,7 +28,7 @@ def check(name: str) -> None:
 
 
 def show(name: str) -> None:
-    """Print a picture of a layout with the actions of each key."""
+    """Print a picture of a layout with all its actions."""
     Console().print(picture(load(name)))
 
 
@@ -54,14 +57,17 @@ def push(board: Board, layout: KeyLayout) -> str | None:
     upload_lines(board, "layout", layout.lines)
     note = ensured(board, "set keys=1 baseline=1").get("note")
     ensured(board, "save")
-    return note
+    return note and note.replace("save and reboot", "reboot")
 
 
 def picture(layout: KeyLayout) -> Panel:
-    """Return a picture of each layer: the keys along the strip, and a table of their actions."""
+    """Return a picture of each layer: the keys along the strip, and a table of all actions."""
     parts = []
     for name, keys in layout.layers.items():
-        parts += [Text(name, style="bold"), row(keys), _table(layout, keys), Text()]
+        actions = [(key.label, key.actions) for key in keys]
+        if any(layout.swipes[name].values()):
+            actions.append(("(anywhere)", layout.swipes[name]))
+        parts += [Text(name, style="bold"), row(keys), _table(layout, actions), Text()]
     return framed(parts[:-1], layout.name, COLUMNS + 6)
 
 
@@ -114,14 +120,31 @@ def say(layout: KeyLayout, action: int) -> str:
     return "+".join([*names, name_of(kind, number)])
 
 
-def _table(layout: KeyLayout, keys: list[PlacedKey]) -> Table:
-    used = [slot for slot in SLOTS if any(key.actions[slot] for key in keys)]
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
-    table.add_column("key")
-    for slot in used:
-        heading = slot.replace("_minus", " to sensor").replace("_plus", " away")
+def _table(layout: KeyLayout, actions: list[tuple[str, dict[str, int]]]) -> Table:
+    """Return a table of labels and actions; if its columns are too wide, a line for each action."""
+    does = [
+        (label, {_heading(slot): say(layout, action) for slot, action in by_slot.items() if action})
+        for label, by_slot in actions
+    ]
+    used = dict.fromkeys(_heading(slot) for slot in (*SLOTS, *SWIPES))
+    used = [heading for heading in used if any(heading in texts for _, texts in does)]
+    rows = [("key", *used)]
+    rows += [(label, *(texts.get(heading, "") for heading in used)) for label, texts in does]
+    if sum(max(map(cell_len, column)) + _GAP for column in zip(*rows)) - _GAP > COLUMNS:
+        rows = [("key", "when", "action")]
+        for label, texts in does:
+            for heading, text in texts.items() or [("", "")]:
+                rows.append((label, heading, text))
+                label = ""
+    table = Table(box=None, padding=(0, _GAP, 0, 0), header_style="dim")
+    (first, *others), *body = rows
+    table.add_column(first, overflow="fold", max_width=_LABEL)
+    for heading in others:
         table.add_column(heading, overflow="fold")
-    for key in keys:
-        does = (say(layout, key.actions[slot]) for slot in used)
-        table.add_row(*map(Text, (key.label, *does)))
+    for cells in body:
+        table.add_row(*map(Text, cells))
     return table
+
+
+def _heading(slot: str) -> str:
+    return slot.replace("_minus", " to sensor").replace("_plus", " away")

@@ -26,6 +26,7 @@ from ..errors import SpotsError
 from ..outputs.usages import CONSUMER, KEYBOARD, USAGES, chord_of, name_of
 
 FOLDER = Path(__file__).parent / "layouts"
+SWIPES = ("swipe_minus", "swipe_plus")  # of a layer
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
 # Rules that decide between tap and hold, see docs/keyboard.md; the index is the firmware's number.
 FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
@@ -101,6 +102,8 @@ class KeyLayout:
         Name of the layout.
     layers : dict of str to list of PlacedKey
         Keys by the name of their layer; layers and keys are in the order of the file.
+    swipes : dict of str to dict of str to int
+        Action for each name in `SWIPES`, by the name of the layer.
     lines : list of str
         The layout as the board stores it, see `spots_device.keys.layout`.
     typed : frozenset of int
@@ -114,6 +117,7 @@ class KeyLayout:
 
     name: str
     layers: dict[str, list[PlacedKey]]
+    swipes: dict[str, dict[str, int]]
     lines: list[str]
     typed: frozenset[int]
     text: str
@@ -177,15 +181,14 @@ class _Compiler:
         tuning = msgspec.structs.asdict(self._file.tuning)
         tuning["flavour"] = FLAVOURS.index(tuning["flavour"])
         lines = [f"{name} {tuning[name]}" for name in LIMITS]
-        layers, used = {}, set()
+        layers, swipes, used = {}, {}, set()
         for layer in self._file.layer:
-            swipes = [
-                self._action(getattr(layer, name), layer, name)
-                for name in ("swipe_minus", "swipe_plus")
-            ]
+            own = swipes[layer.name] = {
+                name: self._action(getattr(layer, name), layer, name) for name in SWIPES
+            }
             keys = layers[layer.name] = self._keys(layer)
-            used.update(swipes, *(key.actions.values() for key in keys))
-            lines.append("layer {} {}".format(*swipes))
+            used.update(own.values(), *(key.actions.values() for key in keys))
+            lines.append("layer {} {}".format(*own.values()))
             for i, key in enumerate(keys, 1):
                 bounds = round(FULL * key.low), round(FULL * key.high)
                 if not bounds[0] < bounds[1]:
@@ -202,7 +205,7 @@ class _Compiler:
             raise SpotsError(f"layout {self._path}: {error}") from None
         content = msgspec.to_builtins(self._file)
         typed = frozenset(one for one in used if parts_of(one)[0] in (KEYBOARD, CONSUMER))
-        return KeyLayout(self._file.name, layers, lines, typed, self._text, content)
+        return KeyLayout(self._file.name, layers, swipes, lines, typed, self._text, content)
 
     def _keys(self, layer: _Layer) -> list[PlacedKey]:
         keys = [_Key(tap=key) if isinstance(key, str) else key for key in layer.keys]

@@ -118,12 +118,13 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
 
 
 def _measure(source: Source, points: Path, linkage: str) -> None:
+    shown, arm = printable(str(points)), printable(linkage)
     try:
         count = measure(source, points)
     except (EOFError, KeyboardInterrupt):
-        print()
+        kept = f"{shown} keeps its points" if points.exists() else "nothing is stored"
+        print(f"\nstopped: {kept}; the same command adds more points")
         return
-    shown, arm = printable(str(points)), printable(linkage)
     print(f"{shown} has {count} points; next: spots twin --linkage {arm} --calibrate {shown}")
 
 

@@ -11,12 +11,12 @@ from .. import toml
 from ..errors import SpotsError, did_you_mean
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
-from ..link.connect import open_named
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import KeySink
 from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
 from ..signals import released_by_signals
+from ..terminal.opening import open_announced
 from ..terminal.view import Pace, drawn
 from .gestures import NAMES, Gesture, Gestures
 from .wearable_view import picture
@@ -111,7 +111,11 @@ def wearable_command(options: argparse.Namespace) -> None:
     """Run ``spots wearable`` with the options that `cli` parsed."""
     mapping = Mapping(options.gestures or DEFAULT)
     dry_run = options.dry_run
-    with released_by_signals(), open_named(options) as board, open_keyboard(dry_run) as keyboard:
+    with (
+        released_by_signals(),
+        open_announced(options) as board,
+        open_keyboard(dry_run) as keyboard,
+    ):
         if dry_run:
             print(f"waiting for one of these gestures: {', '.join(mapping.names)}", flush=True)
         play(board, lambda one: mapping.do(one, keyboard), options.seconds, not dry_run, mapping)
