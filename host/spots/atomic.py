@@ -88,6 +88,26 @@ class Kind(NamedTuple):
         if was is not _ANY and now != was:
             raise ChangedError(f"another program has changed {path}: nothing was written")
 
+    def present(self, path: Path) -> Any:
+        """Return what a new file would replace, as `read` returns it; None if that is nothing.
+
+        Parameters
+        ----------
+        path : Path
+            Name of the file.
+
+        Returns
+        -------
+        object or None
+
+        Raises
+        ------
+        SpotsError
+            If the file has another kind.
+        """
+        self.check(path)
+        return self.read(path) if path.exists() and path.stat().st_size else None
+
 
 def begins(name: str, *heads: bytes) -> Kind:
     """Return the `Kind` of files that begin with one of several byte strings.

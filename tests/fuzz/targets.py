@@ -255,7 +255,8 @@ def mounted_toml(data: bytes) -> None:
     with _refusing():
         found = mounted.load(path)
         again = FOLDER / "again.toml"
-        mounted.save(found, again)
+        again.unlink(missing_ok=True)
+        mounted.save(found, again, None)
         assert mounted.load(again) == found
         assert found.offset_rad[0] == math.radians(found.joint[0].offset_deg)
         found.strips(path)

@@ -47,7 +47,9 @@ def arm(sensor, tmp_path_factory):
         Mounting(calibration=f"strip{1 - joint}.toml", offset_deg=math.degrees(zero))
         for joint, zero in enumerate(mechanism.zero_rad)
     ]
-    mounted.save(Mounted(bar_mm=mechanism.bar_mm, base_mm=mechanism.base_mm, joint=joints), path)
+    mounted.save(
+        Mounted(bar_mm=mechanism.bar_mm, base_mm=mechanism.base_mm, joint=joints), path, None
+    )
 
     def open_board(port):
         return Board(LockstepLink(sensor, first, 0, second=(second, 1)))
@@ -76,7 +78,7 @@ def test_two_joints_with_the_calibration_of_one_strip_are_refused(arm, monkeypat
     monkeypatch.setattr(twin_source, "open", open_board)
     found = mounted.load(path)
     one = path.with_name("one.toml")
-    mounted.save(msgspec.structs.replace(found, joint=[found.joint[0]] * 2), one)
+    mounted.save(msgspec.structs.replace(found, joint=[found.joint[0]] * 2), one, None)
     with (
         pytest.raises(SpotsError, match="both joints have the calibration of strip 1"),
         twin_source.opened(one, ["here"]),

@@ -69,7 +69,7 @@ class Machine:
             for zero in mechanism.zero_rad
         ]
         arm = Mounted(bar_mm=mechanism.bar_mm, base_mm=mechanism.base_mm, joint=joints)
-        mounted.save(arm, self.arm)
+        mounted.save(arm, self.arm, None)
         self.faults = {}
 
     def link(self, port):
@@ -337,12 +337,14 @@ def test_a_linkage_file_is_written_as_it_is_read(tmp_path):
         Mounting(calibration="b/\N{GRINNING FACE}.toml", offset_deg=3.0),
     ]
     arm = Mounted(bar_mm=(101.0, 99.25, 100.0, 99.0), base_mm=80.7, assembly="near", joint=joints)
-    mounted.save(arm, tmp_path / "arm.toml", "two\nlines")
+    mounted.save(
+        arm, tmp_path / "arm.toml", mounted.KIND.present(tmp_path / "arm.toml"), "two\nlines"
+    )
     assert mounted.load(tmp_path / "arm.toml") == arm
     assert mounted.is_mounted(tmp_path / "arm.toml")
     assert not mounted.is_mounted("default")
     with pytest.raises(SpotsError, match="there is no folder"):
-        mounted.save(arm, tmp_path / "no" / "arm.toml")
+        mounted.save(arm, tmp_path / "no" / "arm.toml", None)
     with pytest.raises(SpotsError, match=r"cannot read the linkage file nope.toml"):
         mounted.load("nope.toml")
 

@@ -8,11 +8,13 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from soak import file_fight
 from soak.soak import soak_command
 from spots.cli.arguments import number, seed
 from spots.errors import SpotsError
 
 hours = number("a time in hours", 0.001, 10_000)
+count = number("a number of schedules", 1, 100_000, int)
 speed = number("a speed in words a minute", 1, 200)
 
 
@@ -36,7 +38,15 @@ def main(arguments: list[str] | None = None) -> int:
         help="replace the scenario's touches by fast typing, with overlapping touches",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument(
+        "--files", type=count, metavar="N",
+        help="instead, let programs, a person and a failing disk fight over each kind of file, in "
+        "N random schedules",
+    )  # fmt: skip
     options = parser.parse_args(arguments)
+    if options.files:
+        file_fight.fight(options.files)
+        return 0
     try:
         what = options.hours, options.faults, options.seed, options.sensor
         soak_command(*what, options.words_per_min, options.json, options.strips)

@@ -278,18 +278,6 @@ def load(path: Path) -> CalibrationFile:
 KIND = atomic.Kind("a calibration file", load)
 
 
-def present(path: Path) -> CalibrationFile | None:
-    """Return the calibration that a new one would replace; None if there is none.
-
-    Raises
-    ------
-    SpotsError
-        If the file is of another kind, or damaged.
-    """
-    KIND.check(path)
-    return load(path) if path.exists() and path.stat().st_size else None
-
-
 def send(board: Board, calibration: CalibrationFile) -> str:
     """Upload a calibration to a board, and store the calibration on the board.
 

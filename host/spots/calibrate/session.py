@@ -216,7 +216,7 @@ class Session:
         self.path = path
         self.points: list[Point] = []
         self.removed: list[Point] = []
-        self._lines: list[bytes] = []  # of `points`
+        self._stored: list[Point] = []  # `points` as the file has them
         self._data = b""
         self._is_locked = False
         self._refer: Callable[[Point], Point] = lambda point: point
@@ -312,7 +312,7 @@ class Session:
                 self._parse(whole + last + added)
                 return
             self.points.append(self._refer(taken))
-            self._lines.append(line)
+            self._stored.append(taken)
             self._data = whole + last + added
 
     def undo(self) -> Point | None:
@@ -330,13 +330,13 @@ class Session:
         SpotsError
             If the file cannot be written.
         """
-        line = self._lines[next(i for i, p in enumerate(self.points) if p is point)]
+        stored = self._stored[next(i for i, p in enumerate(self.points) if p is point)]
         with self.locked():
             data = self._read()
             lines = data.splitlines(keepends=True)
-            known = [one.rstrip(b"\r\n") for one in lines]
-            if line in known:  # nobody else has removed it
-                del lines[len(known) - 1 - known[::-1].index(line)]
+            known = [_decoded(line) for line in lines]
+            if stored in known:  # nobody else has removed it
+                del lines[len(known) - 1 - known[::-1].index(stored)]
                 with atomic.replacing(self.path, _KIND, was=data, locked=True) as file:
                     file.write(b"".join(lines))
             self._parse(b"".join(lines))
@@ -357,19 +357,19 @@ class Session:
 
     def _parse(self, data: bytes) -> None:
         whole, last = _cut(data)
-        points, kept = [], []
+        stored = []
         for number, line in enumerate((whole + last).split(b"\n"), 1):
             if not line.strip():
                 continue
             try:
-                points.append(self._refer(msgspec.json.decode(line, type=Point)))
+                stored.append(msgspec.json.decode(line, type=Point))
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 raise SpotsError(
                     f"line {number} of the session {self.path} is damaged ({error}): remove that "
                     "line to repeat its press, or begin another session"
                 ) from None
-            kept.append(line.rstrip(b"\r"))
-        self.points, self._lines, self._data = points, kept, data
+        self.points = [self._refer(point) for point in stored]
+        self._stored, self._data = stored, data
 
     def of(self, kind: str, strain_ppm: int = 0) -> list[Point]:
         """Return the points of one kind of press at one strain.
@@ -480,12 +480,16 @@ def _cut(data: bytes) -> tuple[bytes, bytes]:
     whole = data[: data.rfind(b"\n") + 1]
     last = data[len(whole) :]
     # A program was killed while it wrote a line, or the power failed before the line was on disk.
-    if last.startswith(b"{") or not last.strip(b"\0"):
-        try:
-            msgspec.json.decode(last, type=Point)
-        except (msgspec.DecodeError, UnicodeDecodeError):
-            last = b""
+    if (last.startswith(b"{") or not last.strip(b"\0")) and _decoded(last) is None:
+        last = b""
     return whole, last
+
+
+def _decoded(line: bytes) -> Point | None:
+    try:
+        return msgspec.json.decode(line, type=Point)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return None
 
 
 def presses(points: list[Point]) -> Presses:

@@ -100,7 +100,7 @@ def calibrate(
 
 def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, options) -> None:
     session.check(bench.reader.conditions, bench.length_um if kind != "joint" else None)
-    before = file.present(bench.path)
+    before = file.KIND.present(bench.path)
     carry.check(before, bench.reader.conditions.board, bench.path)
     if before and (kind == "joint" or carry.continues(session, before)):
         session.refer(carry.undrifted(before.rezeros))
@@ -304,7 +304,7 @@ class _Steps:
     def finish(self) -> None:
         """Fit all presses of the session, write the calibration file, and upload its lines."""
         bench = self.bench
-        before = file.present(bench.path)
+        before = file.KIND.present(bench.path)
         calibration = make(self.session, bench.guide.say)
         calibration = carry.carried(calibration, before, self.session, bench.guide.say)
         file.save(calibration, bench.path, before)

@@ -181,7 +181,7 @@ def load(path: str | Path) -> Mounted:
 KIND = atomic.Kind("a linkage file", load)
 
 
-def save(mounted: Mounted, path: Path, comment: str = "") -> None:
+def save(mounted: Mounted, path: Path, before: Mounted | None, comment: str = "") -> None:
     """Write a linkage file. An existing linkage file is replaced atomically.
 
     Parameters
@@ -190,13 +190,15 @@ def save(mounted: Mounted, path: Path, comment: str = "") -> None:
         Content of the file.
     path : Path
         Path of the file.
+    before : Mounted or None
+        Content that the file must still have; None if the file did not exist.
     comment : str
         Text that the file starts with, as TOML comments; may have several lines.
 
     Raises
     ------
     SpotsError
-        If the file cannot be written, or would replace a file of another kind.
+        If the file cannot be written, or has another content than `before`.
     """
     rows = [
         "# A five-bar linkage and the strips in its joints, see docs/fivebar.md.",
@@ -207,4 +209,4 @@ def save(mounted: Mounted, path: Path, comment: str = "") -> None:
         toml.dumps(msgspec.to_builtins(mounted)),
         "",
     ]
-    atomic.write_text("\n".join(rows), path, KIND)
+    atomic.write_text("\n".join(rows), path, KIND, was=before)

@@ -57,8 +57,7 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     """
     drawn = mounted.load(linkage)
     calibrations = [linkage.parent / joint.calibration for joint in drawn.joint]
-    if out is not None:
-        mounted.KIND.check(out)
+    before = out and mounted.KIND.present(out)
     rows, lines = _read(points)
     x_mm, y_mm, *angles_deg = rows.T
     angles, sigmas = np.radians(angles_deg[:2]), np.radians(angles_deg[2:])
@@ -96,7 +95,7 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     report = f"from {len(lines)} points; {number}\n{found.report()}"
     if out is None:
         return f"{report}\nnothing was written: add --out arm.toml to write a linkage file"
-    mounted.save(known, out, report)
+    mounted.save(known, out, before, report)
     return f"{report}\nwrote the linkage file {printable(str(out))}"
 
 

@@ -104,7 +104,7 @@ class PageCalibration(Orders):
 
     def _use(self, path: Path) -> None:
         self._path, self._out = path, path.with_suffix(".toml")
-        calibration_file.present(self._out)  # raises an error for a file of another kind
+        calibration_file.KIND.check(self._out)  # raises an error for a file of another kind
         self._show(file=self._out.name, rezero=self._out.exists(), length_um=LENGTH_UM)
         self._session = Session(path)
         if self._session.length_um:
