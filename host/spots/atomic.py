@@ -74,9 +74,8 @@ class Kind(NamedTuple):
         """
         path = Path(path)
         try:
-            status = path.stat()
-            if not stat.S_ISREG(status.st_mode) or not status.st_size:
-                return  # `replacing` refuses what is no file
+            if not _has_content(path):
+                return
             now = self.read(path)
         except FileNotFoundError:
             return
@@ -106,7 +105,16 @@ class Kind(NamedTuple):
             If the file has another kind.
         """
         self.check(path)
-        return self.read(path) if path.exists() and path.stat().st_size else None
+        return self.read(path) if _has_content(path) else None
+
+
+def _has_content(path: Path) -> bool:
+    """Return whether there is a file that is not empty; `replacing` refuses what is no file."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return False
+    return stat.S_ISREG(status.st_mode) and status.st_size > 0
 
 
 def begins(name: str, *heads: bytes) -> Kind:

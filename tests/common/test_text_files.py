@@ -61,7 +61,7 @@ def test_a_calibration_is_read_in_every_form(tmp_path, calibration, form):
     made = calibration_file.CalibrationFile(
         date=calibration_file.now(), **conditions._asdict(), lines=lines, residuals=[]
     )
-    calibration_file.save(made, tmp_path / "saved.toml")
+    calibration_file.save(made, tmp_path / "saved.toml", None)
     text = (tmp_path / "saved.toml").read_text(encoding="utf-8")
     assert calibration_file.load(written(tmp_path, text, form)) == made
 

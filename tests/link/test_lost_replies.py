@@ -103,7 +103,7 @@ def rezeroed(board, calibration, tmp_path):
         )
         for lines in (calibration, [*calibration[:-1], moved(calibration[-1])])
     )
-    calibration_file.save(made, Bench.path)
+    calibration_file.save(made, Bench.path, None)
     return Bench, made, new
 
 

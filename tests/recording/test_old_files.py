@@ -53,7 +53,7 @@ def test_a_file_of_settings_means_the_same(load, name):
 )
 def test_a_file_of_settings_survives_being_written_again(tmp_path, module, name):
     loaded = module.load(DATA / f"{name}.toml")
-    module.save(loaded, tmp_path / "again.toml")
+    module.save(loaded, tmp_path / "again.toml", None)
     assert module.load(tmp_path / "again.toml") == loaded
 
 
