@@ -1,5 +1,5 @@
 """Sets up USB on CircuitPython: a serial port for frames, and a drive writable for the board."""
 
-from spots_device.runtime.circuitpython import boot
+from spots_device.board.circuitpython import boot
 
 boot()

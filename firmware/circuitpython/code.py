@@ -1,5 +1,5 @@
 """Starts the application on CircuitPython. Ctrl-C on the console stops it and starts the REPL."""
 
-from spots_device.runtime.circuitpython import main
+from spots_device.board.circuitpython import main
 
 main()

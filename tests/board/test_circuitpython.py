@@ -93,7 +93,7 @@ def test_what_is_saved_is_there_after_a_reboot_for_boot_py_lets_the_board_write(
 @pytest.mark.usefixtures("own_firmware")
 def test_a_drive_that_is_the_hosts_refuses_a_save_and_the_board_goes_on(sensor, tmp_path):
     stage(BOARD, tmp_path)
-    boot = tmp_path / "spots_device" / "runtime" / "circuitpython.py"
+    boot = tmp_path / "spots_device" / "board" / "circuitpython.py"
     remount = '    storage.remount("/", readonly=False)\n'
     assert remount in boot.read_text()
     broken = boot.read_text().replace(remount, "")

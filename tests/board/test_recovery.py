@@ -191,7 +191,7 @@ def watched(start, tmp_path):
     """
     (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
     for path, old, new in (
-        ("runtime/common.py", "WATCHDOG_MS = 8_000", "WATCHDOG_MS = 2_000"),
+        ("board/start.py", "WATCHDOG_MS = 8_000", "WATCHDOG_MS = 2_000"),
         (
             "board/app.py",
             "def use_layout(self, lines):\n",

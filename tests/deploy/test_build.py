@@ -34,7 +34,7 @@ def test_every_board_gets_what_its_runtime_takes(board, built):
         assert all(path.endswith(".py") for path in modules)
         return
     assert "main.py" in files
-    assert "spots_device/runtime/micropython.mpy" in files
+    assert "spots_device/board/micropython.mpy" in files
     assert all(path.endswith(".mpy") for path in modules)
     assert "spots_device/reading/kernel.mpy" in files
     assert not any(path.endswith("_viper.mpy") for path in modules)
@@ -100,9 +100,9 @@ def traceback_on_board(folder, code):
 
 
 def test_a_traceback_names_file_and_function(built):
-    raises = "from spots_device.runtime.common import run; run(None, None, None, None, None)"
+    raises = "from spots_device.board.start import run; run(None, None, None, None, None)"
     place = traceback_on_board(built("virtual"), raises)
-    assert place == ("runtime/common", "run")
+    assert place == ("board/start", "run")
 
 
 @pytest.mark.parametrize("module", VIPER)

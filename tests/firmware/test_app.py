@@ -9,13 +9,13 @@ from bench import canned
 from spots_device.board import app
 from spots_device.board import store as store_module
 from spots_device.board.settings import LIMITS, checksum
+from spots_device.board.start import blink
 from spots_device.board.store import Store
 from spots_device.keys import layout as layout_module
 from spots_device.keys.layout import default_lines
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import DARK_SAMPLES
 from spots_device.reading.frame import TEXT_MAX
-from spots_device.runtime.common import blink
 from spots_device.sensor.as7341 import AS7341
 from spots_device.sensor.search import Search
 

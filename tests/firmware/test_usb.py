@@ -669,7 +669,7 @@ def test_micropython_sends_after_minutes_without_a_frame(serial, minutes):
 
 def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypatch):
     machine = {"USBDevice": None}
-    module = fresh(monkeypatch, "runtime.micropython", micropython={}, machine=machine)
+    module = fresh(monkeypatch, "board.micropython", micropython={}, machine=machine)
     monkeypatch.setitem(sys.modules, "spots_device.keys.usb_micropython", None)  # not installed
     for platform, version, why in (
         ("esp32", (1, 26, 1), "1.26 sends empty reports"),
@@ -695,7 +695,7 @@ class Pin:
 
 @pytest.mark.parametrize("level", [0, 1])
 def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
-    module = fresh(monkeypatch, "runtime.micropython", micropython={}, machine={"Pin": Pin})
+    module = fresh(monkeypatch, "board.micropython", micropython={}, machine={"Pin": Pin})
     usb = module.MachineUsb(SimpleNamespace(LED_PIN="LED", LED_ON=level))
     assert (Pin.made.number, Pin.made.level) == ("LED", 1 - level)
     for leds, lit in ((2, True), (3, True), (1, False), (0, False)):
@@ -900,7 +900,7 @@ def test_circuitpython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
     modules = ("adafruit_as7341", "busio", "microcontroller", "storage", "supervisor", "usb_cdc")
     module = fresh(
         monkeypatch,
-        "runtime.circuitpython",
+        "board.circuitpython",
         **{name: {} for name in modules},
         adafruit_bus_device__i2c_device={"I2CDevice": None},
         board={"LED": "the red one"},

@@ -13,6 +13,7 @@ from array import array
 from struct import pack_into
 
 REPORT_SIZE = 8
+CAPS_LOCK = 2  # bit of caps lock in a keyboard's output report; HID usage tables, LED page
 _MODIFIERS_FROM = 0xE0  # usages from here on are bits of the first byte
 CONSUMER_SIZE = 2
 KEYS_MAX = 6

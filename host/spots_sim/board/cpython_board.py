@@ -25,7 +25,8 @@ from typing import Protocol
 
 import spots_device
 from spots.deploy.staging import BOARDS, VIPER, device_of
-from spots_device.runtime.common import ADDRESS, AFTER_CRASH_MS, CRASH_CHARACTERS, free_bus
+from spots_device.board.start import AFTER_CRASH_MS, CRASH_CHARACTERS
+from spots_device.runtime.common import ADDRESS, free_bus
 
 from ..chip.bus import I2CBus
 from .cpu import Cpu
@@ -36,7 +37,7 @@ from .usb import UsbHost
 _TICKS = protocol.PERIOD_US
 _slow_down = runpy.run_path(str(BOARDS / "_virtual" / "_cpu.py"))["slow_down"]
 # Modules that only MicroPython or CircuitPython can import.
-_OTHERS = VIPER, "circuitpython", "_micropython"
+_OTHERS = VIPER, "circuitpython", "micropython"
 _MODULES = "board.app", "sensor.as7341", "board.several"
 
 _numbers = itertools.count()

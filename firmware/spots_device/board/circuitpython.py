@@ -1,0 +1,180 @@
+"""Starts the application on CircuitPython: USB, sensor, watchdog, safe boot."""
+
+import sys
+import time
+import traceback
+
+import board
+import digitalio
+import microcontroller
+import micropython
+import storage
+import usb_cdc
+
+from ..keys.reports import CAPS_LOCK
+from ..reading.fast_circuitpython import speed_up
+from ..runtime.circuitpython import CdcSerial, MonotonicClock
+from ..sensor.adafruit_circuitpython import AdafruitSensor
+from .settings import BoardSettings
+from .start import WATCHDOG_MS, blink, is_held, run
+from .stay import must_stay
+from .store import Store
+
+
+class CircuitUsb:
+    """The board as a USB keyboard and gamepad, if `boot` has enabled these interfaces.
+
+    Parameters
+    ----------
+    board_config : module
+        Configuration of the board. The optional ``LED_PIN`` names the pin of the LED that shows
+        caps lock; ``LED_ON`` is the level that switches this LED on.
+    """
+
+    def __init__(self, board_config):
+        self._led = None
+        name = getattr(board_config, "LED_PIN", None)
+        if name is not None:
+            self._on = bool(board_config.LED_ON)
+            self._led = digitalio.DigitalInOut(getattr(board, name))
+            self._led.switch_to_output(value=not self._on)
+
+    def open(self, names):
+        """Open HID interfaces.
+
+        Parameters
+        ----------
+        names : list of str
+            Names of interfaces, from `uses.INTERFACES`.
+
+        Returns
+        -------
+        dict
+            For the name of each opened interface, the function ``send(report) -> bool``.
+        """
+        from ..keys.usb_circuitpython import open_interfaces
+
+        return open_interfaces(names, self._show_leds)
+
+    def _show_leds(self, leds):
+        if self._led is not None:
+            self._led.value = self._on == bool(leds & CAPS_LOCK)
+
+
+def boot():
+    """Set up USB after a reset; does nothing if the board's button is pressed.
+
+    It makes the drive read-only for the host and writable for the board, so that the command
+    ``save`` works.
+    """
+    import board_config
+
+    if _is_safe_boot(board_config):
+        return
+    usb_cdc.enable(console=True, data=True)
+    storage.remount("/", readonly=False)
+    if board_config.USB_HID:
+        from ..keys.usb_circuitpython import enable
+
+        store = Store()
+        enable(*[_is_stored(store, board_config, name) for name in ("keys", "gamepad")])
+
+
+def main():
+    """Run the application on this board until a command or Ctrl-C ends it.
+
+    Returns to the prompt at once if boot.py has not enabled the data port, or after a reset by
+    Ctrl-C (see stay.py). After an exception of the application, the board sends a log line and
+    restarts.
+    """
+    import board_config
+
+    if must_stay():
+        print("stopped by Ctrl-C: reset the board to start the application")
+        return
+    if usb_cdc.data is None:
+        print("no data port, so the application did not start: reset without holding the button")
+        return
+
+    speed_up()
+    clock = MonotonicClock()
+    runtime = "%s %d.%d.%d" % ((sys.implementation.name,) + tuple(sys.implementation.version[:3]))
+    uid = "".join("%02x" % byte for byte in microcontroller.cpu.uid)
+    usb = CircuitUsb(board_config) if board_config.USB_HID else None
+    if hasattr(board_config, "SENSORS"):
+        from .several import SeveralApp as BoardApp
+
+        sensor = _open_sensor
+    else:
+        from .app import BoardApp
+
+        sensor = _open_sensor(board_config, clock)
+    serial = CdcSerial(usb_cdc.data, clock)
+    app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
+    if usb and usb._led is not None and app.boot_faults():
+        blink(usb._show_leds, _sleep_ms)
+    if app.sensors == 1:
+        app.ticks_us, app.sleep_us = clock.ticks_early_us, clock.sleep_early_us
+    # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt `app._leave`, which
+    # is then repeated.
+    app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)
+    run(app, _watchdog, _traceback, _sleep_ms, microcontroller.reset)
+
+
+def _open_sensor(config, clock):
+    scl, sda = getattr(board, config.SCL_PIN), getattr(board, config.SDA_PIN)
+    sensor = AdafruitSensor(scl, sda, config.I2C_HZ, clock)
+    sensor.gpio = _strip_led(config)
+    return sensor
+
+
+def _strip_led(board_config):
+    """Return a function ``gpio(on)`` that switches the strip's LED and opens its pin if needed."""
+    pin = None
+
+    def switch(on):
+        nonlocal pin
+        if pin is None:
+            pin = digitalio.DigitalInOut(getattr(board, board_config.STRIP_LED_PIN))
+            pin.switch_to_output()
+        pin.value = on
+
+    return switch
+
+
+def _watchdog():
+    from watchdog import WatchDogMode
+
+    microcontroller.watchdog.timeout = WATCHDOG_MS / 1000
+    microcontroller.watchdog.mode = WatchDogMode.RESET
+    return microcontroller.watchdog.feed
+
+
+def _is_safe_boot(board_config):
+    name = getattr(board_config, "SAFE_BOOT", None)
+    if name is None:
+        return False
+    with digitalio.DigitalInOut(getattr(board, name)) as button:
+        button.switch_to_input(pull=digitalio.Pull.UP)
+        return is_held(lambda: not button.value, _sleep_ms)
+
+
+def _sleep_ms(ms):
+    time.sleep(ms / 1000)
+
+
+def _is_stored(store, board_config, name):
+    """Return whether `name` is on in the stored settings of at least one strip."""
+    for i in range(len(getattr(board_config, "SENSORS", " "))):
+        settings = BoardSettings(board_config)
+        try:
+            settings.change(store.load("settings%s" % (i or "")))
+        except ValueError:
+            pass  # the application reports this error
+        if settings.values[name]:
+            return True
+    return False
+
+
+def _traceback(error):
+    return "".join(traceback.format_exception(error))

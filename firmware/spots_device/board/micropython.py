@@ -1,0 +1,139 @@
+"""Starts the application on MicroPython: sensor, USB, watchdog, safe boot."""
+
+import io
+import sys
+import time
+
+import machine
+import micropython
+
+from ..keys.reports import CAPS_LOCK
+from ..runtime.micropython import MachineBus, StdioSerial
+from .start import WATCHDOG_MS, blink, is_held, run
+from .stay import must_stay
+
+
+class MachineUsb:
+    """The board as a USB keyboard and gamepad, beside its serial port.
+
+    Parameters
+    ----------
+    board_config : module
+        Configuration of the board. The optional ``LED_PIN`` is the pin of the LED that shows caps
+        lock; ``LED_ON`` is the level that switches this LED on. The optional ``USB_HID_MAX`` is the
+        largest number of HID interfaces beside the serial port.
+    """
+
+    def __init__(self, board_config):
+        self._most = getattr(board_config, "USB_HID_MAX", None)
+        self._led = None
+        pin = getattr(board_config, "LED_PIN", None)
+        if pin is not None:
+            self._on = board_config.LED_ON
+            self._led = machine.Pin(pin, machine.Pin.OUT, value=1 - self._on)
+
+    def open(self, names):
+        """Open HID interfaces; USB disconnects and connects again.
+
+        Parameters
+        ----------
+        names : list of str
+            Names of interfaces, from `uses.INTERFACES`.
+
+        Returns
+        -------
+        dict
+            For the name of each opened interface, the function ``send(report) -> bool``.
+
+        Raises
+        ------
+        OSError
+            If this MicroPython or this board cannot open the interfaces; the message says what to
+            do.
+        """
+        if not hasattr(machine, "USBDevice"):
+            raise OSError("this MicroPython cannot be a USB device: update it")
+        if sys.platform == "esp32" and sys.implementation.version[:2] == (1, 26):
+            raise OSError("MicroPython 1.26 sends empty reports on this chip: update it")
+        if self._most is not None and len(names) > self._most:
+            raise OSError(
+                "USB of this board has no room for %s: switch keys or gamepad off, save and reboot"
+                % " and ".join(names)
+            )
+        try:
+            from ..keys.usb_micropython import open_interfaces
+        except ImportError:
+            raise OSError(
+                "the library for USB is missing: run mpremote mip install usb-device-hid + reset"
+            )
+        return open_interfaces(names, self._show_leds)
+
+    def _show_leds(self, leds):
+        if self._led is not None:
+            self._led.value(self._on if leds & CAPS_LOCK else 1 - self._on)
+
+
+def main():
+    """Run the application on this board until a command or Ctrl-C ends it.
+
+    Returns to the prompt if the board's button is pressed soon after a reset, or after a reset by
+    Ctrl-C (see stay.py). After an exception of the application, the board sends a log line and
+    restarts.
+    """
+    import board_config
+
+    if must_stay():
+        print("stopped by Ctrl-C: reset the board to start the application")
+        return
+    if _is_safe_boot(board_config):
+        print("stopped by the button: reset the board to start the application")
+        return
+
+    runtime = "micropython %d.%d.%d" % sys.implementation.version[:3]
+    uid = machine.unique_id().hex()
+    usb = MachineUsb(board_config) if board_config.USB_HID else None
+    if hasattr(board_config, "SENSORS"):
+        from .several import SeveralApp as BoardApp
+
+        sensor = _open_sensor
+    else:
+        from .app import BoardApp
+
+        sensor = _open_sensor(board_config, time)
+    app = BoardApp(board_config, runtime, uid, sensor, time, StdioSerial(), usb)
+    if usb and usb._led is not None and app.boot_faults():
+        blink(usb._show_leds, time.sleep_ms)
+    app.interrupt_at = micropython.kbd_intr
+    run(app, _watchdog, _traceback, time.sleep_ms, machine.reset)
+
+
+def _open_sensor(config, clock):
+    from ..sensor.as7341 import AS7341
+
+    bus = MachineBus(config.I2C_ID, config.SCL_PIN, config.SDA_PIN, config.I2C_HZ)
+    sensor = AS7341(bus, clock)
+    # The pin is an output from its first use on.
+    sensor.gpio = lambda on: machine.Pin(config.STRIP_LED_PIN, machine.Pin.OUT, value=on)
+    return sensor
+
+
+def _watchdog():
+    return machine.WDT(timeout=WATCHDOG_MS).feed
+
+
+def _is_safe_boot(board_config):
+    button = getattr(board_config, "SAFE_BOOT", None)
+    if button is None:
+        return False
+    if button == "BOOTSEL":
+        import rp2
+
+        return is_held(rp2.bootsel_button, time.sleep_ms)
+    pin = machine.Pin(button, machine.Pin.IN, machine.Pin.PULL_UP)
+    return is_held(lambda: not pin.value(), time.sleep_ms)
+
+
+def _traceback(error):
+    text = io.StringIO()
+    sys.print_exception(error, text)
+    return text.getvalue()
