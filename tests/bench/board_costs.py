@@ -282,7 +282,7 @@ def command_us(line, count=5):
 
 show("gc.collect", mean_us(gc.collect, 5))
 app_module.gc = command.gc = Later
-_COMMANDS = "hello", "get", "sync", "stream touch", "set average=1", "keys on", "keys off", "none"
+_COMMANDS = "hello", "get", "sync", "stream touch", "set average=1", "set keys=1", "none"
 for name in _COMMANDS:
     gc.collect()
     show("command " + name, command_us(name))

@@ -68,7 +68,7 @@ def states(finger):
     return [state for state, _ in groupby(contact.state for contact in finger)]
 
 
-@pytest.mark.parametrize("command", [None, "keys on"])
+@pytest.mark.parametrize("command", [None, "set keys=1"])
 def test_fingers_that_roll_come_and_go_once(played, command):
     _, frames = played(*ROLLED, command=command)
     found = contacts(frames)
@@ -245,7 +245,7 @@ def unread(stream):
 
 def test_a_stream_that_begins_during_a_touch_leaves_the_key_down(rig, calibration):
     made = rig(calibration=calibration)
-    made.board.command("keys on")
+    made.board.command("set keys=1")
     keys = made.board.keys(3.0)
     made.settle()
     made.press(40, 3000)

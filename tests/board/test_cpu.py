@@ -42,9 +42,9 @@ BUSY = [
     (["stream touch contact"], [], 1876),  # earlier
     (["stream touch contact"], ONE, 2282),  # earlier
     (["stream touch contact"], TWO, 2839),  # earlier; less 1060 us as with keys
-    (["stream touch", "keys on"], [], 1686),
-    (["stream touch", "keys on"], ONE, 1747),
-    (["stream touch", "keys on"], TWO, 1893),  # measured 2303; the decoder takes 345 us less
+    (["stream touch", "set keys=1"], [], 1686),
+    (["stream touch", "set keys=1"], ONE, 1747),
+    (["stream touch", "set keys=1"], TWO, 1893),  # measured 2303; the decoder takes 345 us less
     (["stream spectrum", "set baseline=1"], [], 1566),  # earlier; the baseline in machine code
     (["stream touch", "set average=2"], ONE, 1080),  # earlier
 ]

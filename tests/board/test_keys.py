@@ -63,7 +63,7 @@ def keys_of(frames):
 
 def test_ten_touches_are_the_ten_keys_as_reports_and_as_frames(plugged):
     made = plugged("keys=1")
-    assert "note" not in made.board.command("keys on")
+    assert "note" not in made.board.command("set keys=1")
     made.settle(0.3)
     frames = []
     for zone in (*range(10), 4, 4):
@@ -137,7 +137,7 @@ def test_a_host_that_sleeps_too_long_finds_no_key_down(plugged):
 
 
 def end_with_keys_off(made):
-    made.board.command("keys off")
+    made.board.command("set keys=0")
 
 
 def end_with_reboot(made):
@@ -275,11 +275,10 @@ def test_media_keys_are_reports_of_their_own(plugged, board):
 
 def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, calibration):
     made = rig(calibration=calibration)
-    assert made.board.command("keys on") == {
-        "re": "keys",
-        "keys": "on",
-        "note": "save and reboot to make the board a USB keyboard; keys are sent as frames only",
-    }
+    reply = made.board.command("set keys=1")
+    assert reply["keys"] == 1
+    note = "save and reboot to make the board a USB keyboard; keys are sent as frames only"
+    assert reply["note"] == note
     made.settle(0.3)
     made.press(ZONES_MM[0], 1500)
     assert keys_of(made.board.frames(0.15)) == [(ONE, True)]
@@ -287,22 +286,24 @@ def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, c
     # `push` has saved the layout, so it only asks for the reboot.
     wanted = "reboot to make the board a USB keyboard; keys are sent as frames only"
     assert push(made.board, load("digits")) == wanted
-    made.board.command("keys off")
+    made.board.command("set keys=0")
     assert reports(made) == []
 
 
 def test_without_a_calibration_a_note_says_so(rig):
     made = rig()
-    assert "need a calibration" in made.board.command("keys on")["note"]
-    assert "note" not in made.board.command("keys off")
+    assert "need a calibration" in made.board.command("set keys=1")["note"]
+    assert "note" not in made.board.command("set keys=0")
 
 
-@pytest.mark.parametrize("bad", ["keys", "keys maybe", "gamepad on off"])
-def test_a_bad_word_changes_nothing(rig, bad):
+@pytest.mark.parametrize("line", ["keys on", "gamepad off", "keys", "watchdog 1"])
+def test_a_setting_as_a_command_changes_nothing_and_names_the_command_set(rig, line):
     made = rig()
-    with pytest.raises(spots.SpotsError, match="takes on or off"):
-        made.board.command(bad)
-    assert made.board.command("get")["keys"] == 0
+    before, name = made.board.command("get"), line.split()[0]
+    with pytest.raises(spots.SpotsError, match=f"'{name}' is a setting: send 'set {name}=VALUE'"):
+        made.board.command(line)
+    after = made.board.command("get")
+    assert [after[key] for key in ("keys", "gamepad")] == [before["keys"], before["gamepad"]]
 
 
 @pytest.mark.usefixtures("own_firmware")
@@ -313,9 +314,9 @@ def test_a_board_without_usb_reports_says_so_and_sends_frames(plugged, tmp_path)
     made.settle(0.3)
     made.press(ZONES_MM[0], 1500)
     assert keys_of(made.board.frames(0.15)) == [(ONE, True)]
-    note = made.board.command("keys on")["note"]
+    note = made.board.command("set keys=1")["note"]
     assert note == "this board has no USB keyboard; keys are sent as frames only"
-    assert "no USB keyboard and gamepad" in made.board.command("gamepad on")["note"]
+    assert "no USB keyboard and gamepad" in made.board.command("set gamepad=1")["note"]
     assert reports(made) == []
 
 
@@ -328,7 +329,7 @@ def test_a_board_with_too_few_endpoints_says_so_and_stays_on_its_port(plugged, t
     made.settle(0.3)
     (line,) = [line for line in made.board.log if line["log"] == "error"]
     assert "no room for keyboard and gamepad" in line["text"]
-    assert line["text"] in made.board.command("gamepad off")["note"]
+    assert line["text"] in made.board.command("set gamepad=0")["note"]
     made.board.command("save")
     made.board.command("reboot")
     made.settle(0.5)
@@ -347,4 +348,5 @@ def test_a_board_without_the_library_says_what_to_install_and_sends_frames(plugg
     assert keys_of(made.board.frames(0.15)) == [(ONE, True)]
     (line,) = [line for line in made.board.log if line["log"] == "error"]
     assert "mpremote mip install usb-device-hid" in line["text"]
-    assert made.board.command("keys on")["note"] == line["text"] + "; keys are sent as frames only"
+    note = made.board.command("set keys=1")["note"]
+    assert note == line["text"] + "; keys are sent as frames only"

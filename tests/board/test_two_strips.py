@@ -436,8 +436,8 @@ class TestKeyboard:
             for line in layout:
                 board.command("layout " + line)
             board.command("layout end " + checksum(layout))
-            assert "save and reboot" in board.command("keys on sensor=1")["note"]
-            board.command("keys on")
+            assert "save and reboot" in board.command("set keys=1 sensor=1")["note"]
+            board.command("set keys=1")
             board.command("save")
         with start() as board:
             self.wait(board, 0.5)

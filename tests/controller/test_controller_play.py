@@ -434,7 +434,7 @@ def test_a_board_that_is_a_gamepad_itself_is_not_made_two(monkeypatch, capsys, r
     evdev.UInput.made.clear()
     monkeypatch.setattr(play, "open_announced", lambda options: made.board)
     assert cli.main(["controller", "--seconds", "1"]) == 2
-    assert "gamepad off" in capsys.readouterr().err
+    assert "set gamepad=0" in capsys.readouterr().err
     assert evdev.UInput.made == []
 
 

@@ -153,15 +153,15 @@ def test_memory_that_ran_out_once_is_not_reported_for_ever(monkeypatch):
     board = Board(calibration=LINES)
     with monkeypatch.context() as patch:
         patch.setattr(layout_module.Layout, "__init__", full)
-        assert "no memory is left for keys" in board.command("keys on")["note"]
-    assert "no memory" not in board.command("keys on")["note"]
+        assert "no memory is left for keys" in board.command("set keys=1")["note"]
+    assert "no memory" not in board.command("set keys=1")["note"]
 
 
 def test_a_fault_of_usb_is_reported_only_to_who_wants_it():
     Store().save([("settings", ["keys=1"])])
     board = Board(usb=Usb("this board has no USB today"), calibration=LINES)
-    assert "no USB today" in board.command("keys on")["note"]
-    assert "note" not in board.command("keys off")
+    assert "no USB today" in board.command("set keys=1")["note"]
+    assert "note" not in board.command("set keys=0")
 
 
 def test_a_search_without_memory_leaves_room_for_the_next_one(monkeypatch):

@@ -305,7 +305,7 @@ def test_a_board_that_is_a_keyboard_itself_only_allows_a_dry_run(board, monkeypa
         "spots.keyboard.keyboard.open_announced", lambda options: nullcontext(board)
     )
     assert cli.main(["keyboard", "--seconds", "3"]) == 2
-    assert "keys off" in capsys.readouterr().err
+    assert "set keys=0" in capsys.readouterr().err
     assert cli.main(["keyboard", "--dry-run", "--seconds", "3"]) == 0
     assert "down" in capsys.readouterr().out
 

@@ -108,7 +108,7 @@ def test_iterators_end_in_time(strip):
 
 
 def test_keys_come_from_a_board_whose_keys_are_on_and_else_a_sentence_does(strip):
-    with pytest.raises(SpotsError, match="run 'spots command keys on'"):
+    with pytest.raises(SpotsError, match="run 'spots command set keys=1'"):
         strip[1].keys()
     link = Typing()
     keys = take(Board(link).keys(), 3)

@@ -43,7 +43,7 @@ def seen(opened, tmp_path_factory):
     path = tmp_path_factory.mktemp("seen") / "run.spots"
     board, frames, handed_s = opened(), [], []
     with board.record(path):
-        board.command("keys on")
+        board.command("set keys=1")
         board.command("stream contact touch spectrum")
         for frame in board.frames(2.0):
             frames.append(frame)

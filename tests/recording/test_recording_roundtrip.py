@@ -72,7 +72,7 @@ def test_a_recording_is_not_recorded(seen, tmp_path):
 
 def test_replies_are_in_the_recording_too(seen):
     texts = [f.content for _, f in spots.Recording(seen.path) if isinstance(f, Text)]
-    assert [text["re"] for text in texts] == ["keys", "stream"]
+    assert [text["re"] for text in texts] == ["set", "stream"]
 
 
 def test_touches_latest_and_statistics_are_those_of_a_board(seen):

@@ -27,7 +27,7 @@ from spots_device import PROTOCOL
 from spots_device.board.settings import checksum
 
 READ_ONLY = {"hello", "get", "sync", "stream contact touch spectrum"}
-HOSTILE = ("set gain=3", "keys on", "save", "reboot", "cal clear", "stream2", "layout clear")
+HOSTILE = ("set gain=3", "set keys=1", "save", "reboot", "cal clear", "stream2", "layout clear")
 
 
 def take(board, count):

@@ -216,7 +216,7 @@ def test_only_looking_is_a_method(serve, method):
     assert run(ask()) == 403
 
 
-@pytest.mark.parametrize("message", ["set gain=3", "keys on", "-1", "", "1" * 17, b"1", "²"])
+@pytest.mark.parametrize("message", ["set gain=3", "set keys=1", "-1", "", "1" * 17, b"1", "²"])
 def test_what_a_page_sends_reaches_no_board(bench, serve, message):
     one = bench(Held())
     server = serve(one.state)

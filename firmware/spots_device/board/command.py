@@ -11,7 +11,7 @@ import json
 from .. import PROTOCOL, __version__
 from ..reading.frame import TEXT_MAX
 from ..sensor.exposure import DONE, TOO_DARK
-from .settings import checksum
+from .settings import LIMITS, checksum
 
 LINE_MAX = 255
 _LINES_MAX = 400  # lines of an upload
@@ -195,13 +195,12 @@ class Commands:
       get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
                           baseline, dark_every, mains_hz, keys, gamepad, watchdog, led
+      set keys=1          touches press keys; with 'set gamepad=1', they move a gamepad
       auto                find gain and LED current while you press firmly
       dark                take a dark frame; if led=always, unplug the LED, then send
                           'dark off'
       rest                take the present light as the baseline
       stream KIND ...     select the frames of each sample: touch, spectrum, contact, off
-      keys on|off         touches press keys
-      gamepad on|off      touches move a gamepad
       layout, cal         upload a layout or a calibration, line by line
       save                store settings, layout and calibration
       sync                the board's time, and the kinds of frames that it streams
@@ -241,6 +240,8 @@ class Commands:
         name = words[0]
         if words[-1].startswith("sensor="):
             return {"re": name, "error": "this board has one sensor: leave sensor= out"}
+        if name in LIMITS:
+            return {"re": name, "error": "'%s' is a setting: send 'set %s=VALUE'" % (name, name)}
         if name not in self._TABLE:
             known = ", ".join(sorted(self._TABLE))
             return {"re": name[:NAME_MAX], "error": "no such command; use one of " + known}
@@ -284,14 +285,6 @@ class Commands:
         note = self._app.strip.stream(kinds)
         self._app.measure()
         return _noted({"stream": sorted(kinds)}, note)
-
-    def _switch(self, words):
-        name = words[0]
-        if words[1:] not in (["on"], ["off"]):
-            raise ValueError("%s takes on or off" % name)
-        app = self._app
-        app.settings.change(["%s=%d" % (name, words[1] == "on")])
-        return _noted({name: words[1]}, app.apply_calibration())
 
     def _dark(self, words):
         self._replies.check_unclaimed()
@@ -363,8 +356,6 @@ class Commands:
         "get": _get,
         "set": _set,
         "stream": _stream,
-        "keys": _switch,
-        "gamepad": _switch,
         "dark": _dark,
         "rest": _rest,
         "auto": _auto,

@@ -42,7 +42,7 @@ def controller_command(options: argparse.Namespace) -> None:
         if board.info["gamepad"] and not options.dry_run:
             raise SpotsError(
                 "the board is a gamepad itself, so each touch would count twice: run "
-                "'spots command gamepad off' first"
+                "'spots command set gamepad=0' first"
             )
         dry_run = options.dry_run
         with open_gamepad(dry_run) as gamepad, drawn(not dry_run) as display:

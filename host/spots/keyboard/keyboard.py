@@ -25,7 +25,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
         if info["keys"] and not options.dry_run:
             raise SpotsError(
                 "the board is a keyboard itself, so each key would be typed twice: run "
-                "'spots command keys off' first"
+                "'spots command set keys=0' first"
             )
         with open_keyboard(options.dry_run) as keyboard:
             type_on(board, layout, keyboard, options.seconds)

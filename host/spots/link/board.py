@@ -57,7 +57,7 @@ _SYNC_TRIES = 4
 _STREAM_TRIES = 3  # attempts to resume the streams after a restart
 _LATEST_S = 2.0  # usual timeout of `Board.read_latest`
 _RATE_READINGS = 64  # number of readings from which the rate is computed
-# Streams by kind of frame. Keys need no stream: the board sends them after the command `keys on`.
+# Streams by kind of frame. Keys need no stream: the board sends them after `set keys=1`.
 # Contacts come only while a finger touches, so readings are streamed, too: they show that the board
 # runs.
 _STREAMS: dict[type, tuple[str, ...]] = {
@@ -445,12 +445,12 @@ class Board(AbstractContextManager["Board"]):
         Raises
         ------
         SpotsError
-            If the board's keys are off. ``command("keys on")`` turns them on. If the board is a USB
-            keyboard, it then also types on the computer that it is plugged into.
+            If the board's keys are off. ``command("set keys=1")`` turns them on. If the board is a
+            USB keyboard, it then also types on the computer that it is plugged into.
         """
         if not self.read_only and not self.command("hello")["keys"]:
             raise SpotsError(
-                f"the keys of the board on {self.port} are off: run 'spots command keys on'"
+                f"the keys of the board on {self.port} are off: run 'spots command set keys=1'"
             )
         self._want(Touch)  # a stream that stops shows that the board has restarted
         return self._start(seconds, Key)

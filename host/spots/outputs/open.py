@@ -37,6 +37,6 @@ def open_gamepad(dry_run: bool) -> Gamepad:
     if not sys.platform.startswith("linux"):
         raise SpotsError(
             "this program can emulate a gamepad only on Linux: let the board be the gamepad "
-            "('spots command gamepad on'), or use --dry-run"
+            "('spots command set gamepad=1'), or use --dry-run"
         )
     return UInputGamepad()
