@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
-from typing import Any, Literal, TypeVar, cast, overload
+from typing import Any, Literal, NoReturn, TypeVar, cast, overload
 
 import msgspec
 
@@ -202,6 +202,13 @@ class Board(AbstractContextManager["Board"]):
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        # A copy would close this object's port, and another process cannot share it.
+        raise TypeError(
+            "a Board cannot be copied or sent to another process: pass this object on, or open the "
+            "board there"
+        )
 
     def __repr__(self) -> str:
         rate = ("no readings yet", "one reading", f"{self.rate_hz:.1f} Hz")[

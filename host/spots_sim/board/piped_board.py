@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import select
 import time
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from . import server
 from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .usb import UsbHost
-from .vm import MicroPythonProcess
+from .vm import MicroPythonProcess, close_all
 
 _LOOK_MS = 50  # real time without a request, after which the output pipe may be full
 _HANGS_S = 60.0  # real time without a request, after which the board counts as hung
@@ -86,6 +87,7 @@ class PipedBoard:
         self._sent = b""  # read from the full pipe, so that the board can continue
         self._board_in = board_in
         self._open = [board_in, self._to_board, self._from_board, board_out]
+        self._close_pipes = weakref.finalize(self, close_all, self._open)
         stdin, data = board_in, None
         if device_of(board).runtime == "circuitpython":
             # The console has no input; its output is sent with the frames.
@@ -142,8 +144,7 @@ class PipedBoard:
     def close(self) -> None:
         """Stop the board; a second call has no effect."""
         self._machine.close()
-        while self._open:
-            os.close(self._open.pop())
+        self._close_pipes()
 
     def _brown_out(self, off_us: float) -> None:
         self._machine.shut_down()

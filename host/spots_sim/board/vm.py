@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import weakref
 from pathlib import Path
 
 from spots.deploy.build import mpy_cross_command
@@ -22,6 +23,7 @@ from spots.errors import SpotsError
 
 from .cpu import Cpu
 from .kept_folder import kept_folder
+from .starting import end
 
 # Heap of a program on an RP2040, doubled for the 64-bit words of the unix port.
 HEAP_BYTES = 384 * 1024
@@ -148,6 +150,8 @@ class MicroPythonProcess:
         self._keeper = subprocess.Popen(
             _KEEPER, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, **_in_group(0)
         )
+        self._pipes: list[int] = []  # ends of the pipes that are open
+        self._end = weakref.finalize(self, _end, self._keeper, os.getpid(), self._pipes)
         try:
             self.boot()
         except BaseException:
@@ -183,6 +187,7 @@ class MicroPythonProcess:
             pass_fds=(request_end, answer_end, *self._data),
             **_in_group(self._keeper.pid),
         )
+        self._pipes += self.requests, self.answers
         os.close(request_end)
         os.close(answer_end)
         os.set_blocking(self.answers, False)
@@ -215,17 +220,27 @@ class MicroPythonProcess:
         # The pipes are closed last: a firmware that detects a closed pipe may send its last frames.
         self._process.kill()
         self._process.wait()
-        os.close(self.requests)
-        os.close(self.answers)
+        close_all(self._pipes)
         self._process = None
 
     def close(self) -> None:
         """Stop MicroPython; remove the board's file system if it is temporary."""
         self.shut_down()
-        self._keeper.stdin.close()
-        self._keeper.wait()
+        self._end()
         if self._own:
             self._own.cleanup()
+
+
+def _end(keeper: subprocess.Popen, parent: int, pipes: list[int]) -> None:
+    """End MicroPython when a `MicroPythonProcess` is closed or dropped."""
+    end(keeper, parent)
+    close_all(pipes)
+
+
+def close_all(pipes: list[int]) -> None:
+    """Close file descriptors, and remove them from the list."""
+    while pipes:
+        os.close(pipes.pop())
 
 
 def _shared_firmware(board: str, strips: int) -> Path | None:

@@ -6,12 +6,15 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from spots.calibrate.bench import Bench
@@ -29,6 +32,7 @@ from spots.link.connect import prepare
 from spots.link.serial_link import SerialLink
 
 from ..board.runtimes import is_cpython
+from ..board.starting import end as end_process
 from ..board.vm import micropython_command
 from ..person.person import follow_pipe
 from ..person.practice import practice as begin_practice
@@ -232,7 +236,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     except BaseException:
         end()
         raise
-    board.when_closed(end)
+    board.when_closed(weakref.finalize(board, end))  # or when the program drops it
     try:
         set_as_calibrated(board, file)
         prepare(board, calibration)
@@ -303,18 +307,14 @@ def start_simulator(
         start_new_session=True,
     )
 
-    def end():
-        process.stdin.close()
-        process.wait()
-        process.stdout.close()  # only now, because a starting process still writes to it
-
+    stop = partial(end_process, process, os.getpid())
     try:
         line = process.stdout.readline()
     except BaseException:
-        end()
+        stop()
         raise
     start = json.loads(line or '{"error": "the simulator did not start: see its error above"}')
     if "error" in start:
-        end()
+        stop()
         raise SpotsError(start["error"])
-    return start, end
+    return start, stop
