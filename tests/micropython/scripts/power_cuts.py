@@ -1,9 +1,8 @@
 """Cuts the power in each operation of the flash during ``save``; prints how many saves were lost.
 
 The file systems are those of real boards, on a flash in memory: littlefs as on a Pico, and FAT as
-on CircuitPython.
-For each file system, board and change, it prints the number of cuts that left the old state, and
-the number of those that left the new one. A mixture raises an error.
+on CircuitPython. For each file system, number of strips and change, it prints the number of cuts
+that left the old state, and the number of those that left the new one. A mixture raises an error.
 """
 
 import gc
