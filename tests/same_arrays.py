@@ -77,8 +77,12 @@ def check(path: Path, block_bytes: int = arrays._BLOCK_BYTES) -> int:
     assert sum(len(part.texts) for part in parts) == len(got.texts)
     for kind, name in _TABLES.items():
         table = getattr(got, name)
-        assert sorted(table.dtype.names) == sorted((*kind._fields, "arrived_s"))
+        added = ("arrived_s", "known") if kind in _KNOWN else ("arrived_s",)
+        assert sorted(table.dtype.names) == sorted((*kind._fields, *added))
         assert _bits(_rows(table, kind)) == _bits(frames[kind])
+        if kind in _KNOWN:
+            wanted = [not {"nan"} & set(map(str, frame)) for _, frame in frames[kind]]
+            assert table["known"].tolist() == wanted
         assert sum(len(getattr(part, name)) for part in parts) == len(table)
         assert all(table.dtype == getattr(part, name).dtype for part in parts)
     return sum(map(len, frames.values()))

@@ -2,18 +2,23 @@
 
 import csv
 import json
+import math
 import struct
 import sys
 
+import msgspec
 import numpy as np
+import pandas as pd
 import pytest
 from mcap.reader import make_reader
 
 import spots
-from reels import record
+from reels import INFO, clock, record
 from spots.cli import main
 from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import export as exports
+from spots.recording.recorder import Recorder
+from spots.recording.table import described as described_by
 from spots_device.reading.frame import TEXT_MAX
 from test_frames import encoded, stream
 
@@ -32,22 +37,28 @@ def truth(seen):
         for name in ("touching", "trusted", "contrast", "brightness"):
             if hasattr(frame, name):
                 row[name] = getattr(frame, name)
+        row |= {f"counts_{name}": one for name, one in zip(PLAN, row.pop("counts", ()))}
         tables[type(frame).__name__.lower()].append(row)
     assert all(tables.values())
+    assert {touch["touching"] for touch in tables["touch"]} == {False, True}
     return tables
 
 
+PLAN = ["F3", "F4", "F5", "F6", "F7", "F8"]
 RENAMED = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
 TIMES = {"time_s", "arrived_s"}
 
 
 def check(row, wanted):
     for name, value in row.items():
-        other = wanted[RENAMED.get(name, name)]
+        other = wanted.get(RENAMED.get(name, name))
         if name in TIMES:
             assert value == pytest.approx(other, abs=1e-9)
-        elif other != other:  # NaN, an unknown value: the file has the number that the board sent
-            assert value == 0 or not wanted.get("touching", True), name
+        elif name == "known":
+            unknown = any(wanted[one] != wanted[one] for one in ("position_um", "force_mN"))
+            assert bool(value) is not unknown
+        elif other != other:  # an unknown value
+            assert value is None, name
         else:
             assert value == other, name
 
@@ -72,7 +83,7 @@ def test_mcap(seen, truth, tmp_path):
             assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
             row = json.loads(message.data)
             properties = json.loads(schema.data)["properties"]
-            assert set(row) == set(properties)
+            assert set(row) <= set(properties)  # a message does not contain an unknown value
             kind = "text" if schema.name == "foxglove.Log" else channel.topic.split("/")[-1]
             wanted = truth[kind][len(found[kind])]
             found[kind].append(row)
@@ -81,7 +92,7 @@ def test_mcap(seen, truth, tmp_path):
             if kind == "text":
                 assert json.loads(row["message"]) == wanted["content"]
             else:
-                check(row, {**wanted, "counts": list(wanted.get("counts", ()))})
+                check({**dict.fromkeys(properties), **row}, wanted)
     assert {kind: len(rows) for kind, rows in found.items()} == {
         kind: len(rows) for kind, rows in truth.items()
     }
@@ -96,7 +107,8 @@ def test_mcap(seen, truth, tmp_path):
 
 def test_csv(seen, truth, tmp_path):
     paths = exported(seen, tmp_path, "csv")
-    assert {path.name for path in paths} == {f"out-{kind}.csv" for kind in KINDS}
+    names = {f"out-{kind}.csv" for kind in KINDS} | {"out-header.json"}
+    assert {path.name for path in paths} == names
     for kind, rows in truth.items():
         with open(tmp_path / f"out-{kind}.csv", newline="", encoding="utf-8") as file:
             read = list(csv.DictReader(file))
@@ -104,34 +116,110 @@ def test_csv(seen, truth, tmp_path):
         for cells, wanted in zip(read, rows):
             content = cells.pop("content", None)
             assert content is None or json.loads(content) == wanted["content"]
-            row = {name: float(cell) for name, cell in cells.items()}
-            counts = tuple(row.pop(f"counts_adc{i}") for i in range(6) if "gain_code" in cells)
-            assert counts == wanted.get("counts", ())
-            check(row, wanted)
+            check({name: float(cell) if cell else None for name, cell in cells.items()}, wanted)
+    described(json.loads((tmp_path / "out-header.json").read_text(encoding="utf-8")), seen)
+
+
+def described(found, seen):
+    """Check the description of an export: the header, and no change of the settings."""
+    assert found.pop("changes") == []  # keys were turned on, which changes no reading
+    assert found == msgspec.to_builtins(spots.Recording(seen.path).header)
+    (dark,) = found["dark"]
+    assert len(dark) == 6
 
 
 @pytest.mark.parametrize(("out", "name"), [("d.v1", "d.v1"), ("d.v2", "d.v2"), ("d.csv", "d")])
 def test_tables_drop_no_more_of_their_name_than_csv(tmp_path, out, name):
     record(tmp_path / "run.spots", stream(5))
     paths = exports.export(tmp_path / "run.spots", "csv", tmp_path / out)
-    assert [path.name for path in paths] == [f"{name}-touch.csv"]
+    assert [path.name for path in paths] == [f"{name}-touch.csv", f"{name}-header.json"]
 
 
 def test_npz(seen, truth, tmp_path, monkeypatch):
     monkeypatch.setattr(exports, "_BLOCK_ROWS", 64)
     (path,) = exported(seen, tmp_path, "npz")
     arrays = np.load(path)
-    header = json.loads(str(arrays["header"]))
-    assert header["info"] == spots.Recording(seen.path).header.info
+    described(json.loads(str(arrays["header"])), seen)
     for kind, rows in truth.items():
         assert len(arrays[kind]) == len(rows)
         for cells, wanted in zip(arrays[kind], rows):
             row = dict(zip(cells.dtype.names, cells.tolist()))
-            if "counts" in row:
-                row["counts"] = tuple(row["counts"].tolist())
+            for name in ("position_um", "force_mN", "contrast_log2", "brightness_log2"):
+                empty = 0 if name in ("position_um", "force_mN") else math.nan
+                unknown = wanted.get(RENAMED.get(name, name), 0)
+                if name in row and unknown != unknown:
+                    assert str(row[name]) == str(empty)
+                    row[name] = None
             if "content" in row:
                 row["content"] = json.loads(row["content"])
             check(row, wanted)
+
+
+def test_pandas_and_strided_readers_take_every_table_of_npz(seen, tmp_path):
+    (path,) = exported(seen, tmp_path, "npz")
+    arrays = np.load(path)
+    for kind in KINDS:
+        table = pd.DataFrame(arrays[kind])
+        assert list(table) == list(arrays[kind].dtype.names)
+        for name in arrays[kind].dtype.names:
+            column = arrays[kind][name]
+            assert column.flags.aligned
+            assert column.strides[0] % column.dtype.alignment == 0
+    touches = pd.DataFrame(arrays["touch"])
+    assert touches.position_um[touches.known].min() > 0 == touches.position_um.min()
+
+
+def replies(*contents):
+    """Encode replies of the board as frames."""
+    return [
+        encoded(struct.pack("<BHI", 3 | sensor << 4, i, 0) + json.dumps(content).encode())
+        for i, (sensor, content) in enumerate(contents)
+    ]
+
+
+def recorded(tmp_path, info, *contents):
+    pieces = [*stream(5), *replies(*contents)]
+    known = clock().state()
+    header = {"info": {**INFO, **info}, "clock": known, "dark": [[64] * 6] * 2}
+    with Recorder(lambda: 1000.0, tmp_path / "run.spots", lambda: header) as recorder:
+        recorder.take(b"".join(pieces), 1000.0)
+    return described_by(spots.RecordingBlocks(tmp_path / "run.spots"))
+
+
+CHANNELS = {
+    "named": ({"plan": PLAN}, [(0, {"re": "set", "gain": 3})], PLAN),
+    "refused": ({"plan": PLAN}, [(0, {"re": "set", "error": "no"})], PLAN),
+    "changed": ({"plan": PLAN}, [(0, {"re": "set", "plan": PLAN[::-1]})], None),
+    "strips": ({"plan": PLAN, "strips": [{"plan": PLAN}, {"plan": PLAN[::-1]}]}, [], None),
+    "the same": ({"plan": PLAN, "strips": [{"plan": PLAN}] * 2}, [], PLAN),
+    "twice": ({"plan": [*PLAN[:5], "F3"]}, [], None),
+    "unknown": ({}, [], None),
+    "invalid": ({"plan": PLAN, "strips": [7]}, [(9, {"re": "set", "plan": {"a": 1}})], PLAN),
+}
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_columns_have_the_names_of_the_channels_if_these_are_the_same_throughout(tmp_path, name):
+    info, contents, channels = CHANNELS[name]
+    found = recorded(tmp_path, info, *contents)
+    assert list(found.channels) == (channels or [f"adc{i}" for i in range(6)])
+
+
+def test_changes_of_the_settings_are_described(tmp_path):
+    strips = [{"plan": PLAN, "gain": 9}, {"plan": PLAN, "gain": 8}]
+    told = [
+        (0, {"re": "get", "gain": 9, "dark": [64] * 6, "missed": 3}),
+        (1, {"re": "set", "gain": 4, "plan": PLAN, "rate_mHz": 5}),
+        (1, {"re": "dark", "dark": [65] * 6}),
+        (0, {"re": "set", "error": "gain must be 0 to 10"}),
+        (0, {"log": "error", "text": "x", "gain": 2}),
+        (1, {"re": "set", "gain": 4}),
+    ]
+    changes = recorded(tmp_path, {"plan": PLAN, "strips": strips}, *told).changes
+    assert [{k: v for k, v in one.items() if k != "arrived_s"} for one in changes] == [
+        {"sensor": 1, "gain": 4},
+        {"sensor": 1, "dark": [65] * 6},
+    ]
 
 
 def test_the_longest_text_is_whole_in_npz(tmp_path, monkeypatch):
@@ -160,9 +248,9 @@ def test_the_command_names_the_new_files(tmp_path, capsys, kind):
     path = tmp_path / "run.spots"
     record(path, stream(5))
     assert main(["export", str(path), "--to", kind]) == 0
-    name = "run-touch.csv" if kind == "csv" else f"run.{kind}"
-    assert capsys.readouterr().out == f"{tmp_path / name}\n"
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["run.spots", name])
+    names = ["run-touch.csv", "run-header.json"] if kind == "csv" else [f"run.{kind}"]
+    assert capsys.readouterr().out.splitlines() == [str(tmp_path / name) for name in names]
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["run.spots", *names])
 
 
 @pytest.mark.parametrize("kind", exports.EXPORTS)

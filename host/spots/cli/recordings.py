@@ -77,7 +77,8 @@ def export(parser: Parser):
     parser.option(
         "--out",
         "NAME",
-        "the new file; named like the recording if not given; with csv, a file for each kind",
+        "the new file; named like the recording if not given; with csv, a file for each kind, "
+        "and the settings in NAME-header.json",
     )
     return _export
 

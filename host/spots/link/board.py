@@ -739,6 +739,9 @@ class Board(AbstractContextManager["Board"]):
         info: dict[str, Any] = dict(self.command("hello"))
         if others := [self.command(of_sensor("hello", i)) for i in self.sensors[1:]]:
             info["strips"] = [dict(info), *others]
+        dark = None
+        if not self.read_only:
+            dark = [self.command(of_sensor("get", i))["dark"] for i in self.sensors]
 
         def describe() -> dict[str, Any]:
             return {
@@ -746,6 +749,7 @@ class Board(AbstractContextManager["Board"]):
                 "clock": self._clocks.clock.state(),
                 "calibration": self.calibration,
                 "restarts": self.stats.restarts,
+                "dark": dark,
             }
 
         (entry,) = entry_points(group="spots.recorders", name="file")

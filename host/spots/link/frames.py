@@ -56,9 +56,45 @@ DOUBTFUL = (
 _BLIND = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
+def force_known(flags: Any) -> Any:
+    """Return whether the force of a touch with these flags (an int, or an array) is known."""
+    return flags & _BLIND == 0
+
+
+def position_known(flags: Any, force_mN: Any) -> Any:
+    """Return whether the position of a touch is known.
+
+    Parameters
+    ----------
+    flags, force_mN : int or numpy.ndarray
+        Fields of a TOUCH frame, or arrays of them.
+
+    Returns
+    -------
+    bool or numpy.ndarray
+    """
+    # A press that is too light for a touch has a position; without it, the host's key engine would
+    # find touches one reading later than the board.
+    return force_known(flags) & ((flags & decode.TOUCHING != 0) | (force_mN != 0))
+
+
+def log2_unknown(value_q20: Any, flags: Any) -> Any:
+    """Return whether contrast or brightness of a touch is unknown.
+
+    Parameters
+    ----------
+    value_q20, flags : int or numpy.ndarray
+        Contrast or brightness, and flags of a TOUCH frame, or arrays of them.
+
+    Returns
+    -------
+    bool or numpy.ndarray
+    """
+    return (value_q20 == 0) & (flags & (_BLIND | decode.TOO_DARK) != 0)
+
+
 def _log2(value_q20: int, flags: int) -> float:
-    unknown = not value_q20 and flags & (_BLIND | decode.TOO_DARK)
-    return math.nan if unknown else value_q20 / (1 << 20)
+    return math.nan if log2_unknown(value_q20, flags) else value_q20 / (1 << 20)
 
 
 class Touch(NamedTuple):
@@ -458,11 +494,9 @@ def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
 
 def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:
     flags, contrast, brightness, position_um, force_mN = _TOUCH.unpack(body)
-    # A press that is too light for a touch has a position; without it, the host's key engine would
-    # find touches one reading later than the board.
-    if flags & _BLIND or not (flags & decode.TOUCHING or force_mN):
+    if not position_known(flags, force_mN):
         position_um = math.nan
-    if flags & _BLIND:
+    if not force_known(flags):
         force_mN = math.nan
     return Touch(sensor, sequence, t_us, flags, contrast, brightness, position_um, force_mN)
 

@@ -11,7 +11,19 @@ import numpy as np
 from spots_device.reading import frame
 from spots_device.reading.decode import CRC_SIZE, HEADER_SIZE
 
-from ..link.frames import LAYOUTS, NOTE, Decoder, Frame, LinkStats, Note, Reading, Text
+from ..link.frames import (
+    LAYOUTS,
+    NOTE,
+    Contact,
+    Decoder,
+    Frame,
+    LinkStats,
+    Note,
+    Reading,
+    Text,
+    Touch,
+    position_known,
+)
 from .columns import payloads
 from .header import Header
 from .recording import Recording
@@ -22,6 +34,11 @@ _COBS_SIZE = 1  # bytes that COBS adds to a short frame
 
 _TIMES = [("time_s", "<f8"), ("arrived_s", "<f8")]
 _HEADER = [*_TIMES, ("t_us", "<u4"), ("sequence", "<u2"), ("sensor", "u1")]
+# By kind of frame that may have unknown values: a function that finds the rows without any.
+_KNOWN = {
+    Touch: lambda rows: position_known(rows["flags"], rows["force_mN"]),
+    Contact: lambda rows: rows["force_mN"] != 0,
+}
 
 
 class _Table:
@@ -43,7 +60,9 @@ class _Table:
         self.size = self._wire.itemsize + CRC_SIZE + _COBS_SIZE
         # On the link, any byte except 0 means true.
         columns = [(name, "?" if name == "pressed" else code) for name, code in columns]
-        self.dtype = np.dtype([*_HEADER, *columns], align=True)
+        self._known = _KNOWN.get(kind)
+        known = [("known", "?")] if self._known else []
+        self.dtype = np.dtype([*_HEADER, *columns, *known], align=True)
 
     def array(self, columns: np.ndarray, time_s: np.ndarray, arrived_s: np.ndarray) -> np.ndarray:
         """Convert payloads to rows of an array.
@@ -66,6 +85,8 @@ class _Table:
             rows[name] = wire[name]
         rows["sensor"] = wire["kind"] >> 4
         rows["time_s"], rows["arrived_s"] = time_s, arrived_s
+        if self._known:
+            rows["known"] = self._known(rows)
         return rows
 
 
@@ -165,8 +186,8 @@ class Arrays:
     """Frames of a recording, or of a block of a recording, as structured arrays.
 
     Values are the integers of the frames: an unknown position or force is 0, not NaN as in `Touch`.
-    The column ``flags`` (bits of `reading.decode`) shows which values are unknown. Rows are in
-    the order of arrival. The first columns of the four arrays are the same:
+    So select the rows whose column ``known`` is true before you average positions. Rows are in the
+    order of arrival. The first columns of the four arrays are the same:
 
     ========== === =============================================================
     time_s     f8  time of the measurement on the host's monotonic clock, in s;
@@ -181,7 +202,8 @@ class Arrays:
     ----------
     touches : ndarray, shape (n,)
         More columns: ``flags`` u1, ``contrast_q20`` i4, ``brightness_q20`` i4 (log2 units times
-        2**20), ``position_um`` i4, ``force_mN`` u2, as in `Touch`. 40 bytes a row.
+        2**20), ``position_um`` i4, ``force_mN`` u2, as in `Touch`; ``known`` bool: whether position
+        and force are known. 40 bytes a row.
     spectra : ndarray, shape (n,)
         More columns: ``flags`` u1, ``gain`` u1, ``counts`` six u2, as in `Spectrum`. 40 bytes a
         row.
@@ -190,7 +212,7 @@ class Arrays:
         bytes a row.
     contacts : ndarray, shape (n,)
         More columns: ``id`` u1, ``state`` u1, ``position_um`` i4, ``sigma_um`` u2, ``force_mN`` u2,
-        as in `Contact`; an unknown force is 0. 40 bytes a row.
+        as in `Contact`; ``known`` bool: whether the force is known. 40 bytes a row.
     texts : list of (float, Text)
         Time of arrival and frame of each reply and log line.
     stats : LinkStats
@@ -278,8 +300,8 @@ def read_arrays(path: str | Path) -> Arrays:
     """Read a recording as structured arrays.
 
     The values are the same as from `Recording`, to the last bit, but an unknown position or force
-    is 0 and not NaN. A day at 100 Hz has 8.6 million readings, which are 350 MB of ``touches``.
-    `RecordingBlocks` needs less memory.
+    is 0 and not NaN; then the column ``known`` is false. A day at 100 Hz has 8.6 million readings,
+    which are 350 MB of ``touches``. `RecordingBlocks` needs less memory.
 
     Parameters
     ----------
@@ -300,13 +322,10 @@ def read_arrays(path: str | Path) -> Arrays:
 
     Examples
     --------
-    >>> import numpy as np
     >>> import spots
-    >>> from spots_device.reading.decode import TOUCHING
     >>> touches = spots.read_arrays("run.spots").touches
-    >>> touching = touches["flags"] & TOUCHING != 0
-    >>> position_mm = np.where(touching, touches["position_um"] / 1000, np.nan)
-    >>> int(touching.sum()), len(position_mm)
+    >>> pressed = touches[touches["known"]]
+    >>> len(pressed), len(touches), float(pressed["position_um"].mean().round())
     (92, 301)
     """
     blocks = RecordingBlocks(path)

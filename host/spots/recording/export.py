@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import pickle
 import tempfile
 import zipfile
@@ -19,8 +20,7 @@ from ..atomic import not_written, replacing, sync
 from ..errors import missing
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
-from .header import Header
-from .table import Table, rows
+from .table import Description, Table, described, rows
 
 # Number of rows of a table in memory; so memory use does not grow with the recording.
 _BLOCK_ROWS = 1024
@@ -39,7 +39,8 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
         Name of the format: ``mcap``, ``csv`` or ``npz``.
     out : str or Path, optional
         Name of the new file; the default is the recording's name with another suffix. CSV makes
-        one file for each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ...
+        one file for each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ..., and
+        NAME-header.json with the board, its settings and its dark frame.
 
     Returns
     -------
@@ -60,7 +61,8 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
     with _Files() as files:
-        EXPORTS[kind](recording.header, rows(recording), out, files)
+        description = described(recording)
+        EXPORTS[kind](description, rows(recording, description.channels), out, files)
         return files.sync()
 
 
@@ -89,7 +91,7 @@ class _Files(ExitStack):
         return list(self._files)
 
 
-def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:
+def _csv(description: Description, records: Records, out: Path, files: _Files) -> None:
     writers: dict[str, Callable] = {}
     stem = out.stem if out.suffix == ".csv" else out.name  # any other suffix is a part of the name
     for table, row in records:
@@ -98,26 +100,14 @@ def _csv(header: Header, records: Records, out: Path, files: _Files) -> None:
             path = out.with_name(f"{stem}-{table.name}.csv")
             file = files.new(path, "t", newline="", encoding="utf-8")
             write = writers[table.name] = csv.writer(file).writerow
-            write(_flat_names(table))
-        write(_flat(row))
+            write(table.dtype.names)
+        write([int(cell) if isinstance(cell, bool) else cell for cell in row])
+    header = files.new(out.with_name(f"{stem}-header.json"), "t", encoding="utf-8")
+    json.dump(description.as_json, header, indent=1)
+    header.write("\n")
 
 
-def _flat_names(table: Table) -> list[str]:
-    names = []
-    for name in table.dtype.names:
-        shape = table.dtype[name].shape
-        names += [f"{name}_adc{i}" for i in range(*shape)] if shape else [name]
-    return names
-
-
-def _flat(row: tuple) -> list:
-    cells = []
-    for value in row:
-        cells += value if isinstance(value, tuple) else [value]
-    return [int(cell) if isinstance(cell, bool) else cell for cell in cells]
-
-
-def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
+def _npz(description: Description, records: Records, out: Path, files: _Files) -> None:
     file = files.new(out)
     with ExitStack() as stack, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         spools: dict[str, _Spool] = {}
@@ -128,7 +118,7 @@ def _npz(header: Header, records: Records, out: Path, files: _Files) -> None:
                 spools[table.name] = _Spool(table, spool)
             spools[table.name].add(row)
         with archive.open("header.npy", "w") as member:
-            npy.write_array(member, np.array(msgspec.json.encode(header).decode()))
+            npy.write_array(member, np.array(json.dumps(description.as_json)))
         for name, spool in spools.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
                 spool.write(member)
@@ -139,6 +129,8 @@ class _Spool:
 
     def __init__(self, table: Table, file: IO):
         self._table, self._file = table, file
+        kinds = [table.dtype[name].kind for name in table.dtype.names]
+        self._unknown = [math.nan if kind == "f" else 0 for kind in kinds]
         self._rows: list[tuple] = []
         self._count = self._longest = 0
 
@@ -152,14 +144,27 @@ class _Spool:
     def write(self, member: IO) -> None:
         """Write the table to an open file of an NPZ archive, as an array in NumPy's format."""
         self._flush()
-        text, columns = f"U{self._longest}", self._table.dtype.descr
-        descr = [(name, kind.replace("U0", text), *shape) for name, kind, *shape in columns]
+        # Aligned: PyTorch and others refuse a stride that is not a multiple of the column's size.
+        columns = [(name, self._table.dtype[name]) for name in self._table.dtype.names]
+        text = np.dtype(f"U{self._longest}")
+        dtype = np.dtype([(n, text if one.kind == "U" else one) for n, one in columns], align=True)
+        descr = npy.dtype_to_descr(dtype)
         head = {"descr": descr, "fortran_order": False, "shape": (self._count,)}
         npy.write_array_header_1_0(member, head)
         self._file.seek(0)
         with suppress(EOFError):
             while True:
-                member.write(np.array(pickle.load(self._file), descr).tobytes())
+                rows = [self._filled(row) for row in pickle.load(self._file)]
+                array = np.zeros(len(rows), dtype)  # zeros between the columns, too
+                array[:] = rows
+                member.write(array.tobytes())
+
+    def _filled(self, row: tuple) -> tuple:
+        """Replace unknown values by 0, or by NaN in a column of floats."""
+        if None not in row:
+            return row
+        pairs = zip(row, self._unknown)
+        return tuple(other if value is None else value for value, other in pairs)
 
     def _flush(self) -> None:
         pickle.dump(self._rows, self._file)
@@ -167,16 +172,17 @@ class _Spool:
         self._rows.clear()
 
 
-def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
+def _mcap(description: Description, records: Records, out: Path, files: _Files) -> None:
     try:
         from mcap.writer import Writer
     except ImportError:
         raise missing("exporting to MCAP needs", "mcap", "export") from None
 
+    header = description.header
     begun_ns = round(1e9 * header.utc_s)
     writer = Writer(files.new(out))
     writer.start(profile="", library=header.program)
-    facts = msgspec.to_builtins(header).items()
+    facts = description.as_json.items()
     texts = {name: one if isinstance(one, str) else json.dumps(one) for name, one in facts}
     writer.add_metadata("spots", texts)
 
@@ -199,7 +205,8 @@ def _mcap(header: Header, records: Records, out: Path, files: _Files) -> None:
         if table.name == "text":
             message = log_message(time_ns, row[-1], header.info.get("board", ""))
         else:
-            message = dict(zip(table.dtype.names, row))
+            pairs = zip(table.dtype.names, row)
+            message = {name: value for name, value in pairs if value is not None}
         number = channel(table, sensor)
         writer.add_message(number, time_ns, encode(message), time_ns, sequence)
     writer.finish()

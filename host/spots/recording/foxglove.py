@@ -25,12 +25,12 @@ _LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "fatal": 5}
 
 
 def schema(table: Table) -> dict:
-    """Return the JSON schema of the messages for one kind of frame."""
-    properties = {}
-    for name in table.dtype.names:
-        dtype = table.dtype[name]
-        kind = {"type": _TYPES[dtype.base.kind]}
-        properties[name] = {"type": "array", "items": kind} if dtype.shape else kind
+    """Return the JSON schema of the messages for one kind of frame.
+
+    No property is required: a message does not contain a value that is unknown.
+    """
+    dtype = table.dtype
+    properties = {name: {"type": _TYPES[dtype[name].kind]} for name in dtype.names}
     return {"title": f"spots.{table.name.capitalize()}", "type": "object", "properties": properties}
 
 

@@ -59,6 +59,9 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         Lines of the board's calibration, if the host knew them.
     restarts : int
         Number of restarts of the board after it was opened and before this file began.
+    dark : list of list of int or None
+        For each sensor, the dark frame at the start of the recording, as in `replies.DarkFrame`;
+        None if unknown.
     """
 
     recording: int
@@ -71,6 +74,14 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     clock: Clock
     calibration: list[str] | None = None
     restarts: int = 0
+    dark: list[list[int]] | None = None
+
+    @property
+    def strips(self) -> list[dict]:
+        """For each sensor, the board's reply to ``hello``."""
+        strips = self.info.get("strips")
+        valid = isinstance(strips, list) and strips and all(isinstance(s, dict) for s in strips)
+        return strips if valid else [self.info]
 
 
 def encoded(header: Header) -> bytes:

@@ -7,7 +7,7 @@ import msgspec
 
 from ..errors import printable
 from .arrays import RecordingBlocks
-from .table import TABLES, shown
+from .table import VALUES, shown
 
 
 def summary(path: str | Path) -> dict:
@@ -27,10 +27,9 @@ def summary(path: str | Path) -> dict:
         If the recording cannot be read.
     """
     recording = RecordingBlocks(path)
-    names = [table.name for table in TABLES]
-    counts = dict.fromkeys(names, 0)
+    counts = dict.fromkeys(VALUES, 0)
     for block in shown(recording):
-        for name, found in zip(names, (*block.tables, block.texts)):
+        for name, found in zip(VALUES, (*block.tables, block.texts)):
             counts[name] += len(found)
     stats, header = recording.stats, recording.header
     return {

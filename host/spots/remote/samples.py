@@ -5,11 +5,10 @@ from typing import Any
 import msgspec
 
 from ..link.frames import Reading
-from ..recording.table import TABLES
+from ..recording.table import VALUES
 
 encode = msgspec.json.Encoder().encode  # NaN becomes null
-# Columns of the exports without the two times, by kind.
-_NAMES = {table.name: table.dtype.names[2:] for table in TABLES}
+_FIRST = "sensor", "sequence", "t_us"
 # Fields of frames whose names differ from those of their columns, by column.
 _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
 
@@ -27,7 +26,7 @@ def sample(frame: Reading, utc_s: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``utc_s``, and the frame's columns in `recording.table` except ``time_s`` and ``arrived_s``.
+        ``utc_s``, ``sensor``, ``sequence``, ``t_us``, and the values in `recording.table.VALUES`.
     """
-    names = _NAMES[type(frame).__name__.lower()]
+    names = (*_FIRST, *VALUES[type(frame).__name__.lower()])
     return {"utc_s": utc_s} | {name: getattr(frame, _FIELDS.get(name, name)) for name in names}

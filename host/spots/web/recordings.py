@@ -27,7 +27,6 @@ _SHOWN_PER_S = 2
 _LISTED = 100  # newest recordings
 _READ_MAX = 200_000  # most readings that are read of a recording to compare
 _POINTS = 1500  # most points of the recording's curve
-_UNKNOWN = decode.NOT_CALIBRATED | decode.LED_OFF
 
 
 class Recordings(Orders):
@@ -206,16 +205,16 @@ def _curve(path: Path) -> dict:
     parts, count = [], 0
     for block in RecordingBlocks(path):
         touches = block.touches[block.touches["sensor"] == 0]
-        parts.append(touches[["arrived_s", "flags", "position_um", "force_mN"]])
+        parts.append(touches[["arrived_s", "flags", "known", "position_um", "force_mN"]])
         count += len(touches)
         if count > _READ_MAX:
             break
     rows = np.concatenate(parts) if parts else np.empty(0)
     points = []
-    for arrived_s, flags, position_um, force_mN in rows[
+    for arrived_s, flags, known, position_um, force_mN in rows[
         :: max(-(-len(rows) // _POINTS), 1)
     ].tolist():
-        pressed = flags & decode.TOUCHING and not flags & _UNKNOWN
+        pressed = flags & decode.TOUCHING and known
         values = [position_um, force_mN] if pressed else [None, None]
         points.append([round(arrived_s - float(rows["arrived_s"][0]), 3), *values])
     return {"name": printable(path.name), "points": points, "cut": count > _READ_MAX}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 
 import numpy as np
 
@@ -149,7 +150,9 @@ def _turn(stage: Stage, shares) -> tuple[np.ndarray, np.ndarray]:
             begun_s = stage.board.now_s() + _SETTLE_S
             row = []
             for frame in stage.board.frames():
-                if isinstance(frame, Touch) and frame.time_s > begun_s and frame.position_um:
+                if not isinstance(frame, Touch) or frame.time_s <= begun_s:
+                    continue
+                if not math.isnan(frame.position_um):
                     row.append(frame.position_um)
                     if len(row) == _READINGS:
                         break
