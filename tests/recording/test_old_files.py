@@ -108,6 +108,7 @@ def test_a_recording_is_summarised_as_before(capsys, monkeypatch):
     assert found["frames"].pop("contact") == 0  # version 0.1.0 had no CONTACT frames
     for later in ("decay", "relative_force"):  # its firmware did not report these
         assert found["header"]["info"].pop(later) is None
+    assert found["header"]["info"].pop("boot") == []
     assert found["header"].pop("dark") is None  # version 0.1.0 did not record it
     assert found == EXPECTED["info"]
 

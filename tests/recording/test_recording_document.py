@@ -7,8 +7,11 @@ import subprocess
 from pathlib import Path
 
 import msgspec
+import numpy as np
+import pytest
 from bench import recording as bench
 
+import spots
 from spots import cli
 from spots.link.frames import Decoder, Note, note
 from spots.recording.arrays import _TABLES
@@ -24,6 +27,21 @@ def test_the_note_that_is_taken_apart_is_one():
     rows = DOCUMENT.partition("| bytes | meaning |")[2].partition("\n\n")[0]
     pieces = re.findall(r"`([0-9a-f ]+)`", rows)
     assert bytes.fromhex("".join(pieces)) == told
+
+
+def test_the_examples_of_arrays_leave_out_what_is_unknown(seen, monkeypatch, capsys):
+    monkeypatch.chdir(seen.path.parent)
+    section = DOCUMENT.partition("\n## Arrays\n")[2].partition("\n## ")[0]
+    names = {"spots": spots}
+    for example in re.findall(r"```python\n(.*?)```", section, re.DOTALL):
+        exec(compile(example, "recording.md", "exec"), names)
+    places_um = [one.position_um for one in seen.frames if isinstance(one, spots.Touch)]
+    assert 0 < len(names["position_um"]) < len(places_um)
+    assert names["position_um"].mean() == pytest.approx(np.nanmean(places_um))
+    *_, mean_um, peak = capsys.readouterr().out.split()
+    assert float(mean_um) == pytest.approx(np.nanmean(places_um))
+    spectra = [one for one in seen.frames if isinstance(one, spots.Spectrum)]
+    assert int(peak) == max(spectrum.counts[0] for spectrum in spectra)
 
 
 def test_every_column_of_the_arrays_is_in_the_table():

@@ -120,7 +120,7 @@ def tables(channels: Sequence[str]) -> list[Table]:
             columns |= {f"counts_{channel}": "u2" for channel in channels}
         if name in _UNKNOWABLE:
             columns["known"] = "?"
-        made.append(Table(name, np.dtype(list(columns.items()), align=True)))
+        made.append(Table(name, np.dtype(list(columns.items()))))
     return made
 
 
