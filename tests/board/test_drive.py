@@ -183,9 +183,9 @@ def test_what_another_user_has_mounted_is_not_looked_into(mount, capsys, monkeyp
 @pytest.mark.parametrize(
     ("name", "command"),
     [
-        ("stat", ("flash",)),
-        ("stat", ("flash", "--dry-run")),
-        ("stat", ("erase", "--yes")),
+        ("lstat", ("flash",)),
+        ("lstat", ("flash", "--dry-run")),
+        ("lstat", ("erase", "--yes")),
         ("open", ("flash",)),
         ("open", ("flash", "--dry-run")),
     ],
@@ -198,10 +198,10 @@ def test_a_drive_that_goes_away_while_it_is_looked_at(
     (folder / "code.py").write_bytes(entry)
     usual = getattr(os, name)
 
-    def gone(path, *arguments, dir_fd=None, **options):
-        if path == "code.py" and dir_fd is not None:
+    def gone(path, *arguments, **options):
+        if path == str(folder / "code.py"):
             raise OSError(errno.EIO, "Input/output error")
-        return usual(path, *arguments, dir_fd=dir_fd, **options)
+        return usual(path, *arguments, **options)
 
     monkeypatch.setattr(os, name, gone)
     said = refused(capsys, command[0], "qtpy_rp2040", *command[1:])
@@ -238,8 +238,9 @@ def test_a_drive_that_fails_in_mid_copy_holds_nothing_that_starts(
 
 def test_an_erase_that_fails_in_the_middle_leaves_nothing_that_starts(mount, capsys, monkeypatch):
     folder = mount(*RIGHT)
-    (folder / "tactile").mkdir()
-    for name in ("boot.py", "board_config.py", "code.py", "settings.txt", "tactile/app.py"):
+    (folder / "spots_device").mkdir()
+    names = ("boot.py", "board_config.py", "code.py", "settings.txt", "spots_device/__init__.py")
+    for name in names:
         (folder / name).write_text("")
     settled = []
 

@@ -15,6 +15,7 @@ from mpremote.transport_serial import SerialTransport
 import spots
 from spots.cli import main
 from spots.deploy import flash as flashing
+from spots.deploy import place
 from spots.deploy import prompt as prompts
 from spots.deploy.build import files_of
 from spots.deploy.doctor import examine_board
@@ -132,6 +133,17 @@ def test_a_users_file_with_the_name_of_a_firmware_file_is_kept(empty, built, cap
         assert "nothing to copy" in capsys.readouterr().out
         assert main(["erase", "virtual", "--port", port, "--yes"]) == 0
     assert files_of(empty) == kept
+
+
+def test_the_firmware_of_before_does_not_answer_for_the_new_one(empty, built, monkeypatch):
+    shutil.copytree(built("virtual"), empty, dirs_exist_ok=True)
+    monkeypatch.setattr(place, "_RETURN_S", 1.0)
+    monkeypatch.setattr(flashing, "__version__", "9.9")
+    with virtual_board(empty) as port:
+        there = place.Place(port, None, lambda: [port])
+        still = rf"still runs firmware {re.escape(spots.__version__)}"
+        with pytest.raises(spots.SpotsError, match=still):
+            flashing._greet(there)
 
 
 class _Closer:

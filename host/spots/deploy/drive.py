@@ -50,22 +50,17 @@ class Drive(Tree):
 
     def __init__(self, folder: str, console: str | None = None):
         self._console = console
-        self._root = None
         about, free = "", 0
-        try:
-            with suppress(OSError):
-                super().__init__(folder)
-                free = shutil.disk_usage(folder).free
-                if self.files([_ABOUT]):
-                    about = self.read(_ABOUT, _ABOUT_BYTES).decode("utf-8", errors="replace")
-            version = _VERSION.search(about)
-            if not version:
-                raise SpotsError(
-                    f"{folder} is not a CircuitPython drive: name the folder that has {_ABOUT}"
-                )
-        except BaseException:
-            self.close()
-            raise
+        with suppress(OSError):
+            super().__init__(folder)
+            free = shutil.disk_usage(folder).free
+            if self.files([_ABOUT]):
+                about = self.read(_ABOUT, _ABOUT_BYTES).decode("utf-8", errors="replace")
+        version = _VERSION.search(about)
+        if not version:
+            raise SpotsError(
+                f"{folder} is not a CircuitPython drive: name the folder that has {_ABOUT}"
+            )
         self.facts = {
             "runtime": "circuitpython",
             "version": tuple(map(int, version.groups())),

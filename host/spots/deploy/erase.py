@@ -42,11 +42,7 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
                     f"type {board} needs {device.runtime}: give the type of this board"
                 )
             known = Known(target, device.runtime, USER_FILES)
-            ours = {
-                path
-                for path in known.sizes
-                if known.claimed and (path in USER_FILES or known.is_ours(path))
-            }
+            ours = {path for path in known.sizes if known.claimed and known.is_ours(path)}
             changed = sorted(known.listed & set(known.sizes) - ours)
             if changed:
                 # The changed files stay. Without the manifest, `Known` would take them for files of

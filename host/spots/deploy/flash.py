@@ -19,7 +19,6 @@ from .drive import Drive
 from .manifest import MANIFEST
 from .place import Place, place, restarted
 from .prompt import Prompt
-from .released import FILES
 from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
 
 # Name and oldest suitable version of each runtime. MicroPython: the first version in which a
@@ -33,7 +32,7 @@ USER_FILES = tuple(f"saved-{end}.txt" for end in "ab") + tuple(
     f"{name}{strip}{end}"
     for name in ("settings", "calibration", "layout")
     for strip in ("", *range(1, STRIPS_MAX))
-    for end in ("-a.txt", "-b.txt", ".txt", ".txt.old", ".txt.new")  # the last three: before 0.3
+    for end in ("-a.txt", "-b.txt", ".txt", ".txt.old", ".txt.new")  # see the firmware's `store`
 )
 
 
@@ -206,9 +205,9 @@ class Known:
     """Separates the firmware's files on a board from the user's files.
 
     A file that the manifest on the board lists belongs to the firmware if its SHA-256 is unchanged.
-    Version 0.1.0 wrote no manifest. So an unlisted file belongs to the firmware if `claimed` is
-    true, and this version or version 0.1.0 has a file of that name. A partial copy always
-    belongs to the firmware if the manifest lists the file, or one of these versions has the name.
+    MicroPython's ``mip`` and copies by hand write no manifest. So an unlisted file belongs to the
+    firmware if `claimed` is true, and its path is one of the firmware's or of `more`. A partial
+    copy always belongs to the firmware if the file is listed or has such a path.
 
     Parameters
     ----------
@@ -217,13 +216,13 @@ class Known:
     runtime : str
         ``micropython`` or ``circuitpython``.
     more : iterable of str
-        Paths of other files to include in `sizes`.
+        Paths of other files that belong to the firmware.
 
     Attributes
     ----------
     sizes : dict
         Size in bytes of each file that exists, by its path. Only the paths of the firmware, of the
-        manifest and of `more` are looked up, and the partial copies of such files.
+        manifest and of `more` are searched for, and the partial copies of such files.
     entries : set of (str, str)
         Path and SHA-256 of each file in the manifest on the board.
     listed : set of str
@@ -238,8 +237,8 @@ class Known:
         if MANIFEST in target.files([MANIFEST]):
             self.entries = manifest.read(target.read(MANIFEST, manifest.LARGEST_BYTES))
         self.listed = {path for path, _ in self.entries}
-        self._names = {MANIFEST, *FILES[runtime], *names(runtime)}
-        every = self._names | self.listed | set(more)
+        self._names = {MANIFEST, *names(runtime), *more}
+        every = self._names | self.listed
         self.sizes = target.files(sorted(every | {path + _PART for path in every}))
         # Other programs have a main.py or a lib, too. Without a manifest, a main.py belongs to the
         # firmware only if the board also has files of the firmware's packages.

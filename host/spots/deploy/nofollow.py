@@ -10,15 +10,6 @@ from typing import BinaryIO
 
 from ..errors import SpotsError
 
-# Windows cannot open a file relative to a folder. On Windows, each part of a path is therefore
-# checked right before its use.
-_BY_HANDLE = os.open in os.supports_dir_fd
-_PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-_FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | _PLAIN
-# Without O_NONBLOCK, opening a FIFO that somebody put on the drive blocks for ever.
-_READ = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _PLAIN
-_CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _PLAIN
-_NOT_PLAIN = (errno.ELOOP, errno.EMLINK, errno.ENOTDIR, errno.ENXIO)  # links, FIFOs, sockets
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 _CHUNK = 1 << 16
 
@@ -26,7 +17,8 @@ _CHUNK = 1 << 16
 class Tree:
     """A folder and the files below it, on one file system; links are never followed.
 
-    The parts of a path are separated by ``/``. No part may be empty, ``.`` or ``..``.
+    Each part of a path is checked right before its use. The parts are separated by ``/``. No part
+    may be empty, ``.`` or ``..``.
 
     Parameters
     ----------
@@ -41,7 +33,7 @@ class Tree:
     Raises
     ------
     OSError
-        If the folder cannot be opened.
+        If the folder does not exist.
     SpotsError
         Raised by the methods if the file system reports an error; if a part of the path is a link
         or a special file, or is on another file system; if the path of a file leads to a folder, or
@@ -50,30 +42,21 @@ class Tree:
 
     def __init__(self, folder: str):
         self.port = folder
-        self._root = self._device = None
-        if _BY_HANDLE:
-            self._root = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-            self._device = os.fstat(self._root).st_dev
+        self._device = os.stat(folder).st_dev
 
     def __enter__(self):
         return self
 
     def __exit__(self, *exception) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the folder, so that its drive can be ejected."""
-        if self._root is not None:
-            os.close(self._root)
-            self._root = None
+        pass
 
     def files(self, paths: Iterable[str]) -> dict[str, int]:
         """Return the size in bytes of each file in `paths` that exists, by its path."""
         sizes = {}
         with self._explained():
             for path in paths:
-                with contextlib.suppress(FileNotFoundError), self._parent(path) as (parent, name):
-                    sizes[path] = self._status(path, parent, name).st_size
+                with contextlib.suppress(FileNotFoundError):
+                    sizes[path] = os.lstat(self._file(path)).st_size
         return sizes
 
     def read(self, path: str, size: int) -> bytes:
@@ -111,29 +94,29 @@ class Tree:
         data : bytes
             Content of the file.
         """
-        with self._explained(), self._parent(path, make=True) as (parent, name):
+        with self._explained():
+            name = self._in_folder(path, make=True)
             part = name + ".part"
             with contextlib.suppress(FileNotFoundError):
-                os.unlink(part, dir_fd=parent)
-            handle = os.open(part, _CREATE, 0o666, dir_fd=parent)
+                os.unlink(part)
             try:
-                with os.fdopen(handle, "wb") as file:
+                with open(part, "xb") as file:
                     file.write(data)
                     file.flush()
-                    os.fsync(handle)
-                os.replace(part, name, src_dir_fd=parent, dst_dir_fd=parent)
-                settle(parent)
+                    os.fsync(file.fileno())
+                os.replace(part, name)
+                settle(os.path.dirname(name))
             except OSError:
                 with contextlib.suppress(OSError):  # the drive itself was unplugged
-                    os.unlink(part, dir_fd=parent)
+                    os.unlink(part)
                 raise
 
     def remove(self, path: str) -> None:
         """Remove a file."""
-        with self._explained(), self._parent(path) as (parent, name):
-            self._status(path, parent, name)
-            os.unlink(name, dir_fd=parent)
-            settle(parent)
+        with self._explained():
+            name = self._file(path)
+            os.unlink(name)
+            settle(os.path.dirname(name))
 
     def rename(self, path: str, new: str) -> None:
         """Rename a file in its folder.
@@ -145,81 +128,54 @@ class Tree:
         new : str
             New path, in the same folder. No file may have this path.
         """
-        with self._explained(), self._parent(path) as (parent, name):
-            self._status(path, parent, name)
-            renamed = name[: len(name) - len(path.split("/")[-1])] + new.split("/")[-1]
-            os.rename(name, renamed, src_dir_fd=parent, dst_dir_fd=parent)
-            settle(parent)
+        with self._explained():
+            name = self._file(path)
+            os.rename(name, self._in_folder(new))
+            settle(os.path.dirname(name))
 
     def remove_folder(self, path: str) -> None:
         """Remove a folder if it is empty."""
-        with contextlib.suppress(OSError), self._parent(path) as (parent, name):
-            os.rmdir(name, dir_fd=parent)
+        with contextlib.suppress(OSError):
+            os.rmdir(self._in_folder(path))
 
     @contextlib.contextmanager
     def _open(self, path: str) -> Iterator[BinaryIO]:
         """Open a file for reading."""
-        with self._explained(), self._parent(path) as (parent, name):
-            self._status(path, parent, name)
-            handle = self._handle(path, name, _READ, parent)
-            with os.fdopen(handle, "rb") as file:
-                self._check(path, stat.S_ISREG, os.fstat(handle))
-                yield file
+        with self._explained(), open(self._file(path), "rb", opener=_opened) as file:
+            yield file
 
-    @contextlib.contextmanager
-    def _parent(self, path: str, make: bool = False) -> Iterator[tuple[int | None, str]]:
-        """Yield the descriptor of the folder that contains the file `path`, and the file's name.
+    def _file(self, path: str) -> str:
+        """Return the whole path of a file that exists, and is a plain file in plain folders."""
+        name = self._in_folder(path)
+        self._check(path, name, stat.S_ISREG)
+        return name
 
-        On Windows, the descriptor is None, and the name is the whole path. If `make` is true, a
-        missing folder is created.
+    def _in_folder(self, path: str, make: bool = False) -> str:
+        """Return the whole path of a file whose folders exist, and are plain folders.
+
+        If `make` is true, a missing folder is created.
         """
         *folders, name = path.split("/")
-        handle, prefix = (os.dup(self._root), "") if _BY_HANDLE else (None, f"{self.port}/")
-        try:
-            for i, folder in enumerate(folders, 1):
-                so_far = "/".join(folders[:i])
-                if make:
-                    with contextlib.suppress(FileExistsError):
-                        os.mkdir(prefix + folder, dir_fd=handle)
-                if handle is None:
-                    prefix += f"{folder}/"
-                    status = os.lstat(prefix[:-1])
-                else:
-                    inner = self._handle(so_far, folder, _FOLDER, handle)
-                    os.close(handle)
-                    handle = inner
-                    status = os.fstat(handle)
-                self._check(so_far, stat.S_ISDIR, status)
-            yield handle, prefix + name
-        finally:
-            if handle is not None:
-                os.close(handle)
+        whole, so_far = self.port, ""
+        for folder in folders:
+            whole, so_far = os.path.join(whole, folder), f"{so_far}{folder}/"
+            if make:
+                with contextlib.suppress(FileExistsError):
+                    os.mkdir(whole)
+            self._check(so_far[:-1], whole, stat.S_ISDIR)
+        return os.path.join(whole, name)
 
-    def _handle(self, path: str, name: str, flags: int, parent: int | None) -> int:
-        try:
-            return os.open(name, flags, dir_fd=parent)
-        except OSError as error:
-            if error.errno in _NOT_PLAIN:
-                self._refuse(path)
-            raise
-
-    def _status(self, path: str, parent: int | None, name: str) -> os.stat_result:
-        status = os.stat(name, dir_fd=parent, follow_symlinks=False)
-        self._check(path, stat.S_ISREG, status)
-        return status
-
-    def _check(self, path: str, is_kind, status: os.stat_result) -> None:
-        # Junctions on Windows and mounts on other systems also lead out of the folder.
+    def _check(self, path: str, whole: str, is_kind) -> None:
+        status = os.lstat(whole)
+        # Mounts, and junctions on Windows, also lead out of the folder.
         leads_away = getattr(status, "st_file_attributes", 0) & stat.FILE_ATTRIBUTE_REPARSE_POINT
-        mounted = self._device not in (None, status.st_dev)
-        if leads_away or mounted or not is_kind(status.st_mode):
-            self._refuse(path)
-
-    def _refuse(self, path: str) -> None:
-        raise SpotsError(
-            f"{path} on {self.port} is not the plain file or folder that belongs there, but for "
-            f"example a symbolic link: remove {path} from {self.port}, or choose another drive"
-        )
+        leads_away = leads_away or status.st_dev != self._device
+        if leads_away or not is_kind(status.st_mode):
+            raise SpotsError(
+                f"{path} on {self.port} is not the plain file or folder that belongs there, but "
+                f"for example a symbolic link: remove {path} from {self.port}, or choose another "
+                "drive"
+            )
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
@@ -239,10 +195,16 @@ class Tree:
             raise SpotsError(f"the drive {self.port} {what}") from None
 
 
-def settle(folder: int | None) -> None:
-    """Wait until the disk has stored all changes of the folder whose descriptor is `folder`.
+def settle(folder: str) -> None:
+    """Wait until the disk has stored all changes of a folder."""
+    if os.name == "nt":  # it does not delay writes to a removable drive
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
-    If `folder` is None, do nothing: on Windows, folders have no descriptors.
-    """
-    if folder is not None:  # Windows does not delay writes to a removable drive
-        os.fsync(folder)
+
+def _opened(name: str, flags: int) -> int:
+    return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0))

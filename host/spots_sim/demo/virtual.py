@@ -193,7 +193,7 @@ def _await_drive(folder: Path) -> None:
     end_s = time.monotonic() + _START_S
     while True:
         try:
-            Drive(str(folder)).close()
+            Drive(str(folder))
             return
         except SpotsError:
             if time.monotonic() > end_s:
