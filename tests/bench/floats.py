@@ -9,7 +9,7 @@ import json
 import math
 import struct
 
-from spots.calibrate.decoded import bounds_of, coarse_of, segments_of
+from spots_device.reading import decode as d
 from spots_device.reading.calibration import ONE_Q13, Calibration
 
 _STATUS = 0x93
@@ -38,18 +38,11 @@ class FloatPath:
         self._clock = clock
         self._serial = serial
         self._raw = bytearray(14)
-        self._coarse = _weights(coarse_of(calibration))
-        self._bounds = _logs(bounds_of(calibration))
-        self._segments = [
-            (
-                _weights(part.position),
-                _weights(part.force),
-                _logs(part.contrasts),
-                part.positions_um,
-                _logs(part.offsets),
-            )
-            for part in segments_of(calibration)
-        ]
+        tables = memoryview(calibration.tables)
+        segments = [d.BOUNDS + 2 * i for i in range(tables[d.SEGMENTS])]
+        self._coarse = _weights(tables[d.WEIGHTS : d.WEIGHTS + 6])
+        self._bounds = _logs([tables[at] for at in segments])
+        self._segments = [_segment(tables, tables[at + 1]) for at in segments]
         self._brightnesses = _logs(calibration.brightnesses)
         self._forces_mN = calibration.forces_mN
         self._touch_mN = calibration.touch_on_mN
@@ -102,6 +95,12 @@ class FloatPath:
         """Send a reading as five floats and a flag, without frame and checksum."""
         data = struct.pack("<5fB", *self.estimate(counts))
         self._serial.write(data, len(data))
+
+
+def _segment(tables, place):
+    position, force = tables[place : place + 6], tables[place + 6 : place + 12]
+    contrasts, positions_um, _, offsets = d.columns_of(tables, place + 12, 4)
+    return _weights(position), _weights(force), _logs(contrasts), positions_um, _logs(offsets)
 
 
 def _weights(integers):

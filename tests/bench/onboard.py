@@ -17,8 +17,8 @@ from spots_device.reading.decode import READ, SEND
 from spots_device.reading.kernel import process
 
 try:
-    from spots_device_viper.app import BoardApp as ViperApp
-    from spots_device_viper.kernel import process as viper_process
+    from spots_device_viper.board.app import BoardApp as ViperApp
+    from spots_device_viper.reading.kernel import process as viper_process
 except SyntaxError:  # this MicroPython cannot compile to machine code
     ViperApp = None
 

@@ -22,7 +22,6 @@ from spots.deploy.staging import board_names, device_of
 from .firmware import run_script
 
 _PORTABLE = "virtual"
-_PACKAGES = ("spots_device", "spots_device.runtime")
 _RUNTIME = "spots_device/runtime/micropython.mpy"  # replaced by `canned` in the measurement
 
 
@@ -47,7 +46,9 @@ def measure(calibration: list[str]) -> dict:
         sizes = {name: _mpy_bytes(built) for name, built in builds.items()}
         inputs = {"calibration": calibration}
         measured = run_script(builds[_PORTABLE], inputs, "canned.py", "heap.py")
-    loaded = [path for path in map(_path, measured["modules"]) if path in sizes[_PORTABLE]]
+    paths = [module.replace(".", "/") for module in measured["modules"]]
+    files = [f"{path}{end}" for path in paths for end in (".mpy", "/__init__.mpy")]
+    loaded = [path for path in files if path in sizes[_PORTABLE]]
     code_here = sum(sizes[_PORTABLE][path] for path in loaded)
     spent = {}
     for name, of in sizes.items():
@@ -56,11 +57,6 @@ def measure(calibration: list[str]) -> dict:
         for when in ("started_bytes", "calibrated_bytes"):
             spent[name][when] = code + (measured[when] - code_here) // 2
     return spent
-
-
-def _path(module: str) -> str:
-    path = module.replace(".", "/")
-    return f"{path}/__init__.mpy" if module in _PACKAGES else f"{path}.mpy"
 
 
 def _mpy_bytes(folder: Path) -> dict[str, int]:

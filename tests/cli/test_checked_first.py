@@ -59,7 +59,7 @@ def test_a_calibration_that_cannot_be_replaced_is_not_rezeroed(folder, capsys, m
 def test_a_file_that_can_be_written_is_unchanged_by_the_check(folder):
     before = (folder / "kept.toml").stat()
     for append in (False, True):
-        atomic.check_writable(folder / "kept.toml", append)
-        atomic.check_writable(folder / "new.toml", append)
+        atomic.check_writable(folder / "kept.toml", append=append)
+        atomic.check_writable(folder / "new.toml", append=append)
     assert (folder / "kept.toml").stat().st_mtime_ns == before.st_mtime_ns
     assert not (folder / "new.toml").exists()
