@@ -121,3 +121,51 @@ def test_the_product_names_neither_laboratory_nor_workshop():
     files = [path for path in (HOST / "spots").rglob("*") if path.suffix in (".py", ".js", ".html")]
     named = re.compile("spots_(sim|make)")
     assert [path for path in files if named.search(path.read_text(encoding="utf-8"))] == []
+
+
+def test_no_import_lists_more_than_fifteen_names():
+    folders = "boards", "docs", "examples", "firmware", "host", "tests"
+    lengths = {
+        (path.relative_to(ROOT).as_posix(), node.lineno): len(node.names)
+        for folder in folders
+        for path in (ROOT / folder).rglob("*.py")
+        if "node_modules" not in path.parts
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom)
+    }
+    assert {place: names for place, names in lengths.items() if names > 15} == {}
+    assert max(lengths.values()) > 10  # the test finds lists
+
+
+ARRAYS = "s", "state", "late", "head", "tables"  # shared by modules of the firmware
+
+
+def unnamed(module):
+    """Yield the places where a module of the firmware uses a number as an index of an array."""
+    for node in ast.walk(ast.parse(module)):
+        machine = isinstance(node, ast.FunctionDef) and "micropython.viper" in map(
+            ast.unparse, node.decorator_list
+        )
+        for part in ast.walk(node) if machine else (node,):
+            index = getattr(getattr(part, "slice", None), "value", None)
+            if isinstance(part, ast.Subscript) and isinstance(index, int):
+                array = getattr(part.value, "id", "") or getattr(part.value, "attr", "")
+                if machine or array in ARRAYS:
+                    yield ast.unparse(part)
+
+
+def test_the_firmware_names_the_elements_of_its_arrays():
+    modules = [path for top, path in PATHS if top == FIRMWARE]
+    found = [(path.name, one) for path in modules for one in unnamed(path.read_text("utf-8"))]
+    assert found == []
+    machine = "@micropython.viper\ndef f(t: ptr8):\n    return t[3]\n"
+    assert list(unnamed(machine)) == ["t[3]"]
+    assert list(unnamed("a = x.state[4] + s[c.X_UM] + words[0]")) == ["x.state[4]"]
+
+
+def test_each_element_of_the_state_of_a_tracker_has_a_line_and_a_place():
+    path = FIRMWARE / "spots_device" / "fingers" / "state.py"
+    _, _, after = path.read_text(encoding="utf-8").partition("# State of a tracker: ")
+    elements = re.findall(r"^([A-Z_]+) = (\d+)  # \S", after.partition("SIZE = ")[0], re.MULTILINE)
+    size = int(after.partition("SIZE = ")[2].split()[0])
+    assert [int(place) for _, place in elements] == list(range(size))

@@ -8,28 +8,8 @@ import gc
 import os
 from array import array
 
+import _protocol as p
 import utime
-from _protocol import (  # the board's other modules import these names from this module
-    BUSY,
-    EAGAIN,  # noqa: F401
-    FEED,  # noqa: F401
-    HID,  # noqa: F401
-    HOST,  # noqa: F401
-    LIGHT,  # noqa: F401
-    LINES,
-    MEMORY,
-    PERIOD_US,
-    READ,
-    READS,
-    RECEIVE,  # noqa: F401
-    REFUSED,  # noqa: F401
-    RESET,  # noqa: F401
-    SECOND_BUS,
-    SENDS,
-    SLEEP,
-    SPEED,  # noqa: F401
-    WRITE,
-)
 from micropython import const
 
 _requests = open("/dev/fd/" + os.getenv("SPOTS_REQUESTS"), "wb")
@@ -59,9 +39,9 @@ def call(operation, a, b, c, buffer=None):
     global now_us
     if _busy_us:
         _report_busy()
-    if _memory_every == 1 and operation in (READ, WRITE):
+    if _memory_every == 1 and operation in (p.READ, p.WRITE):
         _report_memory()
-    size = b if operation in SENDS else 0
+    size = b if operation in p.SENDS else 0
     for i in range(size):
         _request[4 + i] = buffer[i]
     _send(operation, a, b, c, size)
@@ -69,19 +49,19 @@ def call(operation, a, b, c, buffer=None):
     now_us = _answer[1]
     if _answer[0]:
         raise OSError(_answer[0])
-    if operation in READS:
+    if operation in p.READS:
         _receive(buffer, c)
 
 
 def set_wire(wire, level):
     """Release a wire of an I2C bus (level 1), or pull it low (level 0)."""
-    _wires[wire] = _wires[wire] & SECOND_BUS | (1 if level else 0)
+    _wires[wire] = _wires[wire] & p.SECOND_BUS | (1 if level else 0)
     sda(wire // WIRES)
 
 
 def sda(bus=0):
     """Return the level of the wire SDA of I2C bus 0 or 1: 1 for high, 0 for low."""
-    call(LINES, _wires[WIRES * bus + SCL], _wires[WIRES * bus + SDA], 1, _level)
+    call(p.LINES, _wires[WIRES * bus + SCL], _wires[WIRES * bus + SDA], 1, _level)
     return _level[0]
 
 
@@ -93,7 +73,7 @@ def sleep_us(us):
     _report_memory()
     while us > 0:
         part = min(us, 0xFFFFFF)
-        call(SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
+        call(p.SLEEP, part & 0xFF, part >> 8 & 0xFF, part >> 16)
         us -= part
 
 
@@ -101,12 +81,12 @@ def spend_us(us):
     """Advance the clock by `us` microseconds of processor time; only in simulated time."""
     global _busy_us, now_us
     _busy_us += us
-    now_us = now_us + us & (PERIOD_US - 1)
+    now_us = now_us + us & (p.PERIOD_US - 1)
 
 
 def _report_busy():
     global _busy_us
-    _send(BUSY, _busy_us & 0xFF, _busy_us >> 8 & 0xFF, _busy_us >> 16)
+    _send(p.BUSY, _busy_us & 0xFF, _busy_us >> 8 & 0xFF, _busy_us >> 16)
     _busy_us = 0
 
 
@@ -117,7 +97,7 @@ def _report_memory():
     _looks += 1
     if _looks % _memory_every == 0:
         free = gc.mem_free()
-        _send(MEMORY, free & 0xFF, free >> 8 & 0xFF, free >> 16)
+        _send(p.MEMORY, free & 0xFF, free >> 8 & 0xFF, free >> 16)
 
 
 def _receive(buffer, size):

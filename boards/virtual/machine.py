@@ -2,11 +2,12 @@
 
 import os
 
+import _protocol
 import _simulator
 from umachine import *  # noqa: F403
 
 _wires = {}  # wire of an I2C bus by number of its pin
-_STRIP_LED_PINS = {15: 0, 14: _simulator.SECOND_BUS}  # bus of the strip whose LED the pin switches
+_STRIP_LED_PINS = {15: 0, 14: _protocol.SECOND_BUS}  # bus of the strip whose LED the pin switches
 
 
 class Pin:
@@ -26,7 +27,7 @@ class Pin:
         wire = _wires.get(self.number)
         if level is not None and self.number in _STRIP_LED_PINS:
             bus = _STRIP_LED_PINS[self.number]
-            _simulator.call(_simulator.LIGHT, bus | (1 if level else 0), 0, 0)
+            _simulator.call(_protocol.LIGHT, bus | (1 if level else 0), 0, 0)
         elif level is not None:
             _simulator.set_wire(wire, level)
         elif wire is not None and wire % _simulator.WIRES == _simulator.SDA:
@@ -46,18 +47,18 @@ class I2C:
         first = _simulator.WIRES * id
         _wires[scl.number], _wires[sda.number] = first + _simulator.SCL, first + _simulator.SDA
         khz = freq // 1000
-        self._bus = _simulator.SECOND_BUS * id
-        _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, self._bus)
+        self._bus = _protocol.SECOND_BUS * id
+        _simulator.call(_protocol.SPEED, khz & 0xFF, khz >> 8, self._bus)
 
     def readfrom_mem_into(self, addr, memaddr, buf):
         try:
-            _simulator.call(_simulator.READ, addr | self._bus, memaddr, len(buf), buf)
+            _simulator.call(_protocol.READ, addr | self._bus, memaddr, len(buf), buf)
         except OSError as error:
             _raise_unless_refused(error)
 
     def writeto(self, addr, buf):
         try:
-            _simulator.call(_simulator.WRITE, addr | self._bus, len(buf), 0, buf)
+            _simulator.call(_protocol.WRITE, addr | self._bus, len(buf), 0, buf)
             return len(buf)
         except OSError as error:
             _raise_unless_refused(error)
@@ -65,7 +66,7 @@ class I2C:
 
 
 def _raise_unless_refused(error):
-    if error.errno != _simulator.REFUSED:
+    if error.errno != _protocol.REFUSED:
         raise error
 
 
@@ -77,7 +78,7 @@ class WDT:
         self.feed()
 
     def feed(self):
-        _simulator.call(_simulator.FEED, self._ms & 0xFF, self._ms >> 8 & 0xFF, self._ms >> 16)
+        _simulator.call(_protocol.FEED, self._ms & 0xFF, self._ms >> 8 & 0xFF, self._ms >> 16)
 
 
 class USBDevice:
@@ -90,4 +91,4 @@ def unique_id():
 
 
 def reset():
-    _simulator.call(_simulator.RESET, 0, 0, 0)  # no answer comes
+    _simulator.call(_protocol.RESET, 0, 0, 0)  # no answer comes

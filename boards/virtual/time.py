@@ -5,11 +5,12 @@ In simulated time, only bus transfers, sleeps and added processor time (`_cpu`) 
 
 import os
 
+import _protocol
 import _simulator
 import utime
 from utime import *  # noqa: F403
 
-_PERIOD = _simulator.PERIOD_US
+_PERIOD = _protocol.PERIOD_US
 _HALF = _PERIOD >> 1
 
 

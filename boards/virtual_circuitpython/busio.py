@@ -1,12 +1,13 @@
 """`busio` of the virtual board: an I2C controller on the simulated bus."""
 
+import _protocol
 import _simulator
 
 
 class I2C:
     def __init__(self, scl, sda, *, frequency=100_000, timeout=255):
         number = sda.wire // _simulator.WIRES
-        self._bus = _simulator.SECOND_BUS * number
+        self._bus = _protocol.SECOND_BUS * number
         if not _simulator.sda(number):
             raise RuntimeError("No pull up found on SDA or SCL; check your wiring")
         self._pins = scl, sda
@@ -15,7 +16,7 @@ class I2C:
         for pin in self._pins:
             pin.taken = True
         khz = frequency // 1000
-        _simulator.call(_simulator.SPEED, khz & 0xFF, khz >> 8, self._bus)
+        _simulator.call(_protocol.SPEED, khz & 0xFF, khz >> 8, self._bus)
         self._locked = False
 
     def deinit(self):
@@ -51,12 +52,12 @@ class I2C:
     def readfrom_into(self, address, buffer, *, start=0, end=None):
         self._need_lock()
         view = memoryview(buffer)[start:end]
-        _simulator.call(_simulator.RECEIVE, address | self._bus, 0, len(view), view)
+        _simulator.call(_protocol.RECEIVE, address | self._bus, 0, len(view), view)
 
     def writeto(self, address, buffer, *, start=0, end=None):
         self._need_lock()
         view = memoryview(buffer)[start:end]
-        _simulator.call(_simulator.WRITE, address | self._bus, len(view), 0, view)
+        _simulator.call(_protocol.WRITE, address | self._bus, len(view), 0, view)
 
     def writeto_then_readfrom(
         self,
@@ -74,7 +75,7 @@ class I2C:
         view = memoryview(in_buffer)[in_start:in_end]
         if len(out) != 1:
             raise NotImplementedError("the simulator needs a register address of one byte")
-        _simulator.call(_simulator.READ, address | self._bus, out[0], len(view), view)
+        _simulator.call(_protocol.READ, address | self._bus, out[0], len(view), view)
 
     def _need_lock(self):
         if not self._pins:

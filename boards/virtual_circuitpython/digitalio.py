@@ -2,6 +2,7 @@
 
 import os
 
+import _protocol
 import _simulator
 
 
@@ -33,8 +34,8 @@ class DigitalInOut:
     def value(self, level):
         self._level = level
         if self._pin.wire >= _simulator.STRIP_LED:
-            bus = _simulator.SECOND_BUS * (self._pin.wire - _simulator.STRIP_LED)
-            _simulator.call(_simulator.LIGHT, bus | (1 if level else 0), 0, 0)
+            bus = _protocol.SECOND_BUS * (self._pin.wire - _simulator.STRIP_LED)
+            _simulator.call(_protocol.LIGHT, bus | (1 if level else 0), 0, 0)
         else:
             _simulator.set_wire(self._pin.wire, level)
 

@@ -2,6 +2,7 @@
 
 import os
 
+import _protocol
 import _simulator
 from watchdog import WatchDogMode
 
@@ -46,7 +47,7 @@ class WatchDogTimer:
         if self._mode is None:
             raise ValueError("the watchdog does not run")
         ms = int(1000 * self.timeout)
-        _simulator.call(_simulator.FEED, ms & 0xFF, ms >> 8 & 0xFF, ms >> 16)
+        _simulator.call(_protocol.FEED, ms & 0xFF, ms >> 8 & 0xFF, ms >> 16)
 
 
 watchdog = WatchDogTimer()
@@ -57,4 +58,4 @@ def delay_us(delay):
 
 
 def reset():
-    _simulator.call(_simulator.RESET, 0, 0, 0)  # no answer comes
+    _simulator.call(_protocol.RESET, 0, 0, 0)  # no answer comes

@@ -2,6 +2,7 @@
 
 import time
 
+import _protocol
 import _simulator
 
 
@@ -9,7 +10,7 @@ class Runtime:
     @property
     def usb_connected(self):
         try:
-            _simulator.call(_simulator.HOST, 0, 0, 0)
+            _simulator.call(_protocol.HOST, 0, 0, 0)
         except OSError:
             return False
         return True

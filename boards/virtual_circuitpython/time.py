@@ -2,6 +2,7 @@
 
 import os
 
+import _protocol
 import _simulator
 import utime
 
@@ -14,7 +15,7 @@ if _simulator.simulated_time:
         if _simulator.now_us < _last_us:
             _wraps += 1
         _last_us = _simulator.now_us
-        return 1000 * (_wraps * _simulator.PERIOD_US + _last_us)
+        return 1000 * (_wraps * _protocol.PERIOD_US + _last_us)
 
 else:
     # Error of the board's oscillator in ppm.

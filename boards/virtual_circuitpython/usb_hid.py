@@ -2,6 +2,7 @@
 
 import time
 
+import _protocol
 import _simulator
 from micropython import const
 
@@ -40,9 +41,9 @@ class Device:
 
 def _taken(index, report):
     try:
-        _simulator.call(_simulator.HID, index, len(report), 0, report)
+        _simulator.call(_protocol.HID, index, len(report), 0, report)
     except OSError as error:
-        if error.errno != _simulator.EAGAIN:
+        if error.errno != _protocol.EAGAIN:
             raise
         return False
     return True

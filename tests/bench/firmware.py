@@ -18,6 +18,7 @@ from pathlib import Path
 from statistics import median
 
 import spots_device
+from spots.deploy.constants import inline
 from spots.deploy.staging import use_viper
 from spots.errors import SpotsError
 from spots.link.frames import Decoder
@@ -110,6 +111,7 @@ def _in_micropython(inputs: dict) -> dict:
                 ignore=shutil.ignore_patterns("__pycache__"),
             )
         use_viper(folder / "spots_device_viper")
+        inline(folder / "spots_device_viper")  # machine code looks up no name
         return run_script(folder, inputs, *_SCRIPTS)
 
 

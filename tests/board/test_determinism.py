@@ -9,7 +9,8 @@ from viper import need_viper
 
 import spots_device
 from spots.cli import main
-from spots.deploy.staging import stage, use_viper
+from spots.deploy.constants import inline
+from spots.deploy.staging import VIPER, stage, use_viper
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots_sim.board import vm
@@ -50,14 +51,19 @@ def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
 
     def with_viper(board, folder, strips):
         stage(board, folder, strips)
-        staged.append(folder / "spots_device")
-        for path in Path(spots_device.__file__).parent.glob("*_viper.py"):
-            shutil.copy(path, staged[-1])
-        use_viper(staged[-1])
+        package = folder / "spots_device"
+        firmware = Path(spots_device.__file__).parent
+        for path in firmware.rglob(f"*{VIPER}.py"):
+            shutil.copy(path, package / path.relative_to(firmware))
+        use_viper(package)
+        inline(package)
+        for path in package.rglob("*.py"):
+            if "@micropython.viper" in path.read_text(encoding="utf-8"):
+                staged.append(path.stem)
 
     monkeypatch.setattr(vm, "stage", with_viper)
     assert figures(capsys, "--seed", seed) == portable
-    assert staged
+    assert {"burst", "kernel", "locate", "pair", "steady"} <= set(staged)
 
 
 @pytest.mark.parametrize("board", ["virtual", "virtual_circuitpython"])

@@ -25,9 +25,9 @@ def weights(draw):
 
 
 def dots(rows, values):
-    state = small([0] * kernel.LOGS + values + [0] * decode.STATE_SIZE)
+    state = small([0] * decode.LOGS + values + [0] * decode.STATE_SIZE)
     kernel._dots(small([weight for row in rows for weight in row]), 0, state)
-    return state[kernel.FOUND : kernel.FOUND + len(rows)]
+    return state[decode.FOUND : decode.FOUND + len(rows)]
 
 
 @given(weights(), weights(), logs)
@@ -60,7 +60,7 @@ def tables(draw):
 def looked_up(knots, values, at):
     state = [None] * decode.STATE_SIZE
     kernel.look_up([0, SmallInt(len(knots)), *knots, *values], 1, at, state, 1)
-    return state[kernel.FOUND]
+    return state[decode.FOUND]
 
 
 @given(tables(), st.integers(-(1 << 25), 1 << 25))

@@ -7,11 +7,12 @@ from spots_device.reading.decode import (
     IDLE_US,
     REST,
     SAMPLES,
+    SETTLED_US,
     SHIFT,
     SUMS,
     Decode,
 )
-from spots_device.reading.kernel import SETTLED_US, _follow
+from spots_device.reading.kernel import _follow
 
 Q = 10  # from counts in Q12 to sums over four samples
 

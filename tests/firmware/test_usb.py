@@ -19,9 +19,8 @@ from spots_device.keys.reports import (
     Outbox,
     with_report_id,
 )
-from spots_device.reading.decode import KIND
+from spots_device.reading.decode import KIND, TOUCH_SIZE
 from spots_device.reading.frame import Framer, Time32
-from spots_device.reading.kernel import TOUCH_SIZE
 
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
 OTHER = bytes((0, 0, 31, 0, 0, 0, 0, 0))

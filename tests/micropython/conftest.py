@@ -25,7 +25,9 @@ from viper import need_viper
 import spots_device
 from spots.deploy.build import mpy_cross_command
 from spots.deploy.constants import inline
-from spots.deploy.staging import use_viper
+from spots.deploy.staging import VIPER, use_viper
+from spots_device.fingers import state
+from spots_device.reading import decode
 from spots_sim.board.vm import micropython_command
 
 HERE = Path(__file__).parent
@@ -48,17 +50,24 @@ def copy_sources(folder: Path, viper: bool, inlined: bool) -> None:
     viper : bool
         Whether the package contains the sample path as machine code.
     inlined : bool
-        Whether constants are replaced by their values, as on a board. Some scripts import these
-        constants.
+        Whether constants are replaced by their values, as on a board. Machine code needs this.
+        Scripts import constants of the modules `decode` and `state`, so they get them again.
     """
     clean = shutil.ignore_patterns("__pycache__")
     shutil.copytree(HERE / "scripts", folder, ignore=clean)
-    shutil.copytree(Path(spots_device.__file__).parent, folder / "spots_device", ignore=clean)
+    package = folder / "spots_device"
+    left_out = clean if viper else shutil.ignore_patterns("__pycache__", f"*{VIPER}.py")
+    shutil.copytree(Path(spots_device.__file__).parent, package, ignore=left_out)
     shutil.copy(canned.__file__, folder)
     if viper:
-        use_viper(folder / "spots_device")
+        use_viper(package)
     if inlined:
-        inline(folder / "spots_device")
+        inline(package)
+        for module in (decode, state):
+            path = package.joinpath(*module.__name__.split(".")[1:]).with_suffix(".py")
+            names = {name: value for name, value in vars(module).items() if name.isupper()}
+            lines = [f"{name} = {value}\n" for name, value in names.items()]
+            path.write_text(path.read_text(encoding="utf-8") + "".join(lines), encoding="utf-8")
 
 
 def compile_module(source: Path, target: Path) -> None:
@@ -106,7 +115,7 @@ class Machine:
 
     def slip(self, module: str, code: str) -> None:
         """Append code to a module of this interpreter's copy of the firmware, such as a defect."""
-        kept = self._compiled(self.viper)
+        kept = self._compiled(self.viper, self.viper)
         self._slipped = self.folder.with_name("slipped")
         shutil.copytree(kept / "code", self._slipped)
         source = self.folder.with_name("slipped.py")
@@ -116,7 +125,8 @@ class Machine:
 
     def code(self, script: str) -> Path:
         """Return the folder with the scripts and the firmware, as this interpreter imports them."""
-        return self._slipped or self._compiled(self.viper, self.inlines(script)) / "code"
+        inlined = self.viper or self.inlines(script)
+        return self._slipped or self._compiled(self.viper, inlined) / "code"
 
     def inlines(self, script: str) -> bool:
         """Return whether `script` runs with the firmware's constants replaced by their values."""

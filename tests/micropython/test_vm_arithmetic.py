@@ -49,9 +49,10 @@ from spots_device.reading.decode import (
     LED_OFF,
     MISFIT,
     SATURATED,
+    TOLERANCE_Q12,
+    TOUCH_SIZE,
 )
 from spots_device.reading.frame import TEXT_MAX
-from spots_device.reading.kernel import TOLERANCE_Q12, TOUCH_SIZE
 from spots_device.reading.log2 import LIMIT, ONE
 
 CHANNELS = 6

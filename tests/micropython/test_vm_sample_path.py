@@ -306,8 +306,8 @@ def _dots(tables, first, state):
     for row in range(2):
         total = 0
         for i in range(CHANNELS):
-            total += tables[first + CHANNELS * row + i] * state[LOGS + i]
-        state[FOUND + row] = total >> 13
+            total += tables[first + CHANNELS * row + i] * state[d.LOGS + i]
+        state[d.FOUND + row] = total >> 13
 """
 
 

@@ -11,8 +11,6 @@ from .locate import estimate, noise, power
 from .second import may_rest, weigh
 
 _REMAINS_UM = const(2000)  # largest distance to the second finger at the end of a lift
-_FAST_UM = const(20_000)
-_CHANGED = const(150_000)  # 1.1
 _AGREE_UM = const(600)
 _TWICE_T = const(8)  # least time between two estimates that must agree
 _OTHER = const(150_000)  # 1.1
@@ -200,7 +198,7 @@ def remains(s):
     # move the position.
     change = abs(s[c.B_NOW] - s[c.B_LAST])
     how = 0
-    if change > _CHANGED and abs(s[c.X_NOW_UM] - s[c.X_LAST_UM]) < max(
+    if change > c.CHANGED and abs(s[c.X_NOW_UM] - s[c.X_LAST_UM]) < max(
         c.REST_UM, min(abs(s[c.X_NOW_UM] - s[c.X_UM]), 100_000) * (change >> 12) >> 12
     ):
         how = c.SINGLE
@@ -214,7 +212,7 @@ def remains(s):
         and not s[c.THIRD]
         and (s[c.T_NOW] - s[c.FELL]) & (c.TICKS - 1) >= c.LIFTS_T
         and s[c.B_NOW] > s[c.B_LAST] - c.LOST
-        and 0 < s[c.STEP_UM] < _FAST_UM
+        and 0 < s[c.STEP_UM] < c.FAST_UM
         and s[c.STEP_UM] * s[c.STEP_UM] < s[c.STEP_LAST_UM] * _REMAINS_UM
     ):
         how |= c.ENDS

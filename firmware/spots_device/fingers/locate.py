@@ -7,15 +7,8 @@ allocates nothing.
 
 from array import array
 
-from .. import const
 from ..reading.log2 import log2_q20
 from . import state as c
-
-FAR_LOG2 = 18  # distances are below 2**18 um
-# The misfit grows with the loss of brightness (Q20 of log2) that two fingers cause. The loss is
-# below `_FIT` if the reading fits one press, and above `_MISFIT` if it does not.
-_FIT = const(45_000)
-_MISFIT = const(12_000)
 
 _solved = array("i", bytes(16))
 
@@ -51,7 +44,7 @@ def solve(found, decay, off_um, alone, brightness):
     shift = alone >> 19 and 4
     share = 0
     for _ in range(4):
-        if away_um + (1 << FAR_LOG2) >> FAR_LOG2 + 1:
+        if away_um + (1 << c.FAR_LOG2) >> c.FAR_LOG2 + 1:
             return False
         exponent = decay * away_um >> 4
         bend = exponent >> 10
@@ -79,7 +72,7 @@ def solve(found, decay, off_um, alone, brightness):
 
 
 def noise(product, brightness):
-    """Return a position's standard deviation in um: `product` divided by the counts; at most 20000.
+    """Return a position's standard deviation in um, at most `state.NOISE_MAX_UM`.
 
     Parameters
     ----------
@@ -88,7 +81,7 @@ def noise(product, brightness):
     brightness : int
         Brightness in Q20 of log2, from which the counts are computed.
     """
-    return min(product * 16 // ((power(brightness) >> 6) + 1), 20_000)
+    return min(product * 16 // ((power(brightness) >> 6) + 1), c.NOISE_MAX_UM)
 
 
 def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
@@ -120,8 +113,8 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     apart_um = abs(away_um)
     room = 0
     if fits >= 0:
-        room = _FIT - lost if fits else lost - _MISFIT
-    if apart_um < c.APART_UM or apart_um >> FAR_LOG2 or room < 0:
+        room = c.LOSS_FIT - lost if fits else lost - c.LOSS_MISFIT
+    if apart_um < c.APART_UM or apart_um >> c.FAR_LOG2 or room < 0:
         return False
     found[0] = x1_um + away_um
     found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540

@@ -8,9 +8,8 @@ argument.
 
 import micropython
 
-from ..reading.log2 import TABLE
-
-FAR_LOG2 = 18
+from ..reading.log2 import GUARD, TABLE, Q
+from . import state as c
 
 
 @micropython.viper
@@ -26,24 +25,22 @@ def power(exponent: int) -> int:
 @micropython.viper
 def noise(product: int, brightness: int) -> int:
     sigma_um = product * 16 // ((int(power(brightness)) >> 6) + 1)
-    if sigma_um > 20000:
-        return 20000
+    if sigma_um > c.NOISE_MAX_UM:
+        return c.NOISE_MAX_UM
     return sigma_um
 
 
 @micropython.viper
 def estimate(state: ptr32, at_um: int, first: int, fits: int) -> int:
-    # state: 0 FOUND_UM, 1 FOUND_SLACK_UM, 2 FOUND_B, 30 DRIFTS, 31 LENGTH_UM, 56 NOISE_PRODUCT,
-    # 61 X_NOW_UM, 62 B_NOW, 71 DECAY. 18: FAR_LOG2. 4500: APART_UM. 45000: _FIT. 12000: _MISFIT.
-    # 2000: NEAR_UM. at_um: position of the first finger; then the distance of the second finger
+    # at_um: position of the first finger; then the distance of the second finger
     # from it; at last the position of the second finger. first: brightness of the first finger;
     # then its light. As in locate.solve and locate.locate. The first three locals are in registers.
     sign = 1
     sign <<= 31
-    decay = state[71]
-    x_um = (state[61] ^ sign) - sign
+    decay = state[c.DECAY]
+    x_um = (state[c.X_NOW_UM] ^ sign) - sign
     off_um = x_um - at_um
-    brightness = (state[62] ^ sign) - sign
+    brightness = (state[c.B_NOW] ^ sign) - sign
     first = int(power(first)) >> 6
     at_um = off_um
     # A condition is often the sign bit of differences, because a comparison takes more flash.
@@ -53,7 +50,7 @@ def estimate(state: ptr32, at_um: int, first: int, fits: int) -> int:
     ratio = 0
     other = 0
     for _ in range(4):
-        if (at_um + (1 << 18)) >> 19:
+        if (at_um + (1 << c.FAR_LOG2)) >> (c.FAR_LOG2 + 1):
             return 0
         exponent = (at_um * decay) >> 4
         bend = exponent >> 10
@@ -92,21 +89,25 @@ def estimate(state: ptr32, at_um: int, first: int, fits: int) -> int:
             break
     off_um = x_um - off_um
     bend = (at_um ^ (at_um >> 31)) - (at_um >> 31)
-    x_um = state[31]
-    # 12000 <= lost, or lost <= 45000 if the reading fits. 262143: (1 << FAR_LOG2) - 1.
+    x_um = state[c.LENGTH_UM]
+    # LOSS_MISFIT <= lost, or lost <= LOSS_FIT if the reading fits.
     if (
-        (bend - 4500)
-        | (262143 - bend)
+        (bend - c.APART_UM)
+        | (((1 << c.FAR_LOG2) - 1) - bend)
         | (x_um - 1)
-        | ((lost - 12000 + fits * (57000 - lost * 2)) & (0 - 1 - fits) & (state[30] - 1))
+        | (
+            (lost - c.LOSS_MISFIT + fits * ((c.LOSS_MISFIT + c.LOSS_FIT) - lost * 2))
+            & (0 - 1 - fits)
+            & (state[c.DRIFTS] - 1)
+        )
     ) & sign:
         return 0
     ratio += 1024
-    share = (int(noise(state[56], brightness)) * ratio) >> 10
+    share = (int(noise(state[c.NOISE_PRODUCT], brightness)) * ratio) >> 10
     share += ((bend >> 5) * (((256 - 262144 // ratio) * (first + other)) // other)) // 540
     at_um += off_um
-    state[0] = at_um
-    state[1] = share
+    state[c.FOUND_UM] = at_um
+    state[c.FOUND_SLACK_UM] = share
     # As in log2.log2_q20; 19: without the four bits of `other` after the point.
     exponent = 19
     while other < 1 << 23:
@@ -116,21 +117,20 @@ def estimate(state: ptr32, at_um: int, first: int, fits: int) -> int:
     bend = other >> 14 & 511
     lost = table[bend]
     lost += ((other & 16383) * (table[bend + 1] - lost)) >> 14
-    state[2] = (exponent << 20) + ((lost + 8) >> 4)
-    share += 2000
+    state[c.FOUND_B] = (exponent << Q) + ((lost + 8) >> GUARD)
+    share += c.NEAR_UM
     return ((0 - at_um - share) & (at_um - x_um - share)) >> 31 & 1
 
 
 @micropython.viper
 def light(s: ptr32, away_um: int, is_now: int) -> int:
-    # s: 4 X_UM. late, the elements from 43 on: 0 X_LAST_UM, 1 B_LAST, 18 X_NOW_UM, 19 B_NOW,
-    # 28 DECAY.
-    late = ptr32(uint(s) + 172)
+    # The last reading is at `LATE`, the present one two elements later.
+    late = ptr32(uint(s) + 4 * c.LATE)
     sign = 1
     sign <<= 31
     two_to = power
     found = 0
-    far = late[28] * away_um
+    far = late[c.DECAY - c.LATE] * away_um
     bend = far >> 14
     bend = (bend * bend) >> 8
     far >>= 4
@@ -139,14 +139,14 @@ def light(s: ptr32, away_um: int, is_now: int) -> int:
     if far < -9 << 20:
         far = -9 << 20
     far = int(two_to(far))
-    at = is_now * 18
-    while at < 19:
-        share = ((((late[at] ^ sign) - sign) - ((s[4] ^ sign) - sign)) << 10) // away_um
+    at = is_now * (c.X_NOW_UM - c.LATE)
+    while at <= c.X_NOW_UM - c.LATE:
+        share = ((((late[at] ^ sign) - sign) - ((s[c.X_UM] ^ sign) - sign)) << 10) // away_um
         rest = 1024 - share
         lost = (((share * rest >> 12) * bend) >> 8) * 69
         if lost > 1 << 20:
             lost = 1 << 20
         lost += (late[at + 1] ^ sign) - sign
         found = (int(two_to(lost)) & -64) // ((1024 + far * share // rest) >> 4) - found
-        at += 18
+        at += c.X_NOW_UM - c.LATE
     return found

@@ -6,17 +6,10 @@ Boards with ``viper = true`` in board.toml get pair_viper.py instead of this fil
 identical results, in machine code. Integers only; allocates nothing.
 """
 
-from .. import const
 from ..reading import decode as d
 from . import state as c
 from .evidence import guess, has_almost_left, remains, slides
 from .locate import estimate, noise
-
-_REST_T = const(12)  # least time for which the position must stay
-_FALL_T = const(34)  # longest time in which a finger lifts
-# Limits for the detection of a third finger.
-_GROWN = const(116_000)  # 1.08
-_BOTH = const(397_000)  # 1.3
 
 
 def watch(s, late, b, state):
@@ -60,7 +53,7 @@ def watch(s, late, b, state):
     ):
         return c.NEXT
     # The light of two fingers decreased and grows again: there may be a third finger.
-    if s[c.LOW] < s[c.PEAK] - c.LOST and b > s[c.LOW] + _GROWN and s[c.PEAK] > s[c.B] + _BOTH:
+    if s[c.LOW] < s[c.PEAK] - c.LOST and b > s[c.LOW] + c.GROWN and s[c.PEAK] > s[c.B] + c.BOTH:
         s[c.THIRD] = True
     _compare(s)
     if not s[c.FITS]:
@@ -88,7 +81,7 @@ def watch(s, late, b, state):
     s[c.PAIR] = True
     if what & (c.SINGLE | c.ENDS) or (
         s[c.SEEN] >= 1
-        and ((s[c.T_NOW] - s[c.SINCE]) & (c.TICKS - 1)) * (s[c.SEEN] + 1) >= _REST_T * s[c.SEEN]
+        and ((s[c.T_NOW] - s[c.SINCE]) & (c.TICKS - 1)) * (s[c.SEEN] + 1) >= c.REST_T * s[c.SEEN]
     ):
         what |= c.REMAINS
     s[c.T] = s[c.T_NOW]
@@ -122,7 +115,7 @@ def _compare(s):
     s[c.RESTED] = steady
     s[c.FIT_SEEN] = s[c.FITS]
     if s[c.FITS] and steady and s[c.SEEN] >= 0:
-        s[c.SEEN] = min(s[c.SEEN] + 1, 99)
+        s[c.SEEN] = min(s[c.SEEN] + 1, c.SEEN_MAX)
     else:
         s[c.SEEN] = 0 if s[c.FITS] else -1
         s[c.SINCE] = s[c.T_NOW]
@@ -159,7 +152,7 @@ def _resolve(s):
         s[c.GUESSED] = False
         return -1
     slack_um = _find_third(s, s[c.X_SECOND_UM], s[c.B_SECOND], s[c.FITS])
-    if not slack_um and (s[c.T_NOW] - s[c.FELL]) & (c.TICKS - 1) < _FALL_T:
+    if not slack_um and (s[c.T_NOW] - s[c.FELL]) & (c.TICKS - 1) < c.FALL_T:
         return -1
     return c.FADED | slack_um << 8
 

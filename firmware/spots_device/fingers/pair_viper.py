@@ -8,200 +8,204 @@ argument.
 
 import micropython
 
+from ..reading import decode as d
+from . import state as c
 from .evidence import guess, has_almost_left, remains, slides
 from .locate import estimate, noise
 
 
 @micropython.viper
 def watch(s: ptr32, late: ptr32, b: int, state) -> int:
-    # s: 0 FOUND_UM, 1 FOUND_SLACK_UM, 2 FOUND_B, 4 X_UM, 5 KNOWN, 6 SEEN, 7 X_SEEN_UM, 8 B_SEEN,
-    # 9 STEP_UM, 10 B, 12 GUESSED, 13 SINCE, 14 B_SINCE, 15 T, 16 IS_EVEN, 17 RISES, 18 FALLS,
-    # 19 FELL, 20 SECOND, 21 THIRD, 22 PAIR, 24 PEAK, 25 LOW, 26 LEAST, 27 RESTED, 28 FIT_SEEN,
-    # 29 HAS_DIPPED, 31 LENGTH_UM, 34 FLAGS_NOW, 35 B_BOTH, 36 FIT_BOTH, 37 X_BOTH_UM.
-    # late, the elements from 38 on: 0 X_PEAK_UM, 2 FORCE_MN, 3 X_PAIR_UM, 4 B_PAIR, 5 X_LAST_UM,
-    # 6 B_LAST, 7 STEP_LAST_UM, 8 X_GUESS_UM, 9 B_GUESS, 15 STUCK_T, 16 RELEASE_MN,
-    # 18 NOISE_PRODUCT, 19 ODD, 21 HINT_UM, 22 LEAVING, 23 X_NOW_UM, 25 T_NOW, 26 FORCE_NOW_MN,
-    # 27 FITS, 30 X_SECOND_UM, 31 B_SECOND.
-    # Flags: 1 TOUCHING, 4 TOO_DARK, 16 MISFIT, 67: also NOT_CALIBRATED and SATURATED, 256 CHECKED.
-    # 0x3FFFFF: TICKS - 1. Results: 16 MOVED, 17 NEXT, 18 LIFTED, 19 SAME, 20 FADED, or the sum of
-    # 1 SINGLE, 2 ENDS, 4 REMAINS, 8 FOUND.
     # Each `if`, `and` and `or` takes 12 bytes of flash, and each comparison 20. So a condition is
     # often the sign bit of differences. The first three locals are in registers.
-    late = ptr32(uint(late) + 152)
+    late = ptr32(uint(late) + 4 * c.LATE)
     sign = 1
     sign <<= 31
-    mask = 0x3FFFFF
-    flags = s[34]
-    fits = late[27]
-    if flags < 256:
+    mask = c.TICKS - 1
+    flags = s[c.FLAGS_NOW]
+    fits = late[c.FITS - c.LATE]
+    if flags < c.CHECKED:
         if (
-            (0 - ((flags & 67 ^ 1) | late[15]))
-            | (s[31] - 1)
-            | ((late[26] - late[16]) & ((flags & 20) - 1))
+            (
+                0
+                - (
+                    (flags & (d.TOUCHING | d.NOT_CALIBRATED | d.SATURATED) ^ d.TOUCHING)
+                    | late[c.STUCK_T - c.LATE]
+                )
+            )
+            | (s[c.LENGTH_UM] - 1)
+            | (
+                (late[c.FORCE_NOW_MN - c.LATE] - late[c.RELEASE_MN - c.LATE])
+                & ((flags & (d.MISFIT | d.TOO_DARK)) - 1)
+            )
         ) & sign:
             return -1
-        s[29] = s[29] | late[22]
-        late[22] = 0
-        fits = ((flags >> 4) & ((flags >> 2) ^ 1) & 1) ^ 1
-        late[27] = fits
+        s[c.HAS_DIPPED] = s[c.HAS_DIPPED] | late[c.LEAVING - c.LATE]
+        late[c.LEAVING - c.LATE] = 0
+        fits = ((flags >> d.MISFIT_BIT) & ((flags >> d.TOO_DARK_BIT) ^ 1) & 1) ^ 1
+        late[c.FITS - c.LATE] = fits
         if fits:
-            late[2] = late[26]
-    b_last = (s[8] ^ sign) - sign
+            late[c.FORCE_MN - c.LATE] = late[c.FORCE_NOW_MN - c.LATE]
+    b_last = (s[c.B_SEEN] ^ sign) - sign
     risen = b - b_last
-    falls = s[18]
-    now = late[25]
-    # 30000: RISEN. 9: LIFTS_T.
-    grows = 30000 - risen
-    if grows & (8 - (s[15] - s[19] & mask)) & sign and has_almost_left(state):
-        return 17
+    falls = s[c.FALLS]
+    now = late[c.T_NOW - c.LATE]
+    grows = c.RISEN - risen
+    if grows & ((c.LIFTS_T - 1) - (s[c.T] - s[c.FELL] & mask)) & sign and has_almost_left(state):
+        return c.NEXT
 
-    # 337000: LOST. 116000: _GROWN. 397000: _BOTH.
-    peak = (s[24] ^ sign) - sign
-    low = (s[25] ^ sign) - sign
-    first = (s[10] ^ sign) - sign
-    x_um = (late[23] ^ sign) - sign
-    if (low + 337000 - peak) & (low + 116000 - b) & (first + 397000 - peak) & sign:
-        s[21] = 1
+    peak = (s[c.PEAK] ^ sign) - sign
+    low = (s[c.LOW] ^ sign) - sign
+    first = (s[c.B] ^ sign) - sign
+    x_um = (late[c.X_NOW_UM - c.LATE] ^ sign) - sign
+    if (low + c.LOST - peak) & (low + c.GROWN - b) & (first + c.BOTH - peak) & sign:
+        s[c.THIRD] = 1
     if b >= peak:
         peak = b
         low = b
-        s[24] = b
-        late[0] = x_um
+        s[c.PEAK] = b
+        late[c.X_PEAK_UM - c.LATE] = x_um
     if b < low:
         low = b
-    s[25] = low
-    if (b - s[26]) & sign:
-        s[26] = b
-    x1_um = (s[4] ^ sign) - sign
+    s[c.LOW] = low
+    if (b - s[c.LEAST]) & sign:
+        s[c.LEAST] = b
+    x1_um = (s[c.X_UM] ^ sign) - sign
     away_um = x_um - x1_um
     away_um = (away_um ^ (away_um >> 31)) - (away_um >> 31)
-    off_um = (s[7] ^ sign) - sign
-    late[5] = off_um
-    late[6] = b_last
-    s[7] = x_um
-    s[8] = b
+    off_um = (s[c.X_SEEN_UM] ^ sign) - sign
+    late[c.X_LAST_UM - c.LATE] = off_um
+    late[c.B_LAST - c.LATE] = b_last
+    s[c.X_SEEN_UM] = x_um
+    s[c.B_SEEN] = b
     step_um = off_um - x1_um
     step_um = away_um - ((step_um ^ (step_um >> 31)) - (step_um >> 31))
-    late[7] = s[9]
-    s[9] = step_um
+    late[c.STEP_LAST_UM - c.LATE] = s[c.STEP_UM]
+    s[c.STEP_UM] = step_um
     off_um = x_um - off_um
     off_um = (off_um ^ (off_um >> 31)) - (off_um >> 31)
     steady = 1
-    # 250: REST_UM.
-    if off_um >= 250:
+    if off_um >= c.REST_UM:
         if b < b_last:
             b_last = b
-        steady = (off_um - ((int(noise(late[18], b_last)) * 7) >> 1)) >> 31 & 1
+        steady = (
+            off_um - ((int(noise(late[c.NOISE_PRODUCT - c.LATE], b_last)) * 7) >> 1)
+        ) >> 31 & 1
     if grows < 0:
-        s[35] = 0
-    elif s[27] > steady:
-        s[37] = late[5]
-        s[35] = late[6]
-        s[36] = s[28]
-    s[27] = steady
-    s[28] = fits
-    seen = (s[6] ^ sign) - sign
+        s[c.B_BOTH] = 0
+    elif s[c.RESTED] > steady:
+        s[c.X_BOTH_UM] = late[c.X_LAST_UM - c.LATE]
+        s[c.B_BOTH] = late[c.B_LAST - c.LATE]
+        s[c.FIT_BOTH] = s[c.FIT_SEEN]
+    s[c.RESTED] = steady
+    s[c.FIT_SEEN] = fits
+    seen = (s[c.SEEN] ^ sign) - sign
     if (0 - (fits & steady)) & (0 - 1 - seen) & sign:
-        seen += (seen - 99) >> 31 & 1
+        seen += (seen - c.SEEN_MAX) >> 31 & 1
     else:
         seen = fits - 1
-        s[13] = now
-        s[14] = b
-    s[6] = seen
-    late[19] = late[19] | (fits ^ 1)
+        s[c.SINCE] = now
+        s[c.B_SINCE] = b
+    s[c.SEEN] = seen
+    late[c.ODD - c.LATE] = late[c.ODD - c.LATE] | (fits ^ 1)
 
-    # 150000: _CHANGED. 20000: _FAST_UM. 1999: NEAR_UM - 1. 74000: EVEN. 40000: CALM.
-    second = s[20]
+    second = s[c.SECOND]
     what = 0
-    peak -= 74000
+    peak -= c.EVEN
     dims = b - peak
-    off_um = x_um - late[21]
+    off_um = x_um - late[c.HINT_UM - c.LATE]
     if (
-        fits & s[5] & s[22] & (second ^ 1)
+        fits & s[c.KNOWN] & s[c.PAIR] & (second ^ 1)
         and (
-            (150000 - risen)
-            | (150000 + risen)
-            | ((0 - falls) & (0 - step_um) & (step_um - 20000))
-            | (dims & (0 - 1 - ((off_um + 1999) | (1999 - off_um))))
+            (c.CHANGED - risen)
+            | (c.CHANGED + risen)
+            | ((0 - falls) & (0 - step_um) & (step_um - c.FAST_UM))
+            | (dims & (0 - 1 - ((off_um + (c.NEAR_UM - 1)) | ((c.NEAR_UM - 1) - off_um))))
         )
         & sign
     ):
         what = int(remains(state))
     if dims < 0:
-        if ((0 - (second & (falls ^ 1))) & (0 - 74000 - risen)) & sign and slides(state):
+        if ((0 - (second & (falls ^ 1))) & (0 - c.EVEN - risen)) & sign and slides(state):
             dims = 0
         if dims:
-            s[16] = 0
-            s[17] = 0
-            if (falls - s[5]) & (risen + 40000) & (250 - step_um) & sign:
+            s[c.IS_EVEN] = 0
+            s[c.RISES] = 0
+            if (falls - s[c.KNOWN]) & (risen + c.CALM) & (c.REST_UM - step_um) & sign:
                 falls = 1
-                s[18] = 1
-                s[19] = now
+                s[c.FALLS] = 1
+                s[c.FELL] = now
 
-    even = s[16]
+    even = s[c.IS_EVEN]
     if second:
-        # 1999: NEAR_UM - 1.
-        x0_um = (late[30] ^ sign) - sign
-        b0 = (late[31] ^ sign) - sign
+        x0_um = (late[c.X_SECOND_UM - c.LATE] ^ sign) - sign
+        b0 = (late[c.B_SECOND - c.LATE] ^ sign) - sign
         off_um = x_um - x0_um
         if even == 0:
-            if ((off_um + 1999) | (1999 - off_um) | (b0 + 170999 - b) | (fits - 1)) & sign == 0:
-                s[15] = now
-                return 18
+            if (
+                (off_um + (c.NEAR_UM - 1))
+                | ((c.NEAR_UM - 1) - off_um)
+                | (b0 + (c.MORE - 1) - b)
+                | (fits - 1)
+            ) & sign == 0:
+                s[c.T] = now
+                return c.LIFTED
         else:
             if estimate(state, x1_um, first, fits):
-                off_um = ((s[0] ^ sign) - sign) - x0_um
-                is_near = ((off_um + 1999) | (1999 - off_um)) & sign == 0
-                if is_near and (s[24] ^ sign) - sign == b:
-                    late[30] = s[0]
-                    late[31] = s[2]
+                off_um = ((s[c.FOUND_UM] ^ sign) - sign) - x0_um
+                is_near = ((off_um + (c.NEAR_UM - 1)) | ((c.NEAR_UM - 1) - off_um)) & sign == 0
+                if is_near and (s[c.PEAK] ^ sign) - sign == b:
+                    late[c.X_SECOND_UM - c.LATE] = s[c.FOUND_UM]
+                    late[c.B_SECOND - c.LATE] = s[c.FOUND_B]
                 if is_near or slides(state):
-                    late[3] = x_um
-                    late[4] = b
-                    s[12] = 0
-                    s[15] = now
-                    return 16
-            x0_um = (late[3] ^ sign) - sign
-            b0 = (late[4] ^ sign) - sign
+                    late[c.X_PAIR_UM - c.LATE] = x_um
+                    late[c.B_PAIR - c.LATE] = b
+                    s[c.GUESSED] = 0
+                    s[c.T] = now
+                    return c.MOVED
+            x0_um = (late[c.X_PAIR_UM - c.LATE] ^ sign) - sign
+            b0 = (late[c.B_PAIR - c.LATE] ^ sign) - sign
             fits = -1
         if even | falls:
             is_there = 0
             if estimate(state, x0_um, b0, fits):
                 is_there = 1
-            at_um = (s[0] ^ sign) - sign
-            off_um = at_um - ((late[8] ^ sign) - sign)
-            late[8] = at_um
-            late[9] = s[2]
-            # 4500: APART_UM.
+            at_um = (s[c.FOUND_UM] ^ sign) - sign
+            off_um = at_um - ((late[c.X_GUESS_UM - c.LATE] ^ sign) - sign)
+            late[c.X_GUESS_UM - c.LATE] = at_um
+            late[c.B_GUESS - c.LATE] = s[c.FOUND_B]
             away_um = at_um - x1_um
-            step_um = at_um - late[30]
+            step_um = at_um - late[c.X_SECOND_UM - c.LATE]
             is_there = (
                 is_there
-                & (((away_um + 4500) | (4500 - away_um)) >> 31)
-                & (((step_um + 4500) | (4500 - step_um)) >> 31)
+                & (((away_um + c.APART_UM) | (c.APART_UM - away_um)) >> 31)
+                & (((step_um + c.APART_UM) | (c.APART_UM - step_um)) >> 31)
             )
             off_um = (off_um ^ (off_um >> 31)) - (off_um >> 31)
-            if s[12] & is_there & (((off_um - 4501) & sign) >> 31):
-                off_um += (s[1] * 5) >> 3
+            if s[c.GUESSED] & is_there & (((off_um - (c.APART_UM + 1)) & sign) >> 31):
+                off_um += (s[c.FOUND_SLACK_UM] * c.SOON) >> 3
             else:
                 off_um = 0
-            s[12] = is_there
-            # 34: _FALL_T.
-            if (0 - (even | off_um) | 33 - (now - s[19] & mask)) & sign:
-                s[15] = now
+            s[c.GUESSED] = is_there
+            if (0 - (even | off_um) | (c.FALL_T - 1) - (now - s[c.FELL] & mask)) & sign:
+                s[c.T] = now
                 if off_um | (even ^ 1):
-                    off_um = (off_um << 8) + 20 - even
+                    off_um = (off_um << 8) + c.FADED - even
                 return off_um
         else:
-            s[12] = 0
+            s[c.GUESSED] = 0
     else:
-        late[3] = x_um
-        late[4] = b
-        if (even | (s[17] & s[22]) | s[12]) > (s[21] | s[29]) and guess(state):
-            what |= 8
-    s[22] = 1
-    # 12: _REST_T.
-    if what & 3 or (0 - seen) & (12 * seen - 1 - (now - s[13] & mask) * (seen + 1)) & sign:
-        what |= 4
-    s[15] = now
+        late[c.X_PAIR_UM - c.LATE] = x_um
+        late[c.B_PAIR - c.LATE] = b
+        if (even | (s[c.RISES] & s[c.PAIR]) | s[c.GUESSED]) > (
+            s[c.THIRD] | s[c.HAS_DIPPED]
+        ) and guess(state):
+            what |= c.FOUND
+    s[c.PAIR] = 1
+    if (
+        what & (c.SINGLE | c.ENDS)
+        or (0 - seen) & (c.REST_T * seen - 1 - (now - s[c.SINCE] & mask) * (seen + 1)) & sign
+    ):
+        what |= c.REMAINS
+    s[c.T] = now
     return what

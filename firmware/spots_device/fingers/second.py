@@ -19,7 +19,7 @@ bits; allocates nothing.
 from .. import const
 from ..reading.log2 import log2_q20
 from . import state as c
-from .locate import FAR_LOG2, light, power
+from .locate import light, power
 
 _ROOM_UM = const(300)  # least distance of a reading's position from each finger
 _STEP_UM = const(2000)  # change of the distance, with which `weigh` measures the uncertainty
@@ -40,7 +40,7 @@ def may_rest(s):
     off_um = s[c.X_NOW_UM] - s[c.X_UM]
     far_um = _far_um(s)
     sign = 1 if far_um > 0 else -1
-    far_um = min(far_um * sign, (1 << FAR_LOG2))
+    far_um = min(far_um * sign, (1 << c.FAR_LOG2))
     if off_um * sign < _ROOM_UM:
         return True
     return (
@@ -63,7 +63,7 @@ def weigh(s):
     sign = 1 if far_um > 0 else -1
     low = max(a_um * sign, b_um * sign) + _ROOM_UM
     high = far_um * sign
-    if min(a_um * sign, b_um * sign) < _ROOM_UM or not low < high < (1 << FAR_LOG2):
+    if min(a_um * sign, b_um * sign) < _ROOM_UM or not low < high < (1 << c.FAR_LOG2):
         return False
     low *= sign
     high *= sign
@@ -81,6 +81,6 @@ def weigh(s):
         return False
     gap = light(s, low + sign * _STEP_UM, False)
     s[c.FOUND_UM] = s[c.X_UM] + low
-    s[c.FOUND_SLACK_UM] = min(first * (_STEP_UM // 80) // (abs(gap) + 1), (1 << FAR_LOG2))
+    s[c.FOUND_SLACK_UM] = min(first * (_STEP_UM // 80) // (abs(gap) + 1), (1 << c.FAR_LOG2))
     s[c.FOUND_B] = log2_q20(first) - (4 << 20)
     return True

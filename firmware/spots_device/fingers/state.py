@@ -3,112 +3,131 @@
 A build for boards replaces these names by their values.
 """
 
-# Limits for the detection of a second finger beside the first one.
-SAME_UM = 450  # largest distance of a reading from the mean position of its finger
-LOST = 337_000  # 0.8
-MORE = 171_000  # 1.12
-EVEN = 74_000  # 1.05
-NEAR_UM = 2000
-APART_UM = 4500  # least distance between two fingers
-RISEN = 30_000  # 1.02: a finger arrives
-REST_UM = 250  # largest difference between two readings of a position that stays
-LIFTS_T = 9  # least time of a lift before its end is predicted
-CALM = 40_000  # 1.03: largest change of the light of a finger that rests
-# Share of an estimate's uncertainty that must be inside a key, in eighths: about two standard
-# deviations.
-SOON = 5
-SURE_UM = 4000  # largest uncertainty of an estimate that is used
 # Time is in ticks of 1.024 ms: the board's microseconds without their lower ten bits. Both wrap at
 # the same moment, after this number of ticks.
 TICKS = 1 << 22
+NEVER = 1 << 29  # a time or force that is never reached
+
+# Ratios of light as differences of brightness, Q20 of log2.
+RISEN = 30_000  # 1.02: a finger arrives
+CALM = 40_000  # 1.03: largest change of the light of a finger that rests
+EVEN = 74_000  # 1.05
+GROWN = 116_000  # 1.08: after a loss of light, a third finger may have arrived
+CHANGED = 150_000  # 1.1: with two fingers, this change of light moves the position
+MORE = 171_000  # 1.12
+LOST = 337_000  # 0.8
+BOTH = 397_000  # 1.3: two fingers have at least this much more light than the first one
+# The misfit grows with the loss of brightness that two fingers cause, in Q20 of log2. The loss is
+# below `LOSS_FIT` if the reading fits one press, and above `LOSS_MISFIT` if it does not.
+LOSS_FIT = 45_000
+LOSS_MISFIT = 12_000
+
+# Distances in um.
+REST_UM = 250  # largest difference between two readings of a position that stays
+SAME_UM = 450  # largest distance of a reading from the mean position of its finger
+NEAR_UM = 2000
+SURE_UM = 4000  # largest uncertainty of an estimate that is used
+APART_UM = 4500  # least distance between two fingers
+FAST_UM = 20_000  # least step of a position that does not yet approach the second finger
+NOISE_MAX_UM = 20_000  # largest result of `locate.noise`
+FAR_LOG2 = 18  # distances are below 2**18 um
+# Share of an estimate's uncertainty that must be inside a key, in eighths: about two standard
+# deviations.
+SOON = 5
+
+# Times in ticks.
+LIFTS_T = 9  # least time of a lift before its end is predicted
+REST_T = 12  # least time for which the position must stay
+FALL_T = 34  # longest time in which a finger lifts
+
+SEEN_MAX = 99  # largest stored number of readings that agree
 
 # State of a tracker: indices in one array, because MicroPython is slow at objects with many
-# attributes. The first three elements are the output of `locate` and `weigh`. Positions are in um,
-# brightness (`B` in names) in Q20 of log2, times (`T` in names) in ticks; flags are 0 or 1.
-# The machine code for an element up to 31 is the shortest: these are the elements that
-# the modules of machine code use most.
-FOUND_UM = 0
-FOUND_SLACK_UM = 1
-FOUND_B = 2
+# attributes. The first three elements are the output of `locate` and `weigh`. Units: um; Q20 of
+# log2 for brightness (`B` in names); ticks for times (`T` in names); bool is 0 or 1.
+FOUND_UM = 0  # um: estimated position
+FOUND_SLACK_UM = 1  # um: its uncertainty
+FOUND_B = 2  # Q20: brightness of this finger
 STATE = 3  # `UP`, `DOWN`, `SPENT` or `TWO`
-X_UM = 4  # position of the first finger
-KNOWN = 5  # in TWO: whether the position of the first finger is known
-SEEN = 6  # consecutive readings that agree; -1 if the last one does not fit one press
-X_SEEN_UM = 7  # position and brightness of the last reading
-B_SEEN = 8
-STEP_UM = 9  # motion between the last two readings; in TWO: away from the first finger
-B = 10  # brightness of the first finger in the last three readings of it alone
-B_BEFORE = 11
-GUESSED = 12  # in TWO: whether there is an estimate of another finger
-SINCE = 13  # time and brightness of the first reading at the present position
-B_SINCE = 14
-T = 15  # time of the last reading
-IS_EVEN = 16  # the force of the first finger is steady
-RISES = 17  # the force of the first finger rises
-FALLS = 18  # whether the first finger lifts, and since when
-FELL = 19
-SECOND = 20  # whether a second finger is known
-THIRD = 21  # there may be a third finger
-PAIR = 22  # whether there was a reading in the state TWO
-LOOSE = 23  # the position of the first finger is an estimate
-PEAK = 24  # in TWO: largest brightness; least brightness since, and of all
-LOW = 25
-LEAST = 26
-RESTED = 27  # whether the last reading was at the same position; whether it fits one press
-FIT_SEEN = 28
-HAS_DIPPED = 29  # the light was lost for a moment
-DRIFTS = 30  # the finger alone did not fit one press: then the fit is no evidence
-LENGTH_UM = 31  # length of the strip, see `set_layout` and `_NOISE`
-B_OLDEST = 32
-GUESSED_T = 33  # time of `GUESSED`
-FLAGS_NOW = 34  # in TWO: flags of the present reading, and perhaps `CHECKED`
-B_BOTH = 35  # last reading of two fingers that rest: brightness, fit, position
-FIT_BOTH = 36
-X_BOTH_UM = 37
-X_PEAK_UM = 38  # position of `PEAK`
-X_BEFORE_UM = 39  # position of the first finger, one reading earlier
-FORCE_MN = 40  # force of the last reading that fits one press
-X_PAIR_UM = 41  # last reading of two known fingers that rest: position, brightness
-B_PAIR = 42
-X_LAST_UM = 43  # in TWO: position and brightness of the reading before the present one
-B_LAST = 44
-STEP_LAST_UM = 45  # in TWO: element `STEP_UM` before this reading
-X_GUESS_UM = 46  # estimate of another finger: position, brightness; see `SLACK_GUESS_UM`
-B_GUESS = 47
-STILL = 48  # since when a touch rests; limits of position and force in which it rests
-LOW_UM = 49
-HIGH_UM = 50
-LOW_MN = 51
-HIGH_MN = 52
-STUCK_T = 53  # limits of the layout
-RELEASE_MN = 54
-JUMP_UM = 55
-NOISE_PRODUCT = 56
-ODD = 57  # a reading did not fit one press
-IGNORED = 58  # the receiver needs no more positions of the first finger
-HINT_UM = 59  # in TWO: unconfirmed estimate of the second finger nearest to the first one
-LEAVING = 60  # whether no finger touches
-# MicroPython encodes an index from -16 to 47 in one byte. The present reading: arguments of
-# functions would need larger call frames, see strip.py.
-X_NOW_UM = -16
-B_NOW = -15
-T_NOW = -14
-FORCE_NOW_MN = -13
-FITS = -12  # its spectrum fits one press
-FIRM_MN = -11  # force of a firm press, until the firm press is reported
-SLACK_GUESS_UM = -10  # uncertainty of the estimate of another finger
-X_SECOND_UM = -9  # position and brightness of the second finger
-B_SECOND = -8
-IS_CALM = -7  # the force of the first finger is steady within a narrower limit
-DECAY = -6
-BEGAN = -5  # start of the present state
-LEFT = -4  # since when no finger touches
-PRESS_MN = -3  # limits of the layout
-RELEASE_T = -2
-DETECT = -1
+X_UM = 4  # um: position of the first finger
+KNOWN = 5  # bool, in TWO: the position of the first finger is known
+SEEN = 6  # readings: how many in a row agree; -1 if the last one does not fit one press
+X_SEEN_UM = 7  # um: position of the last reading
+B_SEEN = 8  # Q20: brightness of the last reading
+STEP_UM = 9  # um: motion between the last two readings; in TWO: away from the first finger
+B = 10  # Q20: brightness of the first finger in its last reading alone
+B_BEFORE = 11  # Q20: brightness one reading earlier
+GUESSED = 12  # bool, in TWO: there is an estimate of another finger
+SINCE = 13  # ticks: time of the first reading at the present position
+B_SINCE = 14  # Q20: brightness of this reading
+T = 15  # ticks: time of the last reading
+IS_EVEN = 16  # bool: the force of the first finger is steady
+RISES = 17  # bool: the force of the first finger rises
+FALLS = 18  # bool: the first finger lifts
+FELL = 19  # ticks: since when it lifts
+SECOND = 20  # bool: a second finger is known
+THIRD = 21  # bool: there may be a third finger
+PAIR = 22  # bool: there was a reading in the state TWO
+LOOSE = 23  # bool: the position of the first finger is an estimate
+PEAK = 24  # Q20, in TWO: largest brightness
+LOW = 25  # Q20, in TWO: least brightness since `PEAK`
+LEAST = 26  # Q20, in TWO: least brightness
+RESTED = 27  # bool: the last reading was at the same position
+FIT_SEEN = 28  # bool: the last reading fits one press
+HAS_DIPPED = 29  # bool: the light was lost for a moment
+DRIFTS = 30  # bool: the finger alone did not fit one press, so the fit is no evidence
+LENGTH_UM = 31  # um: length of the strip, see `set_layout` and `_NOISE`
+# Machine code uses the elements from `LATE` on by a second pointer, because it is shorter for the
+# first 32 elements after a pointer. `locate_viper.light` needs the next four in this order. In
+# portable code, an element up to 47 is one byte shorter.
+LATE = 32
+X_LAST_UM = 32  # um, in TWO: position of the reading before the present one
+B_LAST = 33  # Q20, in TWO: brightness of the reading before the present one
+X_NOW_UM = 34  # um: position of the present reading
+B_NOW = 35  # Q20: brightness of the present reading
+T_NOW = 36  # ticks: time of the present reading
+FORCE_NOW_MN = 37  # mN: force of the present reading
+FITS = 38  # bool: the spectrum of the present reading fits one press
+X_GUESS_UM = 39  # um: estimated position of another finger
+B_GUESS = 40  # Q20: estimated brightness of this finger
+SLACK_GUESS_UM = 41  # um: uncertainty of `X_GUESS_UM`
+X_SECOND_UM = 42  # um: position of the second finger
+B_SECOND = 43  # Q20: brightness of the second finger
+HINT_UM = 44  # um, in TWO: unconfirmed estimate of the second finger nearest to the first one
+FIRM_MN = 45  # mN: force of a firm press, until the firm press is reported
+LEAVING = 46  # bool: no finger touches
+NOISE_PRODUCT = 47  # counts times um, see `locate.noise`
+STEP_LAST_UM = 48  # um, in TWO: element `STEP_UM` before the present reading
+X_PEAK_UM = 49  # um: position of `PEAK`
+B_BOTH = 50  # Q20: brightness of the last reading of two fingers that rest
+X_PAIR_UM = 51  # um: position of the last reading of two known fingers that rest
+B_PAIR = 52  # Q20: brightness of this reading
+X_BEFORE_UM = 53  # um: position of the first finger, one reading earlier
+FORCE_MN = 54  # mN: force of the last reading that fits one press
+STILL = 55  # ticks: since when a touch rests
+LOW_UM = 56  # um: least position in which it rests
+HIGH_UM = 57  # um: largest position in which it rests
+LOW_MN = 58  # mN: least force in which it rests
+HIGH_MN = 59  # mN: largest force in which it rests
+STUCK_T = 60  # ticks: limit of the layout
+RELEASE_MN = 61  # mN: limit of the layout
+ODD = 62  # bool: a reading did not fit one press
+DECAY = 63  # log2 units per um times 2**24: decay of the light by the dye
+# Elements that machine code uses seldom or not at all.
+FLAGS_NOW = 64  # bits, in TWO: flags of the present reading, and perhaps `CHECKED`
+FIT_BOTH = 65  # bool: the reading of `B_BOTH` fits one press
+X_BOTH_UM = 66  # um: position of the reading of `B_BOTH`
+B_OLDEST = 67  # Q20: brightness of the first finger, two readings earlier
+BEGAN = 68  # ticks: start of the present state
+IS_CALM = 69  # bool: the force of the first finger is steady within a narrower limit
+GUESSED_T = 70  # ticks: time of `GUESSED`
+IGNORED = 71  # bool: the receiver needs no more positions of the first finger
+LEFT = 72  # ticks: since when no finger touches
+DETECT = 73  # readings: limit of the layout
+PRESS_MN = 74  # mN: limit of the layout
+RELEASE_T = 75  # ticks: limit of the layout
+JUMP_UM = 76  # um: limit of the layout
 SIZE = 77
-
-NEVER = 1 << 29  # a time or force that is never reached
 
 # States of a tracker.
 UP = 0  # no finger

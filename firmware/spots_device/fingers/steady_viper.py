@@ -8,49 +8,57 @@ argument.
 
 import micropython
 
+from ..reading import decode as d
+from . import state as c
+
 
 @micropython.viper
 def stays(s: ptr32, flags: int) -> bool:
-    # s: 4 X_UM, 7 X_SEEN_UM, 10 B, 11 B_BEFORE, 15 T, 23 LOOSE, 29 HAS_DIPPED, 30 DRIFTS,
-    # 32 B_OLDEST. late, the elements from 35 on: 4 X_BEFORE_UM, 5 FORCE_MN, 13 STILL, 14 LOW_UM,
-    # 15 HIGH_UM, 16 LOW_MN, 17 HIGH_MN, 18 STUCK_T, 19 RELEASE_MN, 25 LEAVING, 26 X_NOW_UM,
-    # 27 B_NOW, 28 T_NOW, 29 FORCE_NOW_MN, 31 FIRM_MN.
-    # flags: 1 TOUCHING, 4 TOO_DARK, 16 MISFIT; 195: also LED_OFF, NOT_CALIBRATED, SATURATED.
-    # 449: SAME_UM - 1, 0x3FFFFF: TICKS - 1.
-    late = ptr32(uint(s) + 140)  # third of the locals, so it is in a register
+    late = ptr32(uint(s) + 4 * c.LATE)  # third of the locals, so it is in a register
     sign = 1
     sign <<= 31
-    x_um = (late[26] ^ sign) - sign
-    force_mN = late[29]
-    off_um = x_um - ((s[4] ^ sign) - sign)
+    x_um = (late[c.X_NOW_UM - c.LATE] ^ sign) - sign
+    force_mN = late[c.FORCE_NOW_MN - c.LATE]
+    off_um = x_um - ((s[c.X_UM] ^ sign) - sign)
     # Each term is negative if its condition is false: one comparison takes less flash than ten.
     if (
-        (0 - ((flags & 195 ^ 1) | ((flags >> 2 ^ flags) & 4) | late[25]))
-        | (off_um + 449)
-        | (449 - off_um)
-        | (force_mN - late[19])
-        | (late[31] - 1 - force_mN)
+        (
+            0
+            - (
+                (flags & (d.TOUCHING | d.LED_OFF | d.NOT_CALIBRATED | d.SATURATED) ^ d.TOUCHING)
+                | ((flags >> (d.MISFIT_BIT - d.TOO_DARK_BIT) ^ flags) & d.TOO_DARK)
+                | late[c.LEAVING - c.LATE]
+            )
+        )
+        | (off_um + (c.SAME_UM - 1))
+        | ((c.SAME_UM - 1) - off_um)
+        | (force_mN - late[c.RELEASE_MN - c.LATE])
+        | (late[c.FIRM_MN - c.LATE] - 1 - force_mN)
         | (
             (
-                (x_um - ((late[14] ^ sign) - sign))
-                | (((late[15] ^ sign) - sign) - x_um)
-                | (force_mN - late[16])
-                | (late[17] - force_mN)
-                | (late[18] - 1 - ((late[28] - late[13]) & 0x3FFFFF))
+                (x_um - ((late[c.LOW_UM - c.LATE] ^ sign) - sign))
+                | (((late[c.HIGH_UM - c.LATE] ^ sign) - sign) - x_um)
+                | (force_mN - late[c.LOW_MN - c.LATE])
+                | (late[c.HIGH_MN - c.LATE] - force_mN)
+                | (
+                    late[c.STUCK_T - c.LATE]
+                    - 1
+                    - ((late[c.T_NOW - c.LATE] - late[c.STILL - c.LATE]) & (c.TICKS - 1))
+                )
             )
-            & (0 - late[18])
+            & (0 - late[c.STUCK_T - c.LATE])
         )
     ) < 0:
         return False
-    late[5] = force_mN
-    late[4] = s[4]
-    s[4] = x_um - off_um + (off_um >> 1)
-    s[7] = x_um
-    s[32] = s[11]
-    s[11] = s[10]
-    s[10] = late[27]
-    s[23] = 0
-    s[29] = 0
-    s[30] = flags & 16
-    s[15] = late[28]
+    late[c.FORCE_MN - c.LATE] = force_mN
+    late[c.X_BEFORE_UM - c.LATE] = s[c.X_UM]
+    s[c.X_UM] = x_um - off_um + (off_um >> 1)
+    s[c.X_SEEN_UM] = x_um
+    s[c.B_OLDEST] = s[c.B_BEFORE]
+    s[c.B_BEFORE] = s[c.B]
+    s[c.B] = late[c.B_NOW - c.LATE]
+    s[c.LOOSE] = 0
+    s[c.HAS_DIPPED] = 0
+    s[c.DRIFTS] = flags & d.MISFIT
+    s[c.T] = late[c.T_NOW - c.LATE]
     return True

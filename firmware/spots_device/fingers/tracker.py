@@ -62,7 +62,7 @@ DOUBTFUL = d.LED_OFF | d.MISFIT | d.NOT_CALIBRATED | d.SATURATED | d.TOO_DARK
 # drifted, or there are two fingers.
 TWO_FIT = d.MISFIT | d.TOO_DARK
 _BLIND = d.NOT_CALIBRATED | d.SATURATED
-TICK_US = 1024  # see `TICKS`
+TICK_US = 1024  # see `state.TICKS`
 
 # Product of the light in counts and the standard deviation of the position in um by ADC noise, at
 # the far end of a strip of 85 mm. The product grows with the square of the strip's length.
@@ -70,19 +70,13 @@ _NOISE = const(90_000)
 _TYPICAL = const(289)  # decay for which `_NOISE` was measured, see `locate.locate`
 _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, Q20 of log2
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
-_REST_T = const(12)  # least time for which the position must stay
 _MOVED_UM = const(1500)
 # Ratios of light as differences of brightness, Q20 of log2.
 _FALLEN = const(772_000)  # 0.6
-# Limits for the detection of a second finger beside the first one.
+_HALF = const(1 << 20)  # 2
 # Share of the estimate's uncertainty that must be inside a key, in eighths. `SOON` is about two
 # standard deviations; `_LATER` is about one, because the key would be lost otherwise.
 _LATER = const(4)
-_FALL_T = const(34)  # longest time in which a finger lifts
-# Limits for the detection of a third finger.
-_GROWN = const(116_000)  # 1.08
-_BOTH = const(397_000)  # 1.3
-_HALF = const(1 << 20)  # 2
 
 
 def elapsed(since, now):

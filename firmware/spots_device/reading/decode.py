@@ -9,8 +9,6 @@ its own weights. The misfit is another weighted sum: it shows how far the spectr
 single press. All integers fit 31 bits; nothing is allocated.
 
 This module defines the layout of the arrays that the functions of kernel.py read and write.
-kernel_viper.py uses the same numbers as literals, because a look-up of a name is slow in machine
-code.
 """
 
 from array import array
@@ -20,54 +18,101 @@ from .log2 import log2_q20
 # Flags of a reading, see docs/protocol.md.
 TOUCHING = 1 << 0
 SATURATED = 1 << 1
-TOO_DARK = 1 << 2
+TOO_DARK_BIT = 2
+TOO_DARK = 1 << TOO_DARK_BIT
 DARK_SUBTRACTED = 1 << 3
-MISFIT = 1 << 4
+MISFIT_BIT = 4
+MISFIT = 1 << MISFIT_BIT
 DROPPED = 1 << 5
 NOT_CALIBRATED = 1 << 6
 LED_OFF = 1 << 7
 
-# Indices of the array `tables` of a calibration. At `SEGMENTS`: the number of segments. At
-# `FORCES`: the index of the table of forces. From `WEIGHTS` on: six weights for the coarse
-# contrast, which selects a segment, and six for the misfit. From `BOUNDS` on, two elements for each
-# segment: the coarse contrast at which the segment begins, and the index of its twelve weights;
-# the segment's table is stored after these weights. A table is the number of its knots, then the
-# knots, then its other columns.
-SEGMENTS, FORCES, WEIGHTS, BOUNDS = 0, 1, 2, 14
+# Indices of the array `tables` of a calibration. After `BOUNDS`, two elements for each segment: the
+# coarse contrast at which the segment begins (Q20), and the index of its twelve weights; the
+# segment's table is stored after these weights. A table is the number of its knots, then the knots,
+# then its other columns.
+SEGMENTS = 0  # number of segments
+FORCES = 1  # index of the table of forces
+WEIGHTS = 2  # Q13: six weights of the coarse contrast, then six of the misfit
+BOUNDS = 14
 
-# Indices of the array `state` of a strip. First the fields of a TOUCH frame: contrast and
-# brightness are in Q20 of log2; unknown values are 0.
-FLAGS, CONTRAST, BRIGHTNESS, POSITION_UM, FORCE_MN = range(5)
-# Samples in the reading, samples in the floor, and log2 of their product in Q20.
-SAMPLES, FLOOR_SAMPLES, LOG_SAMPLES = range(5, 8)
-# From the calibration: forces at which a touch begins and ends, largest drift of the misfit (Q12).
-TOUCH_ON_MN, TOUCH_OFF_MN, DRIFT_MAX = range(8, 11)
-# Sum of the six sums of counts. kernel.py defines the elements before and after it.
-LIGHT = 14
-# Time without a touch in us. Change of the ambient light, see dark.py: light without a touch plus
-# 1, or 0 from a dark window to the next reading without a touch; duration in us.
-IDLE_US, LEVEL, ODD_US = range(20, 23)
-# Dark frame: its age and largest age in us, us that a sample adds, and whether one is wanted (0, 1,
-# or `CHECK`: a window for the present mean).
-AGE_US, EVERY_US, AGE_STEP_US, WANTED = range(23, 27)
-CHECK = 2
-# Samples of the present reading; its flags; exposure; `DROPPED` if samples are missing before it;
-# its flags before keys and contacts changed them; byte 0 of its TOUCH frame, or 0 if it is not
-# streamed.
-TAKEN, PENDING, EXPOSURE_US, MISSING, ESTIMATED, STREAMED = range(27, 33)
-# Whether the baseline is tracked: 0, 1, or 2 if the next reading becomes the baseline. Samples of a
-# complete reading. Least time without a touch before a dark frame, in us. Right shift from Q12 to
-# the floor. Whether the baseline has been measured.
-FOLLOWS, AVERAGE, IDLE_MIN_US, SHIFT, FOLLOWED = range(33, 38)
-# Six elements each: sums of counts; sum of dark frame and baseline (`floor`), as sums over
-# `FLOOR_SAMPLES`; baseline, and mean of the dark frame, both counts in Q12.
-SUMS, FLOOR, REST, DARK = range(48, 72, 6)
+# Indices of the array `state` of a strip. First the fields of a TOUCH frame; unknown values are 0.
+# Machine code for an element up to 31 is shorter.
+FLAGS = 0  # bits, see above
+CONTRAST = 1  # Q20 of log2
+BRIGHTNESS = 2  # Q20 of log2
+POSITION_UM = 3  # um
+FORCE_MN = 4  # mN
+SAMPLES = 5  # samples in the reading
+FLOOR_SAMPLES = 6  # samples in the sums of `FLOOR`
+LOG_SAMPLES = 7  # Q20 of log2: product of the two numbers of samples
+TOUCH_ON_MN = 8  # mN: force at which a touch begins, from the calibration
+TOUCH_OFF_MN = 9  # mN: force at which a touch ends, from the calibration
+DRIFT_MAX = 10  # Q12: largest drift of the misfit, from the calibration
+DRIFT = 11  # Q12: drift of the misfit, see `kernel._judge`
+LEARNS = 12  # readings until a touch gives the drift; 0 after that
+SEEN = 13  # Q12: drift that the last touch gave
+LIGHT = 14  # counts: sum of the six sums
+MISFIT_Q12 = 15  # Q12: misfit to one press, if the position is known
+TOLERANCE_Q12 = 16  # Q12: tolerance of this misfit
+FOUND = 17  # up to three values that `kernel.look_up` returns
+IDLE_US = 20  # us: time without a touch
+# Change of the ambient light, see dark.py.
+LEVEL = 21  # counts + 1: light without a touch; 0 from a dark window until it is measured
+ODD_US = 22  # us: duration
+# Dark frame.
+AGE_US = 23  # us: its age
+EVERY_US = 24  # us: its largest age
+AGE_STEP_US = 25  # us that a sample adds to the age
+WANTED = 26  # whether one is wanted: 0, 1, or `CHECK`
+# Reading.
+TAKEN = 27  # samples of the present reading
+PENDING = 28  # bits: flags of the present reading
+EXPOSURE_US = 29  # us
+MISSING = 30  # `DROPPED` if samples are missing before the reading
+ESTIMATED = 31  # bits: its flags before keys and contacts changed them
+STREAMED = 32  # byte 0 of its TOUCH frame; 0 if it is not streamed
+# Baseline.
+FOLLOWS = 33  # whether it is tracked: 0, 1, or 2 if the next reading becomes the baseline
+AVERAGE = 34  # samples of a complete reading
+IDLE_MIN_US = 35  # us: least time without a touch before a dark frame
+SHIFT = 36  # right shift from Q12 to the floor
+FOLLOWED = 37  # bool: the baseline has been measured
+# Sums of weights times logarithms, Q20 of log2: four elements, only in machine code.
+COARSE_SUM = 38
+MISFIT_SUM = 39
+CONTRAST_SUM = 40
+BRIGHTNESS_SUM = 41
+# Six elements each, one for each channel.
+LOGS = 42  # Q20 of log2: logarithms of the light
+SUMS = 48  # counts: sums over `SAMPLES`
+FLOOR = 54  # counts: dark frame and baseline, as sums over `FLOOR_SAMPLES`
+REST = 60  # counts in Q12: baseline
+DARK = 66  # counts in Q12: mean of the dark frame
 STATE_SIZE = 72
 
-# Indices of the array `head`, the header of a frame: kind and sensor, sequence number, low and high
-# half of the time, the flag `DROPPED` if frames are missing before this frame, and how many us the
-# time is earlier than `frame.Time32.last`.
-KIND, SEQUENCE, TIME_LOW, TIME_HIGH, GAP, LESS_US = range(6)
+CHECK = 2  # value of `WANTED`: a dark window for the present mean
+
+# Limits of `kernel.process`.
+IDLE_US_MAX = 1_000_000  # us: largest stored time without a touch
+# The ambient light has changed if one of two things lasts for `ODD_US_MAX`: a touch does not fit
+# one press, or the sum of the counts without a touch differs by more than `ODD_COUNTS` from its
+# value after the last dark frame.
+ODD_US_MAX = 300_000  # us
+ODD_COUNTS = 24  # counts
+ODD_EVERY_US = 2_000_000  # us: least age of a dark frame that is taken again for this reason
+SETTLED_US = 200_000  # us: time after a touch before the baseline is tracked again
+# log2 of the time constants, in readings, with which the baseline follows the light.
+GROWS_LOG2 = 10  # growing light may be a slow finger
+FADES_LOG2 = 6
+
+# Indices of the array `head`, the header of a frame.
+KIND = 0  # kind and sensor
+SEQUENCE = 1  # sequence number
+TIME_LOW = 2  # us: low half of the time
+TIME_HIGH = 3  # us: high half of the time
+GAP = 4  # the flag `DROPPED` if frames are missing before this frame
+LESS_US = 5  # us by which the time is earlier than `frame.Time32.last`
 HEAD_SIZE = 6
 
 # Bits in the argument `flags` of `kernel.process`, and bits in its result, as documented there.
@@ -76,6 +121,7 @@ COMPLETE, ODD, DUE = 1 << 12, 1 << 13, 1 << 14
 
 HEADER_SIZE = 7  # bytes of a frame before its body
 CRC_SIZE = 4  # bytes of a CRC-32
+TOUCH_SIZE = HEADER_SIZE + 15  # bytes of header and body of a TOUCH frame
 
 DARK_SAMPLES = 64  # samples in the sums of a dark frame in replies
 

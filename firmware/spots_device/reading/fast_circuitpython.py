@@ -8,7 +8,7 @@ from . import decode as d
 from . import kernel
 
 _MAX_31_BITS = 0x7FFFFFFF
-_TOUCH_BYTES = kernel.TOUCH_SIZE
+_TOUCH_BYTES = d.TOUCH_SIZE
 _TOUCH_SIZE = _TOUCH_BYTES + d.CRC_SIZE  # bytes of a TOUCH frame before its encoding
 _TOUCH_COPY = "%ds" % _TOUCH_SIZE
 _ZERO = b"\0"

@@ -16,32 +16,9 @@ from ..sensor.smux import CHANNELS
 from . import decode as d
 from .log2 import GUARD, LIMIT, TABLE, Q
 
-# Indices of `state` that only this module uses, in addition to those in decode.py. `DRIFT`: drift
-# of the misfit, see `_judge`. `LEARNS`: readings until a touch gives this drift, 0 after that.
-# `SEEN`: drift that the last touch gave. Then misfit to one press and its tolerance in Q12, if the
-# position is known; up to three values that `look_up` returns; six logarithms (Q20).
-DRIFT, LEARNS, SEEN = range(11, 14)
-MISFIT_Q12, TOLERANCE_Q12 = 15, 16
-FOUND, LOGS = 17, 42
-
-IDLE_US_MAX = 1_000_000  # largest stored time without a touch, in us
-# The ambient light has changed if one of two things lasts for `ODD_US_MAX`: a touch does not fit
-# one press, or the sum of the counts without a touch differs by more than `ODD_COUNTS` from its
-# value after the last dark frame. `ODD_EVERY_US`: least age of a dark frame that is taken again for
-# this reason.
-ODD_US_MAX = 300_000
-ODD_COUNTS = 24
-ODD_EVERY_US = 2_000_000
-# Time after a touch before the baseline is tracked again; log2 of the time constants, in readings,
-# with which it follows growing and fading light.
-SETTLED_US = 200_000
-UP = 10
-DOWN = 6
-
 TOUCH_BODY = "<BiiiH"  # flags, contrast, brightness, position_um, force_mN
-TOUCH_SIZE = d.HEADER_SIZE + 15
 _TOUCH = "<BHHH" + TOUCH_BODY[1:]  # with the header
-_TOUCH_COPY = "%ds" % TOUCH_SIZE
+_TOUCH_COPY = "%ds" % d.TOUCH_SIZE
 
 
 def process(state, tables, counts, flags, head, payload, encoded):
@@ -106,7 +83,7 @@ def process(state, tables, counts, flags, head, payload, encoded):
     before = state[d.ESTIMATED]
     if before & d.TOUCHING:
         state[d.IDLE_US] = 0
-    elif state[d.IDLE_US] < IDLE_US_MAX:
+    elif state[d.IDLE_US] < d.IDLE_US_MAX:
         state[d.IDLE_US] += lasted_us
     if not before & d.NOT_CALIBRATED:  # without a calibration, the spectrum of a press is unknown
         # Readings of two fingers look like ambient light. They have less weight in the detection,
@@ -134,12 +111,12 @@ def _odd_light(state, flags, lasted_us):
         level = state[d.LIGHT] // state[d.SAMPLES] + 1
         if not state[d.LEVEL]:
             state[d.LEVEL] = level
-        odd = abs(level - state[d.LEVEL]) > ODD_COUNTS
+        odd = abs(level - state[d.LEVEL]) > d.ODD_COUNTS
     if not odd:
         state[d.ODD_US] = 0
-    elif state[d.ODD_US] < ODD_US_MAX:
+    elif state[d.ODD_US] < d.ODD_US_MAX:
         state[d.ODD_US] += lasted_us
-    elif state[d.AGE_US] >= ODD_EVERY_US:
+    elif state[d.AGE_US] >= d.ODD_EVERY_US:
         return d.ODD
     return 0
 
@@ -150,9 +127,9 @@ def _follow(state):
     up = down = 0
     if state[d.FOLLOWS] > 1:
         state[d.FOLLOWS] = 1
-    elif state[d.IDLE_US] >= SETTLED_US:
-        up = UP
-        down = DOWN
+    elif state[d.IDLE_US] >= d.SETTLED_US:
+        up = d.GROWS_LOG2
+        down = d.FADES_LOG2
     else:
         return
     state[d.FOLLOWED] = 1
@@ -214,9 +191,9 @@ del _size_table  # frees memory on a board
 def _take_logs(state):
     # Computes `log2.log2_q20` without calls: 60 us for each logarithm instead of 75 us on an RP2040
     # with CircuitPython.
-    for i in range(LOGS, LOGS + CHANNELS):
-        net = state[i + d.FLOOR - LOGS] * state[d.SAMPLES]
-        net = state[i + d.SUMS - LOGS] * state[d.FLOOR_SAMPLES] - net
+    for i in range(d.LOGS, d.LOGS + CHANNELS):
+        net = state[i + d.FLOOR - d.LOGS] * state[d.SAMPLES]
+        net = state[i + d.SUMS - d.LOGS] * state[d.FLOOR_SAMPLES] - net
         if net <= 0:
             return False
         if net >= LIMIT:
@@ -242,37 +219,37 @@ def _take_logs(state):
 def _locate(state, tables):
     # Compute contrast, brightness, position, force, misfit; return whether the position is known.
     _dots(tables, d.WEIGHTS, state)
-    state[d.CONTRAST] = state[FOUND]
-    misfit = state[FOUND + 1] >> 8
+    state[d.CONTRAST] = state[d.FOUND]
+    misfit = state[d.FOUND + 1] >> 8
     place = d.BOUNDS + 2 * tables[d.SEGMENTS] - 2
     while place > d.BOUNDS and state[d.CONTRAST] < tables[place]:
         place -= 2
     place = tables[place + 1]
     _dots(tables, place, state)
-    brightness = state[FOUND + 1] - state[d.LOG_SAMPLES]
-    look_up(tables, place + 2 * CHANNELS, state[FOUND], state, 3)
-    brightness -= state[FOUND + 2]
+    brightness = state[d.FOUND + 1] - state[d.LOG_SAMPLES]
+    look_up(tables, place + 2 * CHANNELS, state[d.FOUND], state, 3)
+    brightness -= state[d.FOUND + 2]
     state[d.BRIGHTNESS] = brightness
     if brightness < tables[tables[d.FORCES] + 1]:
         return False
-    state[d.POSITION_UM] = state[FOUND]
-    state[MISFIT_Q12] = misfit - state[FOUND + 1]
+    state[d.POSITION_UM] = state[d.FOUND]
+    state[d.MISFIT_Q12] = misfit - state[d.FOUND + 1]
     look_up(tables, tables[d.FORCES], brightness, state, 2)
-    state[d.FORCE_MN] = state[FOUND]
-    state[TOLERANCE_Q12] = state[FOUND + 1]
+    state[d.FORCE_MN] = state[d.FOUND]
+    state[d.TOLERANCE_Q12] = state[d.FOUND + 1]
     return True
 
 
 def _judge(state, touching):
     # Return the flags of a reading whose position is known.
-    misfit = state[MISFIT_Q12]
-    tolerance = state[TOLERANCE_Q12]
+    misfit = state[d.MISFIT_Q12]
+    tolerance = state[d.TOLERANCE_Q12]
     flags = 0
     if abs(misfit) > tolerance:
         flags = d.MISFIT
         # A reading that fits one press after subtraction of the drift is untrusted, but good enough
         # for a key, see tracker.TWO_FIT.
-        if abs(misfit - state[DRIFT]) <= tolerance:
+        if abs(misfit - state[d.DRIFT]) <= tolerance:
             flags |= d.TOO_DARK
     force_mN = state[d.FORCE_MN]
     least_mN = state[d.TOUCH_OFF_MN]
@@ -285,26 +262,26 @@ def _judge(state, touching):
             if force_mN >= least_mN and state[d.LEVEL] and state[d.AGE_STEP_US]:
                 state[d.WANTED] |= d.CHECK
                 return flags
-        state[LEARNS] = 3
+        state[d.LEARNS] = 3
     if not force_mN or force_mN < least_mN:
         return flags & d.MISFIT
     # Drift shifts the misfit of all presses equally. A touch gives this shift in its third reading
     # with at least four times the force at which touches begin; in fainter readings the noise
     # exceeds most shifts. The shift is used if the previous touch gave the same shift: two fingers
     # seldom touch together twice in a row.
-    if state[LEARNS] and force_mN >> 2 >= state[d.TOUCH_ON_MN]:
-        state[LEARNS] -= 1
-        if not state[LEARNS]:
+    if state[d.LEARNS] and force_mN >> 2 >= state[d.TOUCH_ON_MN]:
+        state[d.LEARNS] -= 1
+        if not state[d.LEARNS]:
             _learn(state, misfit, tolerance)
             return _judge(state, d.TOUCHING)  # with the new drift
     return flags | d.TOUCHING
 
 
 def _learn(state, misfit, tolerance):
-    if abs(misfit - state[SEEN]) <= tolerance:
+    if abs(misfit - state[d.SEEN]) <= tolerance:
         limit = state[d.DRIFT_MAX]
-        state[DRIFT] = min(max(misfit, -limit), limit)
-    state[SEEN] = misfit
+        state[d.DRIFT] = min(max(misfit, -limit), limit)
+    state[d.SEEN] = misfit
 
 
 def _dots(tables, first, state):
@@ -312,7 +289,7 @@ def _dots(tables, first, state):
     # the second sum follow those of the first one. The split keeps all values within 31 bits, for
     # logarithms below 2**25 and a sum of absolute weights of at most 2**16.
     high = low = other_high = other_low = 0
-    for i in range(LOGS, LOGS + CHANNELS):
+    for i in range(d.LOGS, d.LOGS + CHANNELS):
         fine = state[i]
         coarse = fine >> 13
         fine &= 8191
@@ -323,8 +300,8 @@ def _dots(tables, first, state):
         other_high += weight * coarse
         other_low += weight * fine
         first += 1
-    state[FOUND] = high + (low >> 13)
-    state[FOUND + 1] = other_high + (other_low >> 13)
+    state[d.FOUND] = high + (low >> 13)
+    state[d.FOUND + 1] = other_high + (other_low >> 13)
 
 
 def look_up(tables, place, at, state, columns):
@@ -360,7 +337,7 @@ def look_up(tables, place, at, state, columns):
     elif at > width:
         at = width
     half = width >> 1
-    for column in range(FOUND, FOUND + columns):
+    for column in range(d.FOUND, d.FOUND + columns):
         low += size
         middle = tables[low]
         state[column] = middle + (at * (tables[low + 1] - middle) + half) // width
@@ -461,7 +438,7 @@ def frame(head, payload, size, encoded):
     encoded : bytearray
         Output: the encoded frame and its delimiters.
     """
-    payload[0] = head[d.KIND]
+    payload[d.KIND] = head[d.KIND]
     for i in range(d.SEQUENCE, d.GAP):
         payload[2 * i - 1] = head[i] & 0xFF
         payload[2 * i] = head[i] >> 8
@@ -511,7 +488,7 @@ def _add_crc(payload, encoded):
     low = 0xFFFFFF
     high = 0xFF
     code_at = 0
-    for at in range(TOUCH_SIZE):
+    for at in range(d.TOUCH_SIZE):
         byte = payload[at]
         if not byte:
             encoded[code_at] = at + 1 - code_at
@@ -521,7 +498,7 @@ def _add_crc(payload, encoded):
         high = highs[byte]
     low ^= 0xFFFFFF
     high ^= 0xFF
-    for at in range(TOUCH_SIZE + 1, TOUCH_SIZE + 1 + d.CRC_SIZE):
+    for at in range(d.TOUCH_SIZE + 1, d.TOUCH_SIZE + 1 + d.CRC_SIZE):
         encoded[at] = low & 0xFF
         if not encoded[at]:
             encoded[code_at] = at - code_at

@@ -2,12 +2,13 @@
 
 import micropython
 
+from .smux import CHANNELS
+
 
 @micropython.viper
 def unpack(burst: ptr8, counts: ptr32, at: int) -> int:
     most = 0
-    # 6: CHANNELS
-    for i in range(6):
+    for i in range(CHANNELS):
         count = burst[at] | burst[at + 1] << 8
         at += 2
         counts[i] = count

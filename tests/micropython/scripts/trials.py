@@ -7,20 +7,9 @@ function ``prepare_NAME`` converts the cases for the trial NAME before the heap 
 from array import array
 
 from canned import Clock
+from spots_device.fingers import state as c
 from spots_device.fingers.locate import estimate as estimate_second
 from spots_device.fingers.locate import power as power_of_two
-from spots_device.fingers.state import (
-    B_NOW,
-    DECAY,
-    DRIFTS,
-    FOUND_B,
-    FOUND_SLACK_UM,
-    FOUND_UM,
-    LENGTH_UM,
-    NOISE_PRODUCT,
-    SIZE,
-    X_NOW_UM,
-)
 from spots_device.fingers.steady import stays
 from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import Layout
@@ -41,7 +30,7 @@ _COMPARED = 17  # elements of a state, up to the tolerance of the misfit
 _decode = Decode()
 _decode.scale(1, 4)
 _head = array("i", bytes(4 * d.HEAD_SIZE))
-_tracked = array("i", bytes(4 * SIZE))
+_tracked = array("i", bytes(4 * c.SIZE))
 _clock = Clock()
 _time = Time32(_clock)
 _pacing = Pacing(_clock)
@@ -151,7 +140,7 @@ def table(cases, results):
                 tables[first + k] += _AT - readings[j] - moved
             moved = _AT - readings[j]
             _estimate(_decode.state, tables, _ONE, _NO_FLOOR, 0)
-            results[place] = _decode.state[3]
+            results[place] = _decode.state[d.POSITION_UM]
             place += 1
 
 
@@ -167,7 +156,7 @@ def frame(cases, results):
         for j in range(d.HEAD_SIZE):
             _head[j] = 255 - 50 * j if i & 1 else 65_535 * (j > 0)
         length = kernel.frame(_head, case[0], d.HEADER_SIZE + case[1], _encoded)
-        results[i * width] = _head[1]
+        results[i * width] = _head[d.SEQUENCE]
         _keep(length, i * width + 1, results)
 
 
@@ -179,7 +168,7 @@ def touch(cases, results):
     width = len(results) // len(cases)
     payload = _payload
     for i in range(len(cases)):
-        _head[4] = 32 * (i & 1)
+        _head[d.GAP] = 32 * (i & 1)
         state = _decode.state
         state[d.STREAMED] = 1
         for j in range(5):
@@ -327,13 +316,13 @@ def prepare_rest(cases):
 
 def rest(cases, results):
     s = _tracked
-    width = SIZE + 1
+    width = c.SIZE + 1
     for i in range(len(cases)):
         case = cases[i]
-        for j in range(SIZE):
+        for j in range(c.SIZE):
             s[j] = case[1 + j]
         results[i * width] = 1 if stays(s, case[0]) else 0
-        for j in range(SIZE):
+        for j in range(c.SIZE):
             results[i * width + 1 + j] = s[j]
 
 
@@ -345,14 +334,14 @@ def second_finger(cases, results):
     s = _tracked
     for i in range(len(cases)):
         case = cases[i]
-        s[FOUND_UM] = s[FOUND_SLACK_UM] = s[FOUND_B] = 0
-        s[LENGTH_UM] = case[0]
-        s[DECAY] = case[1]
-        s[NOISE_PRODUCT] = case[2]
-        s[DRIFTS] = case[3]
-        s[X_NOW_UM] = case[6]
-        s[B_NOW] = case[7]
+        s[c.FOUND_UM] = s[c.FOUND_SLACK_UM] = s[c.FOUND_B] = 0
+        s[c.LENGTH_UM] = case[0]
+        s[c.DECAY] = case[1]
+        s[c.NOISE_PRODUCT] = case[2]
+        s[c.DRIFTS] = case[3]
+        s[c.X_NOW_UM] = case[6]
+        s[c.B_NOW] = case[7]
         is_there = estimate_second(s, case[4], case[5], case[8])
         results[4 * i] = 1 if is_there else 0
         for j in range(3):
-            results[4 * i + 1 + j] = s[FOUND_UM + j]
+            results[4 * i + 1 + j] = s[c.FOUND_UM + j]

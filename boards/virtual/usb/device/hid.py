@@ -1,5 +1,6 @@
 """``usb.device.hid`` of the virtual board: sends reports to the simulator's USB host."""
 
+import _protocol
 import _simulator
 from micropython import const
 
@@ -41,9 +42,9 @@ class HIDInterface:
 
     def _refuses(self, report):
         try:
-            _simulator.call(_simulator.HID, self._index, len(report), 0, report)
+            _simulator.call(_protocol.HID, self._index, len(report), 0, report)
         except OSError as error:
-            if error.errno != _simulator.EAGAIN:
+            if error.errno != _protocol.EAGAIN:
                 raise
             return True
         return False
