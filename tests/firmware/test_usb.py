@@ -403,6 +403,9 @@ class Port:
     ----------
     reads : bool
         Whether the host reads.
+    asleep : bool
+        Whether the host sleeps: the poll shows room that is not there, and no packet leaves the
+        buffer. After that, only a write sends the next packet.
     always_writable : bool
         Whether the poll shows room that is not there, as on an ESP32.
     claims_all : bool
@@ -418,6 +421,7 @@ class Port:
     def __init__(self):
         self.us = (1 << 30) - 1000  # the ticks wrap after 1 ms
         self.reads, self.always_writable, self.claims_all = True, False, False
+        self.asleep = False
         self.heard, self.sent, self._held, self._packet = b"", bytearray(), bytearray(), b""
         self.lasts_us = self.waits = self.longest_us = 0
         self._took_us = self.us
@@ -428,7 +432,7 @@ class Port:
     def ipoll(self, timeout_ms):
         self._run()
         room = len(self._held) < 256
-        return [(None, 4 * (room or self.always_writable) | bool(self.heard))]
+        return [(None, 4 * (room or self.always_writable or self.asleep) | bool(self.heard))]
 
     def readinto(self, buffer):
         buffer[:], self.heard = self.heard[:1], self.heard[1:]
@@ -461,13 +465,13 @@ class Port:
     def _run(self):
         while self.us - self._took_us >= 1000:
             self._took_us += 1000
-            if self.reads:
+            if self.reads and not self.asleep and self._packet:
                 self.sent += self._packet
                 self._packet = b""
                 self._fill()
 
     def _fill(self):
-        if not self._packet:
+        if not self._packet and not self.asleep:
             self._packet = bytes(self._held[:64])
             del self._held[:64]
 
@@ -615,6 +619,29 @@ def test_micropython_answers_a_host_that_says_something_at_once(serial):
     port.reads, port.heard = True, b"?"
     assert ours.read() == ord("?")
     assert short(ours)
+
+
+@pytest.mark.parametrize("asks", [True, False])
+def test_micropython_sends_again_to_a_host_that_wakes_up(serial, asks):
+    ours, port = serial
+    assert short(ours)
+    port.us += 10_000
+    port.ipoll(0)
+    port.asleep = True
+    for _ in range(1_000):
+        port.us += 10_000
+        short(ours)
+    assert 2 <= port.waits <= 6
+    port.asleep = False
+    if asks:
+        port.heard = b"?"
+        assert ours.read() == ord("?")
+        assert short(ours)
+    for _ in range(7_000):  # without a question, a pause of up to 64 s
+        port.us += 10_000
+        sent = short(ours)
+    assert sent
+    assert port.waits <= 6
 
 
 def test_micropython_sends_no_reply_within_a_pause(serial):

@@ -121,9 +121,11 @@ class StdioSerial:
             return self._write_long(buffer, size)
         if size != self._size:
             self._pad(buffer, size)
-        if self._pause_us and self._is_paused():
-            return False
-        if not self._has_room():
+        if self._pause_us:
+            # The port of a host that has just woken up is full, and only a write starts it again.
+            if self._is_paused():
+                return False
+        elif not self._has_room():
             return False
         began = ticks_us()
         sent = self._put(buffer)
@@ -193,6 +195,7 @@ class StdioSerial:
             if event & _POLLIN and self._in.readinto(self._byte) == 1:
                 if self._byte[0] == _CTRL_C:
                     raise KeyboardInterrupt
-                self._pause_us = 0
+                if self._pause_us:
+                    self._from = ticks_us()  # ends the pause
                 return self._byte[0]
         return -1
