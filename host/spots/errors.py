@@ -1,7 +1,10 @@
 """Errors that a user can correct, and helpers for their messages."""
 
 import difflib
+import json
+import os
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 
 # Name for `pip`: another project has the name `spots`.
 DISTRIBUTION = "spots-tactile"
@@ -79,7 +82,27 @@ def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsErro
     SpotsError
         Error whose text has the command that installs the package.
     """
-    return SpotsError(f"{what} {package}: pip install '{DISTRIBUTION}[{extra}]'{instead}")
+    return SpotsError(f"{what} {package}: {_install(extra)}{instead}")
+
+
+def _install(extra: str) -> str:
+    """Return the command that installs an extra from where this package was installed from.
+
+    That is a checkout, a wheel or a package index. Double quotes work in every shell.
+    """
+    # These modules would delay the start of every command.
+    from importlib.metadata import PackageNotFoundError, distribution
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    source, option = DISTRIBUTION, ""
+    with suppress(PackageNotFoundError, ValueError):
+        # Only a package that is not from an index has this file (PEP 610).
+        origin = json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
+        path = url2pathname(urlsplit(origin.get("url", "")).path)
+        if path and os.path.exists(path):
+            source, option = path, "-e " * origin.get("dir_info", {}).get("editable", False)
+    return f'pip install {option}"{source}[{extra}]"'
 
 
 class PortLostError(SpotsError):

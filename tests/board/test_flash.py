@@ -266,9 +266,7 @@ def test_no_board_and_two_boards(capsys, monkeypatch):
 
 def test_no_mpremote_says_how_to_get_it(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "mpremote.transport", None)
-    assert "pip install 'spots-tactile[flash]'" in refused(
-        capsys, "flash", "pico", "--port", "/dev/x"
-    )
+    assert '[flash]"' in refused(capsys, "flash", "pico", "--port", "/dev/x")
 
 
 def test_a_port_that_may_not_be_opened(capsys, monkeypatch):

@@ -8,12 +8,14 @@ import sys
 import threading
 import tty
 from importlib.metadata import EntryPoint
+from types import SimpleNamespace
 
 import pytest
 
 from spots import SpotsError
 from spots import open as open_board
 from spots.cli import main
+from spots.errors import missing
 from spots.link import connect, ports
 from spots.link import serial_link as link
 from spots_sim.board import vm
@@ -210,6 +212,26 @@ def test_a_virtual_board_without_the_simulator_names_the_package(entries, monkey
     found = {"none": [], "broken": [broken]}[entries]
     monkeypatch.setattr(ports, "entry_points", lambda **which: found)
     assert main(["monitor", "--port", "virtual"]) == 2
-    assert capsys.readouterr().err == (
-        "spots: port 'virtual' needs the simulator: pip install 'spots-tactile[virtual]'\n"
-    )
+    said = capsys.readouterr().err
+    assert said.startswith("spots: port 'virtual' needs the simulator: pip install ")
+    assert said.endswith('[virtual]"\n')
+
+
+@pytest.mark.parametrize(
+    ("origin", "command"),
+    [
+        (None, 'pip install "spots-tactile[web]"'),
+        ('{"url": "https://example.org/spots.whl"}', 'pip install "spots-tactile[web]"'),
+        ('{"url": "file:///not/there"}', 'pip install "spots-tactile[web]"'),
+        ('{"url": "file://%s", "dir_info": {}}', 'pip install "%s[web]"'),
+        ('{"url": "file://%s", "dir_info": {"editable": true}}', 'pip install -e "%s[web]"'),
+    ],
+)
+def test_an_extra_is_installed_from_where_the_package_came(origin, command, monkeypatch, tmp_path):
+    place = tmp_path / "a checkout"
+    place.mkdir()
+    if origin and "%s" in origin:
+        origin, command = origin % str(place).replace(" ", "%20"), command % place
+    found = SimpleNamespace(read_text=lambda name: origin)
+    monkeypatch.setattr("importlib.metadata.distribution", lambda name: found)
+    assert str(missing("serving needs", "aiohttp", "web")) == f"serving needs aiohttp: {command}"

