@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from spots import toml
 from spots.cli import _parser
 
 ROOT = Path(__file__).parents[1]
@@ -112,3 +113,37 @@ def test_each_extra_that_is_named_exists():
         text = (ROOT / name).read_text(encoding="utf-8")
         for named in re.findall(r"(?:spots-tactile|-e \.)\[([a-z,]+)\]", text):
             assert set(named.split(",")) <= extras, name
+
+
+INSTALL = re.compile(r"pip install ([^`\n,;:]*\[.*?\]['\"]?)")
+
+
+@pytest.mark.parametrize("name", PRESENT)
+def test_extras_are_installed_from_a_checkout_in_any_shell(name):
+    # Single quotes fail in cmd.exe, and none in zsh. The package is on no package index.
+    text = (ROOT / name).read_text(encoding="utf-8")
+    known = {
+        *toml.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+            "optional-dependencies"
+        ]
+    }
+    for words in INSTALL.findall(text):
+        extras = re.fullmatch(r'-e "\.\[([a-z,]+)\]"', words)
+        assert extras, words
+        assert {*extras[1].split(",")} <= known
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/hardware.md"])
+def test_the_first_wiring_is_that_of_the_first_breakout(name):
+    text = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| AS7341 breakout \| (.*?) \| 1 \|", text, re.MULTILINE)
+    (breakout,) = (row for row in rows if "[" not in row)
+    (kinds,) = re.findall(rf"^\| {breakout} .*\| (.*) \|$", text, re.MULTILINE)
+    led = re.search(r"`(\w+)`", kinds)[1]
+    drawn = re.search(r"\(\S*wiring-pico-?(\w*)\.svg\)", (ROOT / name).read_text(encoding="utf-8"))
+    assert drawn[1] == led == "gpio"
+    part = text.split("### Bill of materials")[1].split("\n### ")[0]
+    picture = (ROOT / "docs/wiring-pico-gpio.svg").read_text(encoding="utf-8")
+    resistors = re.findall(r">(\d+ k?Ω)<", picture)
+    assert len(resistors) == 2
+    assert all(value in part for value in resistors)

@@ -91,7 +91,7 @@ prints lines. With `--json` it prints an object for each position, with `time_s`
 `theta1_rad`, `theta2_rad` and `cov` as in [page.md](page.md#messages); and `velocity_mm_s`,
 `sigma_mm`, `limit`, `singular` (within 10° of a singularity, or no position) and `within` (whether
 both joints are in their calibrated range). The web UI shows this picture, too:
-`spots serve --linkage arm.toml`, or without hardware `make demo ARGS="--use fivebar --page"`.
+`spots serve --linkage arm.toml`, or without hardware `spots demo --use fivebar --page`.
 
 `spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
 position has moved by more than its noise, half the backlash is added to the angle or subtracted
@@ -148,7 +148,7 @@ spots twin --linkage drawn.toml --measure points.csv     # hold the end point, t
 spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
 ```
 
-The fit needs `pip install 'spots-tactile[kinematics]'`, the encoders' angles, and the coordinates
+The fit needs `pip install -e ".[kinematics]"`, the encoders' angles, and the coordinates
 of the end point at some positions, in any coordinate system, for example on graph paper. Robust
 least squares finds the lengths of bars and base, the offsets and gains of the joints, and the
 position and rotation of this coordinate system. The fit reports standard errors, points that do not

@@ -174,7 +174,7 @@ def demo() -> Path:
             if board.now_s() > MOMENT_S:
                 break
         picture = view.picture(board.stats, score)
-    return _drawn(picture, "demo.svg", "make demo")
+    return _drawn(picture, "demo.svg", "spots demo")
 
 
 def twin() -> Path:
@@ -204,7 +204,7 @@ def controller() -> Path:
         view = play.ControllerView(board, made, settings)
         play.play(board, made, gamepad, HARD_S - board.now_s(), [view])
         picture = view.picture()
-    return _drawn(picture, "controller.svg", 'make demo ARGS="--use controller"')
+    return _drawn(picture, "controller.svg", "spots demo --use controller")
 
 
 def keyboard() -> Path:
@@ -225,7 +225,7 @@ def keyboard() -> Path:
             if typed.text == TYPED and touch.touching:
                 break
         picture = typing_view.picture(layout, engine, touch, typed, board.stats)
-    return _drawn(picture, "keyboard.svg", 'make demo ARGS="--use keyboard"')
+    return _drawn(picture, "keyboard.svg", "spots demo --use keyboard")
 
 
 def wearable() -> Path:
@@ -243,7 +243,7 @@ def wearable() -> Path:
                 found += gestures.take(frame, board.now_s())
         length_um = hello_calibrated(board)["length_um"]
         picture = wearable_view.picture(touch, length_um, found, mapping.names, board.stats)
-    return _drawn(picture, "wearable.svg", 'make demo ARGS="--use wearable"')
+    return _drawn(picture, "wearable.svg", "spots demo --use wearable")
 
 
 def _drawn(picture, name: str, title: str) -> Path:

@@ -32,8 +32,7 @@ ENDLESS = {
 _NETWORK, _ROOT = "downloads from PyPI", "changes this computer, as root"
 _CHIP = "writes the flash of a real ESP32-S3"
 NEEDS_HARDWARE = {
-    "pip install 'spots-tactile[all]'": _NETWORK,
-    "pip install -e '.[all]'": _NETWORK,
+    'pip install -e ".[all]"': _NETWORK,
     "pip install esptool": _NETWORK,
     'sudo usermod -aG dialout "$USER"': _ROOT,
     "sudo udevadm control --reload": _ROOT,
