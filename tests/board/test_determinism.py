@@ -63,7 +63,7 @@ def test_machine_code_changes_no_byte_of_the_stream(capsys, monkeypatch, seed):
 
     monkeypatch.setattr(vm, "stage", with_viper)
     assert figures(capsys, "--seed", seed) == portable
-    assert {"burst", "kernel", "locate", "pair", "steady"} <= set(staged)
+    assert {"burst", "kernel", "locate"} <= set(staged)
 
 
 @pytest.mark.parametrize("board", ["virtual", "virtual_circuitpython"])

@@ -19,7 +19,7 @@ from spots.deploy.constants import inline
 from spots.deploy.staging import board_names, device_of, stage
 from spots_sim.board.vm import micropython_command
 
-VIPER = ("reading/kernel", "fingers/locate", "fingers/pair", "fingers/steady")
+VIPER = ("reading/kernel", "fingers/locate")
 MACHINE_CODE = {f"spots_device/{name}.mpy" for name in (*VIPER, "sensor/burst")}
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -1,9 +1,6 @@
 """Compares a reading with earlier ones while there may be two fingers; finds what has happened.
 
-`tracker.ContactTracker` then reports it.
-
-Boards with ``viper = true`` in board.toml get pair_viper.py instead of this file: `watch` with
-identical results, in machine code. Integers only; allocates nothing.
+`tracker.ContactTracker` then reports it. Integers only; allocates nothing.
 """
 
 from ..reading import decode as d
@@ -12,14 +9,13 @@ from .evidence import guess, has_almost_left, remains, slides
 from .locate import estimate, noise
 
 
-def watch(s, late, b, state):
+def watch(s, b):
     """Compare a reading with the readings before; return what has happened.
 
     Parameters
     ----------
-    s, late, state : array.array
+    s : array.array
         State `TWO` of a `tracker.ContactTracker` with the present reading, see state.py.
-        All three are the same array: machine code uses it as two pointers and as an object.
     b : int
         Brightness of the reading, element `B_NOW`.
 
@@ -49,7 +45,7 @@ def watch(s, late, b, state):
     if (
         b > s[c.B_SEEN] + c.RISEN
         and (s[c.T] - s[c.FELL]) & (c.TICKS - 1) >= c.LIFTS_T
-        and has_almost_left(state)
+        and has_almost_left(s)
     ):
         return c.NEXT
     # The light of two fingers decreased and grows again: there may be a third finger.
@@ -60,9 +56,9 @@ def watch(s, late, b, state):
         s[c.ODD] = True
     what = 0
     if s[c.FITS] and s[c.KNOWN] and s[c.PAIR] and not s[c.SECOND]:
-        what = remains(state)
+        what = remains(s)
     if b < s[c.PEAK] - c.EVEN and not (
-        s[c.SECOND] and not s[c.FALLS] and b > s[c.B_LAST] - c.EVEN and slides(state)
+        s[c.SECOND] and not s[c.FALLS] and b > s[c.B_LAST] - c.EVEN and slides(s)
     ):
         s[c.IS_EVEN] = s[c.RISES] = False  # the first finger may be leaving
         if s[c.KNOWN] and not s[c.FALLS] and b < s[c.B_LAST] - c.CALM and s[c.STEP_UM] > c.REST_UM:
@@ -76,7 +72,7 @@ def watch(s, late, b, state):
     else:
         s[c.X_PAIR_UM] = s[c.X_NOW_UM]
         s[c.B_PAIR] = b
-        if not (s[c.THIRD] or s[c.HAS_DIPPED]) and guess(state):
+        if not (s[c.THIRD] or s[c.HAS_DIPPED]) and guess(s):
             what |= c.FOUND
     s[c.PAIR] = True
     if what & (c.SINGLE | c.ENDS) or (

@@ -1,7 +1,6 @@
 """Processes a reading of a finger that rests or moves slowly: the most frequent kind of reading.
 
-Boards with ``viper = true`` in board.toml get steady_viper.py instead of this file: the same
-function with identical results, in machine code. Integers only; allocates nothing.
+Integers only; allocates nothing.
 """
 
 from ..reading import decode as d

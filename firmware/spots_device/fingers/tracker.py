@@ -404,7 +404,7 @@ class ContactTracker:
         """Process a reading in the state TWO; return False if `take` must check it first."""
         s = self.state
         s[c.FLAGS_NOW] = flags
-        what = watch(s, s, s[c.B_NOW], s)
+        what = watch(s, s[c.B_NOW])
         if what <= 0:
             return not what
         if what == c.MOVED:
