@@ -99,7 +99,8 @@ def _install(extra: str) -> str:
     with suppress(PackageNotFoundError, ValueError):
         # Only a package that is not from an index has this file (PEP 610).
         origin = json.loads(distribution(DISTRIBUTION).read_text("direct_url.json") or "{}")
-        path = url2pathname(urlsplit(origin.get("url", "")).path)
+        url: str = origin.get("url", "")
+        path = url2pathname(urlsplit(url).path)
         if path and os.path.exists(path):
             source, option = path, "-e " * origin.get("dir_info", {}).get("editable", False)
     return f'pip install {option}"{source}[{extra}]"'
