@@ -4,11 +4,9 @@ import math
 import random
 from itertools import groupby
 from statistics import fmean
-from types import SimpleNamespace
 
 import pytest
 
-from spots.errors import SpotsError
 from spots.link.contact_finder import ContactFinder
 from spots.link.frames import Contact, Key, Touch
 from spots_device.fingers.contacts import (
@@ -273,20 +271,3 @@ def test_without_a_calibration_a_note_says_that_no_contact_comes(rig):
     reply = made.board.command("stream contact touch")
     assert reply["note"] == "without a calibration there are no contacts"
     assert "note" not in made.board.command("stream touch")
-
-
-def test_an_old_firmware_is_named(rig):
-    made = rig()
-    exchange = made.board._exchange
-    old = {"re": "stream", "error": "stream takes touch, spectrum, both, or off"}
-    made.board._exchange = lambda line, timeout_s: (
-        SimpleNamespace(content=old) if "contact" in line else exchange(line, timeout_s)
-    )
-    version = made.board.info["firmware"]
-    with pytest.raises(SpotsError) as refused:
-        made.board.contacts()
-    assert str(refused.value) == (
-        "the board refuses 'stream contact touch': stream takes touch, spectrum, both, or off; "
-        f"the board's firmware {version} may be too old for contacts: update it with 'spots flash'"
-    )
-    assert next(made.board.touches(1.0))

@@ -21,6 +21,7 @@ from spots.deploy.build import files_of
 from spots.deploy.doctor import examine_board
 from spots.deploy.prompt import Prompt
 from spots.deploy.staging import device_of
+from spots.link import lamps
 from spots.link import serial_link as link
 
 pytestmark = pytest.mark.usefixtures("shared_builds")
@@ -336,6 +337,12 @@ def test_a_doctor_for_a_healthy_board(capsys):
     ]
 
 
+@pytest.fixture
+def no_lamps(monkeypatch):
+    monkeypatch.setattr(lamps, "mains_hz", lambda board: 0)
+
+
+@pytest.mark.usefixtures("no_lamps")
 def test_a_doctor_counts_readings_of_many_exposures_and_waits_for_them():
     class Blinks(Patient):
         def spectra(self, seconds):
@@ -366,6 +373,7 @@ class Patient:
         self.info = {"board": "pico", "runtime": "micropython", "id": "1", "firmware": firmware}
         self._state = {"fault": fault, "exposure_us": 10_000, "full_scale": 1000, "dark": [0] * 6}
         self._state |= {"average": average, "led_mA": led_mA, "led": "ldr", "missed": 0}
+        self._state |= {"mains_hz": 0}
         self._spectra = [
             spots.Spectrum(0, i, i * step * 1000, 0, 9, counts, 100.0)
             for i in range(12)
@@ -401,6 +409,7 @@ class Patient:
         ),
     ],
 )
+@pytest.mark.usefixtures("no_lamps")
 def test_a_doctor_for_an_ill_board(ill, check, advice):
     problems = [found for found in examine_board(Patient(**ill)) if not found.ok]
     assert [found.check for found in problems] == [check]

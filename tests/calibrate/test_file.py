@@ -20,6 +20,8 @@ JOINT = file.Joint(
     resolution_deg=0.08,
     accuracy_deg=0.02,
     backlash_deg=0.03,
+    low=(8_500.0, 0.05),
+    high=(76_500.0, 0.13),
 )
 
 

@@ -163,33 +163,3 @@ def test_a_second_force_that_is_too_weak_is_asked_for_again_with_more(
     assert asked[2].force_mN == asked[1].force_mN
     assert asked[2].then_mN == pytest.approx(1.4 * asked[1].then_mN, rel=0.05)
     assert len([p for p in Session(tmp_path / "a.jsonl").of("hand") if p.then_mN]) == 6
-
-
-def test_an_early_session_without_these_presses_still_gives_a_calibration(
-    sensor, session, tmp_path
-):
-    path = tmp_path / "a.jsonl"
-    path.write_bytes(session("spectrum")[0].read_bytes())
-    session = Session(path)
-    for p in session.points:
-        if p.kind == "hand":
-            session.remove(p)
-            session.add(structs.replace(p, then_mN=0.0, hold_s=0.0, trace=(), holds=()))
-    _, made, _ = fine(strip(sensor, "spectrum"), path, Habits(), count=20, settings=LONG)
-    assert silicone_lines(made) == []
-
-
-def test_a_board_that_cannot_compensate_gets_no_line_and_no_such_presses(sensor, tmp_path):
-    with Stage(strip(sensor, "spectrum"), seed=1, settings=LONG) as stage:
-        room, reader = Room(stage, Habits(slips=0), 1), stage.reader
-        reader.info = {k: v for k, v in reader.info.items() if k != "mains_hz"}
-        set_up = reader.set_up
-
-        def older(*arguments, **options):
-            set_up(*arguments, **options)
-            del reader.info["mains_hz"]
-
-        reader.set_up = older
-        made = calibrate(room, tmp_path / "a.jsonl", "fine", 20)
-    assert "without lifting" not in room.getvalue()
-    assert silicone_lines(made) == []

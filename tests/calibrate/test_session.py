@@ -404,20 +404,16 @@ def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
         assert len(angles) == len(set(angles)) == 5
 
 
-@pytest.mark.parametrize("has_length", [True, False])
-def test_an_interrupted_session_has_the_length_of_the_strip(full, sensor, tmp_path, has_length):
+def test_an_interrupted_session_has_the_length_of_the_strip(full, sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     length_um = 1000 * sensor.length_mm
     lines = full.session.read_bytes().splitlines(keepends=True)
-    if not has_length:  # as older programs wrote them
-        lines = [re.sub(rb'"length_um":[0-9.]+,', b"", line) for line in lines]
     kinds = [json.loads(line)["kind"] for line in lines]
     assert Session(full.session).length_um == length_um
     path.write_bytes(b"".join(lines[: kinds.index("position") + 14]))
     cut = Session(path)
-    assert cut.length_um == (length_um if has_length else None)
-    if has_length:
-        assert "calibrate position" in steps.missing_step(cut)
+    assert cut.length_um == length_um
+    assert "calibrate position" in steps.missing_step(cut)
     path.write_bytes(b"".join(lines[: kinds.index("force") + 1]))
     assert Session(path).length_um == length_um
     assert "calibrate force" in steps.missing_step(Session(path))

@@ -11,7 +11,7 @@ from spots.controller import controller_setup
 from spots.linkage import twin
 from spots_sim.person.stage_presser import StagePresser
 
-FILES = Path(__file__).parents[1] / "data/0.1.0"
+FILES = Path(__file__).parents[1] / "data"
 
 
 def stop(*arguments, **options):
@@ -58,7 +58,7 @@ def test_dark_names_the_led(monkeypatch, capsys):
 
 
 def test_a_re_zero_names_the_unchanged_file(monkeypatch, capsys):
-    shutil.copy(FILES / "calibration.toml", "a.toml")
+    shutil.copy(FILES / "joint.toml", "a.toml")
     monkeypatch.setattr(rezero, "rezero", stop)
     assert main(["rezero", "a.toml", "--port", "virtual"]) == 130
     assert "a.toml and the board are unchanged; run the command again" in capsys.readouterr().err

@@ -474,7 +474,7 @@ def test_touches_are_a_table(strip):
 
 
 def test_an_encoder_of_a_file_and_a_port_that_is_a_path(tmp_path):
-    file = ROOT / "tests/data/0.1.0/joint.toml"
+    file = ROOT / "tests/data/joint.toml"
     assert spots.Encoder(file).joint == spots.Encoder(str(file)).joint
     with pytest.raises(SpotsError, match="there is no port"):
         spots.open(tmp_path / "ttyNONE")

@@ -22,6 +22,8 @@ JOINT = Joint(
     resolution_deg=0.03,
     accuracy_deg=0.0,
     backlash_deg=0.0,
+    low=(0.0, 0.03),
+    high=(85_000.0, 0.03),
 )
 PERIOD_S = 0.03
 

@@ -37,7 +37,7 @@ from spots.recording.recorder import Recorder
 from spots.wearable import wearable
 from spots.web.user_file import UserFile
 
-DATA = Path(__file__).parents[1] / "data" / "0.1.0"
+DATA = Path(__file__).parents[1] / "data"
 STEPS = 30
 _FAULTS = 0.2  # share of steps in which the disk is full or fails
 _PROGRAMS = 2
@@ -146,7 +146,7 @@ class Replaced(Fight):
 
 class Calibration(Replaced):
     name = "calibration.toml"
-    made = calibration_file.load(DATA / "calibration.toml")
+    made = calibration_file.load(DATA / "joint.toml")
 
     def _of(self, tag):
         date = datetime(2026, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=tag)
@@ -290,7 +290,7 @@ class Appended(Fight):
 class SessionFile(Appended):
     name = "calibration.jsonl"
     steps = ("add", "add", "add", "edit", "undo", "use", "leave", "kill", "restart")
-    lines = (DATA / "calibration.jsonl").read_bytes().splitlines()
+    lines = (DATA / "joint.jsonl").read_bytes().splitlines()
 
     def __init__(self, folder, rng):
         super().__init__(folder, rng)

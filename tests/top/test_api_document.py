@@ -19,7 +19,7 @@ from spots_sim.strip.scenario import Scenario
 
 TEXT = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
-FILES = Path(__file__).parents[1] / "data/0.1.0"  # run.spots and joint.toml of the examples
+FILES = Path(__file__).parents[1] / "data"  # run.spots and joint.toml of the examples
 matplotlib.use("Agg")
 
 

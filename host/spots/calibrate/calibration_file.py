@@ -100,10 +100,10 @@ class Joint(toml.Strict, kw_only=True):
         the other half.
     backlash_deg : float
         Mean difference of the angle between the two directions of turning, in degrees.
-    low, high : tuple of (float, float) or None
+    low, high : tuple of (float, float)
         Lowest and highest calibrated position in um, each with the standard deviation of the angle
         at this position, in degrees. Between these two positions, the logarithm of the standard
-        deviation is linear in the position. None in files of older versions.
+        deviation is linear in the position.
     """
 
     zero_deg: Degrees
@@ -112,8 +112,8 @@ class Joint(toml.Strict, kw_only=True):
     resolution_deg: Sigma
     accuracy_deg: Sigma
     backlash_deg: Sigma
-    low: tuple[PlaceUm, Sigma] | None = None
-    high: tuple[PlaceUm, Sigma] | None = None
+    low: tuple[PlaceUm, Sigma]
+    high: tuple[PlaceUm, Sigma]
 
 
 class Marks(toml.Strict, kw_only=True):
@@ -182,7 +182,7 @@ class CalibrationFile(toml.Strict, kw_only=True):
     joint : Joint or None
         Calibration of the joint; None without a joint.
     marks : Marks or None
-        Marks for ``spots rezero``; None in files of older versions.
+        Marks for ``spots rezero``; None if the session has no presses at the marks.
     joint_marks : Marks or None
         Marks at the lowest, a middle and the highest angle of the joint; None without a joint.
     rezeros : list of Rezero

@@ -84,9 +84,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             removed = session.removed.pop()
             wanted = _wanted(removed.place_um, removed.force_mN, removed.then_mN, removed.hold_s)
         elif wanted is None:
-            # An older firmware, without `mains_hz`, cannot compensate hysteresis and creep.
-            loads = not rough and "mains_hz" in bench.reader.info
-            wanted = _next(session, surface, bench.length_um, rough, dark_mN, loads)
+            wanted = _next(session, surface, bench.length_um, rough, dark_mN)
         try:
             reading = bench.take(wanted)
             trace, holds = bench.trace, bench.holds
@@ -228,7 +226,7 @@ def _softening(session: Session, surface: Surface) -> tuple[float, float]:
 
 
 def _next(
-    session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float, loads: bool
+    session, surface: Surface | None, length_um: float, rough: bool, dark_mN: float
 ) -> Wanted:
     known = [p for kind in _KINDS for p in session.of(kind) if p.force_mN or rough]
     first = _FIRST_ROUGH if rough else _FIRST
@@ -241,7 +239,7 @@ def _next(
     else:
         place_um, force_mN = surface.bent.next_press(dark_mN)
     place_um = np.clip(round(place_um, -3), _END_UM, length_um - _END_UM)
-    load = _load(session, surface, place_um) if loads and surface else None
+    load = _load(session, surface, place_um) if surface and not rough else None
     return _wanted(place_um, *(load or (force_mN,)))
 
 

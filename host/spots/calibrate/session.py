@@ -111,7 +111,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Mean and standard deviation of the positions that the calibrated board reported, in um; None
         if the kind is not ``joint``.
     length_um : float or None
-        Length of the strip at rest in um; None for a joint and in files of older versions.
+        Length of the strip at rest in um; None for a joint.
     board, plan, gain, exposure_us, led_mA
         Board and settings; `plan` is the choice of the six channels. See
         `spots_device.reading.calibration.Conditions`.

@@ -84,13 +84,14 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
     Returns
     -------
     Compensated or None
-        The compensation; None if no press has two forces, or if the presses have too few readings,
-        or show neither hysteresis nor creep.
+        The compensation; None if no press has two forces, or if the presses show neither hysteresis
+        nor creep.
 
     Raises
     ------
     SpotsError
-        If the compensated forces are far from those that the person read.
+        If the presses have too few readings, or if the compensated forces are far from those that
+        the person read.
     """
     if not any(len(p.holds) > 1 for p in points):
         return None
@@ -106,10 +107,7 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
             decode.update_mean(counts)
             rows.append((time_s, force_mN, decode.force_mN, i))
     recorded = np.array(rows).T
-    try:
-        found = fit_silicone(*recorded, force_share=max(force_share, _SHARE_MIN))
-    except SpotsError:  # sessions of older versions have too few readings
-        return None
+    found = fit_silicone(*recorded, force_share=max(force_share, _SHARE_MIN))
     off = found.after_mN / np.nanmean(recorded[1])
     if off > _OFF_MAX:
         raise SpotsError(

@@ -170,12 +170,12 @@ class _Steps:
             self._auto(0.0 if kind == "rough" else FULL_MN)
         # With an LED that is always on, each plan would need its own dark frame.
         places = _CHOOSE_PLACES.get(kind)
-        if places and not wanted_plan and reader.info.get("led") != "always":
+        if places and not wanted_plan and reader.info["led"] != "always":
             self._choose(places)
 
     def _mains(self) -> None:
         reader, guide = self.bench.reader, self.bench.guide
-        if reader.info.get("mains_hz") != 0:  # set by hand, or an older firmware
+        if reader.info["mains_hz"] != 0:  # set by hand
             return
         guide.say("measuring the flicker of lamps: touch nothing")
         if mains_hz := lamps.mains_hz(reader.board):
@@ -188,7 +188,7 @@ class _Steps:
         self._begin("exposure", 1)
         bench.take(Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=force_mN))
         found = bench.reader.board.command("auto", timeout_s=60)
-        kind = found.get("led", "ldr")  # older firmware has no other kind
+        kind = found["led"]
         if kind == "always":
             bench.presser.release()
             bench.presser.dark(bench.reader.board)

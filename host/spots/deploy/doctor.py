@@ -247,9 +247,7 @@ def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
 
 
 def _lamps(board: Board, state: Get) -> Iterator[Finding]:
-    mains_hz = state.get("mains_hz")
-    if mains_hz is None:  # the firmware is too old for this setting
-        return
+    mains_hz = state["mains_hz"]
     found_hz = lamps.mains_hz(board)
     text = f"lamps flicker at {2 * found_hz} Hz: " if found_hz else "no lamp flickers: "
     ok = found_hz in (0, mains_hz)

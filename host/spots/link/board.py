@@ -468,11 +468,6 @@ class Board(AbstractContextManager["Board"]):
         This also starts the stream of readings: no contacts arrive while no finger touches, so
         contacts alone do not show that the board still works.
 
-        Raises
-        ------
-        SpotsError
-            If the firmware of the board is too old for contacts.
-
         Examples
         --------
         >>> with spots.open("virtual") as board:
@@ -667,13 +662,6 @@ class Board(AbstractContextManager["Board"]):
             if not before:
                 raise
             self._streams[sensor] = sorted(streams)  # they start when the board is connected again
-        except CommandError as error:
-            if Contact not in kinds:
-                raise
-            raise SpotsError(
-                f"{error}; the board's firmware {self.info['firmware']} may be too old for "
-                "contacts: update it with 'spots flash'"
-            ) from None
 
     def _start(
         self, seconds: float | None, *kinds: type[_ReadingT], wanted: bool = True

@@ -21,14 +21,19 @@ _Dark = Annotated[list[_Number], msgspec.Meta(min_length=CHANNELS, max_length=CH
 
 
 class Settings(TypedDict):
-    """Settings of a board, see docs/protocol.md."""
+    """Settings of a board, see docs/protocol.md.
+
+    ``led`` is the way in which the LED is connected, such as "ldr".
+    """
 
     plan: list[str]
     exposure_us: _Count
     average: _Count
     gain: _Number
+    led: str
     led_mA: _Number
     strain_ppm: _Number
+    mains_hz: _Number
     keys: _Number
     gamepad: _Number
 
@@ -68,12 +73,11 @@ class Hello(Settings):
 class Get(Settings):
     """The reply to ``get``: the board's settings and state, see docs/protocol.md.
 
-    ``led`` is the way in which the LED is connected, such as "ldr". ``full_scale`` is the largest
-    possible count. ``dark`` is the dark frame, see `DarkFrame`. ``missed`` is the number of missed
-    samples. ``fault`` is the reason why the sensor does not answer; None if it answers.
+    ``full_scale`` is the largest possible count. ``dark`` is the dark frame, see `DarkFrame`.
+    ``missed`` is the number of missed samples. ``fault`` is the reason why the sensor does not
+    answer; None if it answers.
     """
 
-    led: str
     full_scale: _Number
     dark: _Dark
     missed: _Number
@@ -103,12 +107,12 @@ class _Stream(TypedDict):
 
 # Defaults of missing keys.
 _SETTINGS: dict[str, object] = dict.fromkeys(Settings.__annotations__, 0)
-_SETTINGS.update(plan=[], exposure_us=1, average=1)
+_SETTINGS.update(plan=[], exposure_us=1, average=1, led="ldr")
 _HELLO: dict[str, object] = {**dict.fromkeys(Hello.__annotations__), **_SETTINGS}
 _HELLO.update(board="?", runtime="?", firmware="?", boot=[])
 # A full scale of 0 is unknown: the sensor has not answered yet.
 _GET: dict[str, object] = dict.fromkeys(Get.__annotations__, 0)
-_GET.update(_SETTINGS, led="ldr", dark=[0] * CHANNELS, fault=None)
+_GET.update(_SETTINGS, dark=[0] * CHANNELS, fault=None)
 _WORDED = "fault", "note"  # values that may contain an OSError of the board
 # By command: the type of its reply, and the defaults of missing keys. Replies to other commands are
 # not validated, because no program depends on them.

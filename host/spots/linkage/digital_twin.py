@@ -135,7 +135,7 @@ class Twin:
     ...     readings = [(joint, touch) for touch in board.touches() for joint in (0, 1)]
     >>> terminals = list(twin.follow(readings))
     >>> len(terminals), terminals[0].x_mm
-    (92, 40.0)
+    (237, 40.0)
     """
 
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):

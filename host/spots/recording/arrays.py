@@ -222,7 +222,7 @@ class Arrays:
     --------
     >>> from spots import read_arrays
     >>> int(read_arrays("run.spots").touches["force_mN"].max())
-    7075
+    3527
     """
 
     touches: np.ndarray
@@ -255,7 +255,7 @@ class RecordingBlocks(Recording):
     >>> from spots import RecordingBlocks
     >>> blocks = RecordingBlocks("run.spots")
     >>> max(int(block.touches["force_mN"].max(initial=0)) for block in blocks)
-    7075
+    3527
     """
 
     def __iter__(self) -> Iterator[Arrays]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -326,7 +326,7 @@ def read_arrays(path: str | Path) -> Arrays:
     >>> touches = spots.read_arrays("run.spots").touches
     >>> pressed = touches[touches["known"]]
     >>> len(pressed), len(touches), bool((pressed["position_um"] > 0).all())
-    (100, 301, True)
+    (238, 300, True)
     """
     blocks = RecordingBlocks(path)
     growing = [bytearray() for _ in _TABLES]  # they grow in place, without a second copy in memory

@@ -67,7 +67,7 @@ class Recording:
     >>> from spots import Recording
     >>> recording = Recording("run.spots")
     >>> sum(isinstance(frame, spots.Touch) for arrived_s, frame in recording)
-    301
+    300
     """
 
     def __init__(self, path: str | Path):

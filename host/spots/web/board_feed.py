@@ -244,10 +244,7 @@ class BoardReader:
 
 def _begun(strip: Board | OneStrip) -> Mapping[str, Any]:
     """Start the streams of a strip, and return its reply to ``hello``."""
-    try:
-        strip.command("stream contact touch spectrum")
-    except SpotsError:  # the firmware is too old for contacts
-        strip.command("stream touch spectrum")
+    strip.command("stream contact touch spectrum")
     try:
         return strip.command("hello")
     except CommandError:
