@@ -110,12 +110,14 @@ def test_a_wrong_angle_is_refused(staged, tmp_path):
 def test_a_refused_fit_changes_no_file(staged, tmp_path, capsys):
     path = changed(staged, tmp_path, moved("position", 8, 4000.0))
     out = path.with_suffix(".toml")
-    out.write_text("of before")
+    out.write_bytes(staged.with_suffix(".toml").read_bytes())
+    before = out.read_bytes()
+    capsys.readouterr()
     assert run("force", "--session", path) == 2
     errors = capsys.readouterr().err
     assert errors.startswith("spots: the calibration does not fit its presses")
     assert errors.count("\n") == 1
-    assert out.read_text() == "of before"
+    assert out.read_bytes() == before
 
 
 @pytest.mark.parametrize("session", ["staged", "pressed"])

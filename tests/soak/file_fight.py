@@ -428,36 +428,36 @@ class Export(Fight):
         super().__init__(folder, rng)
         self.source = folder / "source.spots"
         record(self.source, stream(20))
-        self.tables = folder / "run-touch.csv"
+        self.tables = folder / "run-touch.csv", folder / "run-header.json"
         self.written: dict[Path, bytes] = {}
 
-    def _export(self, kind, path):
+    def _export(self, kind, *paths):
         try:
             export(self.source, kind, self.path.with_suffix(f".{kind}"))
         except SpotsError:
-            assert self.faulty or path in self.written
+            assert self.faulty or not self.written.keys().isdisjoint(paths)
             raise
-        assert path not in self.written, "an export replaced a file"
-        self.written[path] = path.read_bytes()
+        assert self.written.keys().isdisjoint(paths), "an export replaced a file"
+        self.written |= {path: path.read_bytes() for path in paths}
         if kind == "npz":
-            with np.load(path) as found:
+            with np.load(*paths) as found:
                 assert len(found["touch"]) == 20
         else:
-            assert path.read_text().count("\n") == 21
+            assert paths[0].read_text().count("\n") == 21
 
     def csv(self, program):
-        self._export("csv", self.tables)
+        self._export("csv", *self.tables)
 
     def npz(self, program):
         self._export("npz", self.path)
 
     def edit(self, program):
-        path = self.rng.choice((self.path, self.tables))
+        path = self.rng.choice((self.path, *self.tables))
         path.write_bytes(text := b"mine %d" % self.tag())
         self.written[path] = text
 
     def drop(self, program):
-        for path in (self.path, self.tables):
+        for path in (self.path, *self.tables):
             path.unlink(missing_ok=True)
         self.written.clear()
 
