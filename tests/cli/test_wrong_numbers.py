@@ -146,7 +146,7 @@ def toml_files(folder):
     """Return a loader and an original file for each kind of TOML file."""
     arm, made = folder / "arm.toml", folder / "made.toml"
     arm.write_text(ARM)
-    shutil.copy(next((Path(__file__).parents[1] / "data").rglob("*calibration*.toml")), made)
+    shutil.copy(Path(__file__).parents[1] / "data" / "joint.toml", made)
     return [
         (lambda path: files.load(files.SensorFile, path), files.DATA / "sensors" / "real.toml"),
         (lambda path: files.load(files.ScenarioFile, path), files.DATA / "scenarios" / "fire.toml"),
