@@ -137,7 +137,7 @@ def test_recordings_that_are_played_again_are_followed_again():
         before = part(state)["trail"]
         for i in range(200):
             for joint in (0, 1):
-                feed.take(joint, at(-0.3 - 0.001 * i, i))
+                feed.take(joint, at(-0.2 - 0.001 * i, i))
         counts.append(len(part(state)["trail"]))
         assert part(state)["x_mm"] is not None
         assert part(state)["note"] == ""
