@@ -1,10 +1,6 @@
 """Substitute in CPython for the module `micropython`; its functions do not lock the heap."""
 
 
-def const(value):
-    return value
-
-
 def heap_lock():
     pass
 
