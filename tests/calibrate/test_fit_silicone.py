@@ -19,9 +19,9 @@ from spots_sim.person.loading import (
     points,
     record,
 )
+from spots_sim.strip.contact import coupling
 from spots_sim.strip.scenario import Press
 from spots_sim.strip.silicone import Memory, Silicone
-from spots_sim.strip.world import coupling
 
 EFFECTS = {
     "creep_percent": 5.2,

@@ -5,10 +5,10 @@ import pytest
 
 from spots.errors import SpotsError
 from spots_sim.strip import files
+from spots_sim.strip.contact import coupling
 from spots_sim.strip.files import ScenarioFile, SensorFile, load
 from spots_sim.strip.optics import Optics, decay_per_mm
 from spots_sim.strip.scenario import Scenario
-from spots_sim.strip.world import coupling
 
 
 def test_a_log_ratio_falls_nearly_straight_along_the_strip(sensor):

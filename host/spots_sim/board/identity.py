@@ -19,6 +19,8 @@ _LATER = {
     ("led", "fixed_mA"): 20.0,
     ("surroundings", "flicker_phase_deg"): 0.0,
     ("converter", "ratio_noise_ppm"): 0.0,
+    ("contact", "gap_percent"): 0.0,
+    ("contact", "mode_percent"): 0.0,
 }
 
 

@@ -11,15 +11,16 @@ import numpy as np
 
 from ..chip.as7341 import GAIN
 from ..strip.change import NONE
+from ..strip.contact import coupling
 from ..strip.files import SensorFile
 from ..strip.optics import Optics
 from ..strip.scenario import Press
 from ..strip.silicone import Memory
-from ..strip.world import coupling
 
 _ROUNDING_VARIANCE = 1 / 12  # of a count, by rounding to whole counts
 _STEP_MM = 1e-3
 _STEP_MN = 1.0
+_STEP = 1e-4  # relative, of the contact share
 
 
 class Bound:
@@ -85,8 +86,22 @@ class Bound:
         numpy.ndarray, shape (6,)
             Expected counts.
         """
-        rates = self._optics.press(position_um / 1000, width_mm, strain, bend_deg)
-        return rates[self._columns] * self._scale * self._coupling(force_mN)
+        share = self._coupling(force_mN)
+        return self._of_share(share, position_um, width_mm, strain, bend_deg)
+
+    def _of_share(self, share, position_um, width_mm=4.0, strain=0.0, bend_deg=0.0):
+        rates = self._optics.press(position_um / 1000, width_mm, strain, bend_deg, share=share)
+        return rates[self._columns] * self._scale * share
+
+    def _by_light(self, force_mN: float, counts: np.ndarray, *press, **more) -> np.ndarray:
+        # Derivative of the counts by the logarithm of the contact share.
+        if not self._optics.coloured:
+            return counts
+        share = self._coupling(force_mN)
+        ahead, back = (
+            self._of_share(share * (1 + step), *press, **more) for step in (_STEP, -_STEP)
+        )
+        return (ahead - back) / (2 * _STEP)
 
     def _coupling(self, force_mN: float) -> float:
         # The first press of a strip has no creep and no hysteresis. The largest earlier force,
@@ -145,6 +160,7 @@ class Bound:
         ) / self._average
         # Fisher information of the position and of the logarithm of the light. The noise of the LED
         # changes only the light, because it is the same in all channels.
-        jacobian = np.stack([(ahead - back) / (2 * step_um), counts], axis=1)
+        by_light = self._by_light(force_mN, counts, position_um, **press)
+        jacobian = np.stack([(ahead - back) / (2 * step_um), by_light], axis=1)
         covariance = np.linalg.inv(jacobian.T @ (jacobian / variance[:, None]))
         return float(np.sqrt(covariance[0, 0])), float(np.sqrt(covariance[1, 1]))

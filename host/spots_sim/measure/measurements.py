@@ -156,7 +156,7 @@ def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
         Mean ratio over `PLACES`; 1 for an efficient estimator.
     """
     rng = np.random.default_rng(seed)
-    bound, pair = _bound(rig), OnePair(rig.along[0], rig.noise)
+    bound, pair = bound_of(rig), OnePair(rig.along[0], rig.noise)
     ratios = [
         scatter / least
         for _, scatter, _, least, _ in (
@@ -167,7 +167,8 @@ def crb_ratio(rig: Rig, seed: int, jittered: int = _JITTERED) -> float:
     return _mean(ratios)
 
 
-def _bound(rig: Rig) -> Bound:
+def bound_of(rig: Rig) -> Bound:
+    """Return the Cramer-Rao bound of a calibrated strip's readings, for its present settings."""
     c = rig.conditions
     return Bound(
         rig.stage.sensor,
@@ -224,7 +225,7 @@ def _scatter(rig: Rig, rng, place_um: float, count: int, bound: Bound, pair: One
 
 
 def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
-    pair, bound = OnePair(rig.along[0], rig.noise), _bound(rig)
+    pair, bound = OnePair(rig.along[0], rig.noise), bound_of(rig)
     x_um = places * rig.stage.length_um
     names = ("resolution", "accuracy", "bias", "rms", "scatter", "bound", "pair", "untrusted")
     columns = {name: [] for name in names}
@@ -290,7 +291,7 @@ def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list
     """
     average = rig.average
     rig.set_average(1)
-    bound = _bound(rig)
+    bound = bound_of(rig)
     ratios, snr = [], []
     for place_um in x_um:
         _, counts = rig.readings(place_um, FORCE_MN, _AT_REST)
@@ -302,7 +303,7 @@ def _of_one_sample(rig: Rig, rng, pair: OnePair, x_um) -> tuple[np.ndarray, list
 
 
 def _force(rig: Rig, run: Run) -> None:
-    threshold_mN, bound = _threshold_mN(rig), _bound(rig)
+    threshold_mN, bound = _threshold_mN(rig), bound_of(rig)
     least_mN = max(_FORCES_MN[0], 2 * threshold_mN)
     rows = []
     for share in _FORCE_PLACES:
@@ -391,7 +392,7 @@ def _bending(rig: Rig, rng, run: Run) -> None:
 def _strain(rig: Rig, rng, run: Run) -> None:
     rig.learn_strains(STRAINS_PERCENT[1:])
     pair = OnePair(rig.along[0], rig.noise)
-    bound = _bound(rig)
+    bound = bound_of(rig)
     run.summary["strain"], run.series["strain"] = [], {}
     for percent in STRAINS_PERCENT:
         rig.stage.held.strain = percent / 100

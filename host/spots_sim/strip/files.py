@@ -105,7 +105,10 @@ class Dye(toml.Strict):
 
 
 class ContactFile(toml.Strict):
-    """Coupled light by force, as a share of the light at full contact, see `world.coupling`.
+    """Coupled light by force, as a share of the light at full contact, see `contact.coupling`.
+
+    With `gap_percent` or `mode_percent`, the colour of a press depends on its force, too. In both,
+    s is the contact share: the contact area divided by that of a full contact.
 
     Attributes
     ----------
@@ -116,12 +119,21 @@ class ContactFile(toml.Strict):
     early_share, early_mN : float
         Light coupled just below the threshold, as a share of the light at full contact. Each
         decrease of the force by `early_mN` divides this light by e.
+    gap_percent : float
+        Share g of the light that crosses gaps of less than a wavelength beside the contact
+        (frustrated total reflection): it is proportional to the wavelength, and vanishes at a full
+        contact. The light is multiplied by 1 + g (1 - s) (wavelength - 565 nm) / 565 nm.
+    mode_percent : float
+        Increase m of the path in the dyed guide: a larger contact couples steeper modes. The path
+        is multiplied by 1 + m (s - s at 6 N).
     """
 
     threshold_mN: NotNegative
     half_mN: Positive
     early_share: Annotated[float, msgspec.Meta(ge=0, lt=0.1)] = 0.0
     early_mN: Positive = 50.0
+    gap_percent: Shift = 0.0
+    mode_percent: Shift = 0.0
 
 
 class Converter(toml.Strict):

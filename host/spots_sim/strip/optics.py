@@ -14,6 +14,7 @@ import numpy as np
 from msgspec import structs
 
 from .change import NONE, Change
+from .contact import coupling
 from .files import Dye, Led, SensorFile
 
 WAVELENGTH_NM = np.arange(380.0, 1000.0, 4.0)
@@ -79,6 +80,8 @@ def _led_now(led: Led, now: Change) -> Led:
 
 
 _BLUEST_NM, _REDDEST_NM = 415.0, 680.0
+_GAP_NM = 565.0  # assumed: `gap_percent` does not change the light at this wavelength
+_MODE_MN = 6000.0  # assumed: `mode_percent` does not change the path at this force
 _KEPT = 256  # number of presses whose light is cached
 
 
@@ -100,6 +103,8 @@ class Optics:
     ----------
     names : tuple of str
         Names of the photodiodes, such as ``F1``.
+    coloured : bool
+        Whether the colour of a press depends on its contact share.
     """
 
     names = tuple(_CHANNELS)
@@ -117,6 +122,11 @@ class Optics:
         self._lit = sensitivity * spectrum
         self._flat = sensitivity.mean(axis=1)
         self._light = _scale(now.light_percent)
+        contact = sensor.contact
+        self.coloured = bool(contact.gap_percent or contact.mode_percent)
+        self._gap = contact.gap_percent / 100 * (WAVELENGTH_NM - _GAP_NM) / _GAP_NM
+        self._mode = contact.mode_percent / 100
+        self._mode_share = coupling(contact, _MODE_MN)
         # Successive presses often have the same arguments, or at least the same width.
         self.press = lru_cache(_KEPT)(self._press)
         self._spread = lru_cache(_KEPT)(self._spread)
@@ -128,11 +138,13 @@ class Optics:
         strain: float = 0.0,
         bend_deg: float = 0.0,
         tilt_percent: float = 0.0,
+        share: float = 1.0,
     ) -> np.ndarray:
         """Return each diode's count rate for a full contact and an LED irradiance of 1 uW/cm2.
 
-        Stretching increases the volume and so dilutes the dye (paper, section III.C). Bending
-        reduces the light by the same share at every wavelength and position.
+        The rates of a smaller contact are `share` times this result. Stretching increases the
+        volume and so dilutes the dye (paper, section III.C). Bending reduces the light by the same
+        share at every wavelength and position.
 
         Parameters
         ----------
@@ -146,20 +158,31 @@ class Optics:
             Bending angle in degrees.
         tilt_percent : float
             Pressure at the far end of the contact minus the mean pressure, in per cent of the mean.
+        share : float
+            Contact share, which changes the colour only if `coloured` is true. Leave it out
+            otherwise, because each value takes a place in the cache.
         """
-        decay, spread = self._spread(width_mm, strain, tilt_percent)
+        decay, spread = self._spread(width_mm, strain, tilt_percent, self._steepness(share))
         kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
-        return kept * (self._lit @ (np.exp(-decay * position_mm) * spread))
+        guided = np.exp(-decay * position_mm) * spread
+        if self.coloured:
+            guided *= 1 + (1 - share) * self._gap
+        return kept * (self._lit @ guided)
+
+    def _steepness(self, share: float) -> float:
+        # The path in the dyed guide, divided by the distance along the strip.
+        return 1 + self._mode * (share - self._mode_share) if self._mode else 1.0
 
     def _spread(
-        self, width_mm: float, strain: float, tilt_percent: float
+        self, width_mm: float, strain: float, tilt_percent: float, steepness: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the decay k per mm and the mean of exp(-k x) over a contact, for each wavelength.
 
-        The contact is `width_mm` wide and centred at x = 0; the arguments are those of `_press`.
+        The contact is `width_mm` wide and centred at x = 0. `steepness` is that of the modes, see
+        `_steepness`; the other arguments are those of `_press`.
         """
         volume = (1 + strain) ** (1 - 2 * self._stretch.poisson_ratio)
-        decay = self._clear + self._dyed / volume
+        decay = self._clear + self._dyed / (volume / steepness)
         half = decay * width_mm / 2
         # sinh(h)/h without 0/0, and its derivative.
         spread = 1 + half**2 / 6 + half**4 / 120

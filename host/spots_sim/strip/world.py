@@ -10,7 +10,8 @@ import numpy as np
 
 from ..chip.as7341 import AS7341, ChipNoise, Quirks
 from .change import NONE, Change
-from .files import ContactFile, SensorFile
+from .contact import coupling
+from .files import SensorFile
 from .optics import Optics
 from .scenario import flicker
 from .silicone import Memory
@@ -21,32 +22,6 @@ _STEP_US = 2_500.0
 _LED_K_DIGITS = 2
 _KEPT = 512  # number of cached `Optics` of a sensor
 _SENSORS = 4  # number of sensors whose optics are cached
-
-
-def coupling(contact: ContactFile, force_mN: float) -> float:
-    """Return the contact area under a finger at a force, as a share of full contact.
-
-    The material is hyper-elastic: each further newton adds less area (paper, section III.B and
-    Fig. 3A). Below the force of first contact (``threshold_mN``), a small share of the light
-    crosses the air gap.
-
-    Parameters
-    ----------
-    contact : ContactFile
-        Table of the sensor file: contact area as a function of force.
-    force_mN : float
-        Force of the press in mN.
-
-    Returns
-    -------
-    float
-        Share of full contact, from 0 to 1.
-    """
-    over_mN = force_mN - contact.threshold_mN
-    if over_mN <= 0:
-        return contact.early_share * math.exp(over_mN / contact.early_mN)
-    over = over_mN / contact.half_mN
-    return contact.early_share + (1 - contact.early_share) * over / (1 + over)
 
 
 @lru_cache(_SENSORS)
@@ -184,11 +159,19 @@ class World:
                     pose.strain,
                     pose.bend_deg,
                     press.tilt_percent,
+                    share if self._optics.coloured else 1.0,
                 )
                 self._parts.append(share * rates)
         if pose.leak_share > 0:
-            rates = self._optics.press(pose.leak_mm, 0.0, pose.strain, pose.bend_deg)
-            self._parts.append(pose.leak_share * rates)
+            share = pose.leak_share
+            rates = self._optics.press(
+                pose.leak_mm,
+                0.0,
+                pose.strain,
+                pose.bend_deg,
+                share=share if self._optics.coloured else 1.0,
+            )
+            self._parts.append(share * rates)
         return self._parts
 
     def _warm(self, end_us: float, led_mA: float) -> None:
