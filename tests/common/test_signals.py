@@ -32,8 +32,8 @@ with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False
         resumed()
         gamepad.update(i % 99 + 1, -5, 7, 1 << i % 16)
         for pressed in (True, False):
-            keyboard.key(7, 4 + i % 9, 3, pressed)
-            keyboard.key(12, 0xE9, 0, pressed)
+            keyboard.usage(7, 4 + i % 9, 0, pressed)
+            keyboard.usage(12, 0xE9, 0, pressed)
 """
 # Program that holds a key and an axis, as while a finger touches. After a suspension nothing is
 # pressed.
@@ -42,12 +42,13 @@ import time
 from spots.outputs.open import open_gamepad, open_keyboard
 from spots.signals import released_by_signals
 with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
-    keyboard.key(7, 4, 2, True)
+    keyboard.usage(7, 0xE1)
+    keyboard.usage(7, 4)
     gamepad.update(1, 2, 3, 4)
     print("ready", flush=True)
     while True:
         gamepad.update(1, 2, 3, 4)
-        keyboard.key(7, 5, 0, True)
+        keyboard.usage(7, 5)
         time.sleep(0.01)
 """
 
@@ -220,7 +221,7 @@ def test_a_console_event_of_windows_waits_until_all_is_released(monkeypatch):
             contextlib.suppress(KeyboardInterrupt),
             PrintedKeyboard() as keyboard,
         ):
-            keyboard.key(7, 4, 0, True)
+            keyboard.usage(7, 4)
             thread.start()
             while True:
                 time.sleep(0.01)
@@ -244,7 +245,7 @@ def test_an_end_that_is_caught_in_the_block_is_no_end():
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(DEADLINE_S)
     with released_by_signals(), PrintedKeyboard() as keyboard:
-        keyboard.key(7, 4, 0, True)
+        keyboard.usage(7, 4)
         assert keyboard._down
 
 

@@ -12,6 +12,7 @@ from spots_device.keys.layout import (
     Layout,
     action,
 )
+from spots_device.keys.merge import Merger
 from spots_device.reading.decode import TOO_DARK, TOUCHING
 
 LENGTH_UM = 100_000
@@ -45,9 +46,12 @@ class Desk:
         self.modifiers = []
         self.rests = 0
         self.now_ms = (TICKS * 1024 // 1000) - 300  # the ticks wrap after 300 ms
-        self.pad = Keypad(self)
+        self.pad = Keypad(self, Merger())
         self.pad.set_layout(Layout(lines), number(length_um), number(decay))
         self.lift(60)
+
+    def usage(self, page, usage, modifiers, pressed):
+        pass
 
     def key(self, page, usage, modifiers, pressed):
         self.events.append((int(usage), pressed))

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from spots_device.keys.layout import KEYBOARD, action
+from spots_device.keys.merge import KEYS_MAX, Merger
 from spots_device.keys.reports import (
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,
-    KEYS_MAX,
     REPORT_SIZE,
     WAITING_MAX,
     ConsumerReports,
@@ -50,9 +51,24 @@ def still():
     return 0
 
 
+class Keys(KeyboardReports):
+    """Keyboard reports of key events, merged as on a board."""
+
+    def __init__(self, send, ticks):
+        super().__init__(send, ticks)
+        self.merger = Merger()
+
+    def event(self, usage, modifiers, pressed):
+        change = self.merger.press if pressed else self.merger.release
+        sink = SimpleNamespace(
+            usage=lambda page, *rest: self.key(*rest), key=lambda *_: self.flush()
+        )
+        change(sink, action(KEYBOARD, usage, modifiers))
+
+
 def keyboard(takes=True, ticks=still):
     host = Host(takes)
-    return KeyboardReports(host.send, ticks), host
+    return Keys(host.send, ticks), host
 
 
 def report(*usages, modifiers=0):
@@ -66,16 +82,16 @@ def pressed(reports):
 
 def test_a_press_and_a_release_are_two_reports():
     keys, host = keyboard()
-    keys.key(A, SHIFT, True)
-    keys.key(A, SHIFT, False)
+    keys.event(A, SHIFT, True)
+    keys.event(A, SHIFT, False)
     drain(keys.outbox)
     assert host.got == [report(A, modifiers=SHIFT), UP]
 
 
 def test_a_pump_offers_once_and_a_refusal_costs_nothing():
     keys, host = keyboard(takes=False)
-    keys.key(A, 0, True)
-    keys.key(A, 0, False)
+    keys.event(A, 0, True)
+    keys.event(A, 0, False)
     for _ in range(1000):
         assert not keys.outbox.pump()
     host.takes = True
@@ -88,10 +104,10 @@ def test_a_pump_offers_once_and_a_refusal_costs_nothing():
 
 def test_a_modifier_is_a_key_too():
     keys, host = keyboard()
-    keys.key(0xE1, 0, True)
-    keys.key(A, ALT, True)
-    keys.key(0xE1, 0, False)
-    keys.key(A, 0, False)
+    keys.event(0xE1, 0, True)
+    keys.event(A, ALT, True)
+    keys.event(0xE1, 0, False)
+    keys.event(A, ALT, False)
     drain(keys.outbox)
     assert host.got == [
         report(modifiers=SHIFT),
@@ -104,84 +120,83 @@ def test_a_modifier_is_a_key_too():
 def test_the_last_media_key_counts():
     host = Host()
     keys = ConsumerReports(host.send, still)
-    keys.key(0xE9, True)
-    keys.key(0x1B5, True)
-    keys.key(0xE9, False)  # this key is released already
-    keys.key(0x1B5, False)
+    for usage, pressed in (
+        (0xE9, True),
+        (0x1B5, True),
+        (0xE9, False),  # this key is released already
+        (0x1B5, False),
+    ):
+        keys.key(usage, pressed)
+        keys.flush()
     drain(keys.outbox)
     assert host.got == [b"\xe9\0", b"\xb5\x01", b"\0\0"]
 
 
-def test_keys_that_share_a_modifier_keep_it_until_the_last_one():
+def test_the_modifiers_of_a_key_end_with_it():
     keys, host = keyboard()
-    keys.key(A, SHIFT, True)
-    keys.key(B, SHIFT | ALT, True)
-    keys.key(B, SHIFT | ALT, False)
-    keys.key(A, SHIFT, False)
+    keys.event(A, SHIFT, True)
+    keys.event(B, SHIFT | ALT, True)
+    keys.event(B, SHIFT | ALT, False)
+    keys.event(A, SHIFT, False)
     drain(keys.outbox)
-    assert [one[0] for one in host.got] == [SHIFT, SHIFT | ALT, SHIFT, 0]
+    assert [one[0] for one in host.got] == [SHIFT, SHIFT | ALT, 0, 0]
 
 
 def test_what_is_no_change_is_no_report():
     keys, host = keyboard()
-    keys.key(A, 0, False)
+    keys.event(A, 0, False)
+    keys.event(A, 0, True)
     keys.key(A, 0, True)
-    keys.key(A, 0, True)
+    keys.flush()
     drain(keys.outbox)
     assert host.got == [report(A)]
+
+
+def test_the_same_key_again_is_released_first_and_ends_with_the_last_finger():
+    keys, host = keyboard()
+    for pressed in (True, True, False, False):
+        keys.event(A, 0, pressed)
+    drain(keys.outbox)
+    assert host.got == [report(A), UP, report(A), UP]
 
 
 def test_a_seventh_key_is_not_taken():
     keys, host = keyboard()
     for usage in range(A, A + 7):
-        keys.key(usage, 0, True)
-    keys.key(A + 6, 0, False)
+        keys.event(usage, 0, True)
+    keys.event(A + 6, 0, False)
     drain(keys.outbox)
     assert host.got[-1] == report(*range(A, A + 6))
     assert len(host.got) == 6
 
 
-def test_a_full_line_is_dropped_and_everything_released():
-    keys, host = keyboard()
-    keys.key(A, 0, True)
-    drain(keys.outbox)
-    host.takes = False
-    for _ in range(WAITING_MAX // 2):
-        keys.key(B, 0, True)
-        keys.outbox.pump()
-        keys.key(B, 0, False)
-    assert keys.outbox.dropped == 0
-    keys.key(B, 0, True)
-    assert keys.outbox.dropped == WAITING_MAX + 1
-    keys.key(B, 0, False)
-    keys.key(A, 0, False)
-    host.takes = True
-    drain(keys.outbox)
-    assert host.got == [report(A), UP]
-
-
-def test_after_a_full_line_the_next_key_works():
+def test_a_full_line_refuses_and_the_last_state_follows():
     keys, host = keyboard(takes=False)
-    for _ in range(WAITING_MAX // 2 + 1):
-        keys.key(B, 0, True)
-        keys.key(B, 0, False)
+    for _ in range(WAITING_MAX // 2):
+        keys.event(B, 0, True)
+        assert keys.outbox.has_room() == (keys.outbox.count <= 10)
+        keys.event(B, 0, False)
+    assert not keys.unsent
+    keys.event(A, 0, True)
+    assert keys.unsent
     host.takes = True
-    keys.key(A, 0, True)
-    keys.key(A, 0, False)
     drain(keys.outbox)
-    assert host.got == [report(A), UP]
+    keys.flush()
+    drain(keys.outbox)
+    assert keys.outbox.dropped == 0
+    assert host.got == [report(B), UP] * (WAITING_MAX // 2) + [report(A)]
 
 
 def test_release_drops_what_waits_and_lets_go():
     keys, host = keyboard()
-    keys.key(A, SHIFT, True)
+    keys.event(A, SHIFT, True)
     keys.outbox.pump()
-    keys.key(B, 0, True)
+    keys.event(B, 0, True)
     keys.release()
     drain(keys.outbox)
     assert host.got == [report(A, modifiers=SHIFT), UP]
     assert keys.outbox.dropped == 1
-    keys.key(B, 0, True)
+    keys.event(B, 0, True)
     drain(keys.outbox)
     assert host.got[-1] == report(B)
 
@@ -189,7 +204,7 @@ def test_release_drops_what_waits_and_lets_go():
 def test_release_says_nothing_to_a_host_that_knows_of_nothing():
     keys, host = keyboard()
     keys.release()
-    keys.key(A, 0, True)
+    keys.event(A, 0, True)
     keys.release()
     drain(keys.outbox)
     assert host.got == []
@@ -218,20 +233,32 @@ EVENTS = st.lists(
 )
 
 
+def alternating(events):
+    """Yield the events that change a key; a release has the modifiers of its press."""
+    pressed = {}
+    for usage, modifiers, down, pumps in events:
+        if down != (usage in pressed):
+            if down:
+                pressed[usage] = modifiers
+            yield usage, pressed.pop(usage) if not down else modifiers, down, pumps
+
+
 @given(events=EVENTS, takes=st.lists(st.booleans(), max_size=200))
 def test_whatever_is_refused_the_host_gets_every_report_in_order(events, takes):
     ideal, all_of_it = keyboard()
     keys, host = keyboard()
     answers = iter(takes)
-    for usage, modifiers, down, pumps in events:
-        ideal.key(usage, modifiers, down)
-        ideal.outbox.pump()
-        keys.key(usage, modifiers, down)
+    refused = False
+    for usage, modifiers, down, pumps in alternating(events):
+        ideal.event(usage, modifiers, down)
+        drain(ideal.outbox)
+        keys.event(usage, modifiers, down)
+        refused |= keys.unsent
         for _ in range(pumps):
             host.takes = next(answers, True)
             keys.outbox.pump()
     host.takes = True
-    if keys.outbox.dropped == 0:
+    if not refused:
         drain(keys.outbox)
         assert host.got == all_of_it.got
     keys.release()
@@ -255,9 +282,9 @@ class Sleeper:
                 self.keys.outbox.pump()
 
     def tap(self, usage, ms=50):
-        self.keys.key(usage, 0, True)
+        self.keys.event(usage, 0, True)
         self.run(ms)
-        self.keys.key(usage, 0, False)
+        self.keys.event(usage, 0, False)
 
 
 @pytest.mark.parametrize("hours", [0.0002, 0.01, 1.19, 1.2, 30.0])
@@ -295,10 +322,10 @@ def test_of_several_taps_only_the_stale_ones_are_dropped():
 
 def test_a_release_never_becomes_stale():
     desk = Sleeper()
-    desk.keys.key(A, SHIFT, True)
+    desk.keys.event(A, SHIFT, True)
     desk.run(10)
     desk.host.takes = False
-    desk.keys.key(A, SHIFT, False)
+    desk.keys.event(A, SHIFT, False)
     desk.run(2_000)
     desk.tap(B)
     desk.run(2_000)
@@ -310,12 +337,12 @@ def test_a_release_never_becomes_stale():
 def test_a_key_that_is_still_down_when_the_host_wakes_is_not_pressed():
     desk = Sleeper()
     desk.host.takes = False
-    desk.keys.key(A, 0, True)
+    desk.keys.event(A, 0, True)
     desk.run(1_000)
     desk.host.takes = True
     desk.run(10)
-    desk.keys.key(B, 0, True)
-    desk.keys.key(A, 0, False)
+    desk.keys.event(B, 0, True)
+    desk.keys.event(A, 0, False)
     desk.run(10)
     assert pressed(desk.host.got) == [frozenset(), {B}]
 
@@ -332,7 +359,7 @@ def test_whenever_the_host_sleeps_no_press_is_late_and_no_key_stays(events, star
     for usage, ms, takes in events:
         desk.host.takes = takes
         (down.remove if usage in down else down.add)(usage)
-        desk.keys.key(usage, 0, usage in down)
+        desk.keys.event(usage, 0, usage in down)
         when[usage] = desk.ms
         for _ in range(ms):
             before = (pressed(desk.host.got) or [frozenset()])[-1]
@@ -351,13 +378,15 @@ def test_whatever_is_dropped_no_key_stays_that_was_let_go(events, takes):
     keys, host = keyboard()
     answers = iter(takes)
     down_now = set()
-    for usage, _, down, pumps in events:
-        keys.key(usage, 0, down)
+    for usage, _, down, pumps in alternating(events):
+        keys.event(usage, 0, down)
         (down_now.add if down else down_now.discard)(usage)
         for _ in range(pumps):
             host.takes = next(answers, False)
             keys.outbox.pump()
     host.takes = True
+    drain(keys.outbox)
+    keys.flush()
     drain(keys.outbox)
     assert all(one != two for one, two in zip(host.got, host.got[1:]))
     assert (pressed(host.got) or [frozenset()])[-1] <= down_now
@@ -466,12 +495,12 @@ def test_a_keyboard_reports_what_adafruits_does(adafruit_keyboard):
     shift = adafruit_keyboard.Keycode.LEFT_SHIFT
     peer.press(A)
     peer.press(shift, B)
-    keys.key(A, 0, True)
-    keys.key(B, SHIFT, True)
+    keys.event(A, 0, True)
+    keys.event(B, SHIFT, True)
     peer.release(A)
-    keys.key(A, 0, False)
+    keys.event(A, 0, False)
     peer.release(shift, B)
-    keys.key(B, SHIFT, False)
+    keys.event(B, SHIFT, False)
     drain(keys.outbox)
     assert [one[:2] for one in host.got] == [one[:2] for one in theirs]
     assert pressed(host.got) == pressed(theirs) == [{A}, {A, B}, {B}, set()]

@@ -441,10 +441,10 @@ def test_an_interrupt_in_a_release_does_not_hide_that_a_key_is_down():
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    sink, desk.pad._key = desk.pad._key, interrupted
+    desk.usage = interrupted
     with pytest.raises(KeyboardInterrupt):
         desk.pad.release()
-    desk.pad._key = sink
+    del desk.usage
     desk.pad.release()
     desk.pad.release()
     assert desk.events == clicks(A)

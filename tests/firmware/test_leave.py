@@ -84,6 +84,7 @@ def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
     usb, interrupts = Usb(), Interrupts(*at)
     app, _, _, _ = canned.app((), usb=usb)
     app.interrupt_at = interrupts.interrupt_at
+    app.uses.usage(KEYBOARD_PAGE, A, 0, True)
     app.uses.key(KEYBOARD_PAGE, A, 0, True)
     app.uses.pump()
     assert usb.got == [DOWN]

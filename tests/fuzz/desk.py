@@ -194,7 +194,10 @@ class Fingers:
         self.down = set()
 
     def key(self, page, usage, modifiers, pressed):
-        key = page, usage, modifiers
+        pass
+
+    def usage(self, page, usage, modifiers, pressed):
+        key = page, usage
         assert pressed != (key in self.down), "a key must be pressed and released in turn"
         (self.down.add if pressed else self.down.remove)(key)
 

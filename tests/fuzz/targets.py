@@ -44,6 +44,7 @@ from spots_device import PROTOCOL
 from spots_device.board import settings
 from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import Layout, LayoutError
+from spots_device.keys.merge import Merger
 from spots_device.reading.calibration import Calibration, CalibrationError
 from spots_device.reading.decode import AVERAGE_MAX
 from spots_sim.board.cpython_board import use_folder
@@ -153,7 +154,7 @@ def layout_lines(data: bytes) -> None:
     except LayoutError:
         return
     fingers = desk.Fingers()
-    pad = Keypad(fingers)
+    pad = Keypad(fingers, Merger())
     pad.set_layout(made, 85_000, 289)
     fingers.play(pad, zlib.crc32(data))
     assert not fingers.down

@@ -43,7 +43,9 @@ class Computer(Keyboard):
         self.fails = fails
 
     def _set(self, one, pressed):
-        self.typed.key(one.page, one.usage, 0, pressed)
+        bits = sum(1 << key.usage - 0xE0 for key in self._down if 0xE0 <= key.usage <= 0xE7)
+        if not 0xE0 <= one.usage <= 0xE7:
+            self.typed.key(one.page, one.usage, bits, pressed)
         if pressed and self.fails:
             raise self.fails
 

@@ -15,7 +15,7 @@ from spots.outputs.uinput import UInputGamepad, UInputKeyboard
 from spots.outputs.usages import CONSUMER, KEYBOARD, USAGES, usage_of
 
 A, B, ENTER, F5, PLAY = map(usage_of, ("A", "B", "ENTER", "F5", "PLAY_PAUSE"))
-SHIFT, CONTROL = 1 << 1, 1 << 0
+SHIFT = 1 << 1
 ENDS = [KeyboardInterrupt, RuntimeError, SpotsError, SystemExit]
 
 
@@ -31,8 +31,11 @@ def printed(lines):
     return PrintedKeyboard()
 
 
-def down(*key, modifiers=0):
-    return (*key, modifiers, True)
+SHIFT_KEY = usage_of("LEFT_SHIFT")
+
+
+def down(*key):
+    return (*key, 0, True)
 
 
 def up(*key):
@@ -41,7 +44,8 @@ def up(*key):
 
 def press(device):
     if isinstance(device, outputs.Keyboard):
-        device.key(*down(*A, modifiers=SHIFT))
+        device.usage(*SHIFT_KEY)
+        device.usage(*A)
     else:
         device.update(1, 2, 3, 4)
 
@@ -60,39 +64,28 @@ def ended(device, end):
 
 
 def test_a_line_tells_the_name_of_a_key_that_goes_down_or_up(printed, lines):
-    printed.key(*down(*PLAY))
-    printed.key(*up(*PLAY))
+    printed.usage(*down(*PLAY))
+    printed.usage(*up(*PLAY))
     assert lines == ["down  PLAY_PAUSE", "up    PLAY_PAUSE"]
 
 
-def test_modifiers_go_down_before_their_key_and_up_after_it(printed, lines):
-    printed.key(*down(*A, modifiers=SHIFT | CONTROL))
-    printed.key(*up(*A))
+def test_a_click_presses_modifiers_before_their_key_and_releases_them_after_it(printed, lines):
+    printed.click(*A, SHIFT | 1)
     names = [line.split() for line in lines]
     assert names[:3] == [["down", "LEFT_CONTROL"], ["down", "LEFT_SHIFT"], ["down", "A"]]
     assert names[3:] == [["up", "A"], ["up", "LEFT_SHIFT"], ["up", "LEFT_CONTROL"]]
 
 
-def test_a_modifier_stays_while_another_key_holds_it(printed, lines):
-    printed.key(*down(*A, modifiers=SHIFT))
-    printed.key(*down(*B, modifiers=SHIFT))
-    printed.key(*up(*A))
-    assert "up    LEFT_SHIFT" not in lines
-    printed.key(*up(*B))
-    assert lines[-2:] == ["up    B", "up    LEFT_SHIFT"]
-    assert lines.count("down  LEFT_SHIFT") == 1
-
-
 def test_a_key_that_is_down_does_not_go_down_again_nor_one_that_is_up_up(printed, lines):
-    printed.key(*up(*A))
-    printed.key(*down(*A))
-    printed.key(*down(*A))
+    printed.usage(*up(*A))
+    printed.usage(*down(*A))
+    printed.usage(*down(*A))
     assert lines == ["down  A"]
 
 
 def test_release_lets_go_of_all_and_no_more_than_all(printed, lines):
-    printed.key(*down(*A, modifiers=SHIFT))
-    printed.key(*down(*ENTER))
+    press(printed)
+    printed.usage(*down(*ENTER))
     printed.release()
     printed.release()
     assert sorted(lines[3:]) == ["up    A", "up    ENTER", "up    LEFT_SHIFT"]
@@ -100,7 +93,7 @@ def test_release_lets_go_of_all_and_no_more_than_all(printed, lines):
 
 def test_a_key_that_no_keyboard_has_presses_nothing_not_even_its_modifiers(printed, lines):
     with pytest.raises(SpotsError, match=r"this keyboard has no key 0x07:0xa5"):
-        printed.key(KEYBOARD, 0xA5, SHIFT, True)
+        printed.click(KEYBOARD, 0xA5, SHIFT)
     printed.release()
     assert lines == []
 
@@ -122,11 +115,11 @@ def names(evdev, device):
 def test_a_uinput_keyboard_tells_the_kernel_what_its_usb_sister_would(evdev):
     with UInputKeyboard() as keyboard:
         device = evdev.UInput.made[-1]
-        keyboard.key(*down(*A, modifiers=SHIFT))
-        assert names(evdev, device) == [("KEY_LEFTSHIFT", 1), ("KEY_A", 1)]
-        keyboard.key(*up(*A))
-        assert names(evdev, device)[2:] == [("KEY_A", 0), ("KEY_LEFTSHIFT", 0)]
-        keyboard.key(*down(*PLAY))
+        keyboard.click(*A, SHIFT)
+        assert names(evdev, device) == [
+            ("KEY_LEFTSHIFT", 1), ("KEY_A", 1), ("KEY_A", 0), ("KEY_LEFTSHIFT", 0)
+        ]  # fmt: skip
+        keyboard.usage(*down(*PLAY))
     assert names(evdev, device)[4:] == [("KEY_PLAYPAUSE", 1), ("KEY_PLAYPAUSE", 0)]
     assert device.closed
     keyboard.close()
@@ -207,7 +200,7 @@ if os.access("/dev/uinput", os.W_OK):
         with UInputKeyboard() as keyboard:
             device = keyboard._device.device
             assert device is not None, "its event device may not be read"
-            keyboard.key(*down(*A))
+            keyboard.usage(*down(*A))
             keyboard.release()
             time.sleep(0.1)
             events = [(e.code, e.value) for e in device.read() if e.type == 1]
@@ -220,9 +213,8 @@ if os.access("/dev/uinput", os.W_OK):
 def test_a_desktop_keyboard_presses_characters_and_named_keys(pynput):
     with DesktopKeyboard() as keyboard:
         desktop = pynput.Controller.made[-1]
-        keyboard.key(*down(*A, modifiers=SHIFT))
-        keyboard.key(*up(*A))
-        keyboard.key(*down(*PLAY))
+        keyboard.click(*A, SHIFT)
+        keyboard.usage(*down(*PLAY))
     key = pynput.Key
     assert desktop.history[:2] == [(key.shift_l, True), ("a", True)]
     assert desktop.history[2:4] == [("a", False), (key.shift_l, False)]
@@ -233,7 +225,7 @@ def test_a_key_that_a_desktop_lacks_is_a_sentence_and_presses_nothing(pynput):
     with DesktopKeyboard() as keyboard:
         for name in ("AC_BACK", "NON_US_BACKSLASH", "F24"):
             with pytest.raises(SpotsError, match=f"has no {name}"):
-                keyboard.key(*usage_of(name), SHIFT, True)
+                keyboard.click(*usage_of(name), SHIFT)
     assert pynput.Controller.made[-1].history == []
 
 
@@ -241,7 +233,7 @@ def test_a_key_that_does_not_come_up_does_not_keep_the_others_down(pynput):
     keyboard = DesktopKeyboard()
     desktop = pynput.Controller.made[-1]
     for one in (A, B, ENTER):
-        keyboard.key(*down(*one))
+        keyboard.usage(*down(*one))
     desktop.refuses = {("b", False)}
     with pytest.raises(SpotsError, match="the desktop is locked"):
         keyboard.release()
@@ -262,7 +254,7 @@ def test_a_key_that_may_have_gone_down_is_let_go(pynput):
 
     desktop.press = interrupted
     with pytest.raises(KeyboardInterrupt), keyboard:
-        keyboard.key(*down(*A))
+        keyboard.usage(*down(*A))
     assert desktop.down == []
 
 
@@ -277,7 +269,7 @@ def test_without_pynput_a_sentence_says_what_to_install(monkeypatch):
 
 def test_a_dry_run_prints_on_every_system(capsys):
     with open_keyboard(dry_run=True) as keyboard:
-        keyboard.key(*down(CONSUMER, 0xE9))
+        keyboard.usage(*down(CONSUMER, 0xE9))
     with open_gamepad(dry_run=True) as gamepad:
         gamepad.update(-5, 0, 7, 0b101)
     told = capsys.readouterr().out.splitlines()

@@ -213,6 +213,7 @@ class SeveralApp(StripApp):
         if uses.fault:
             self.log("error", uses.fault)
         for part in self._others:
+            part.uses.keyboard_of = uses
             for name in ("_usb", "fault", "_there", "_keyboard", "_consumer"):
                 setattr(part.uses, name, getattr(uses, name))
             if uses._axes is not None:

@@ -64,6 +64,8 @@ class Uses:
         self.fault = None
         self._memory_fault = None
         self._keypad = self._layout = None
+        self.keyboard_of = self  # strips of one keyboard share its `merge.Merger`
+        self.merger = None
         self._contacts = None  # (tracker without a keypad, `Fingers`) while contacts are streamed
         # The tracker in use (the keypad's, or that without a keypad), and the fingers in use.
         self._tracker = self._fingers = None
@@ -99,8 +101,11 @@ class Uses:
             try:
                 if self._keypad is None:
                     from ..keys.keypad import Keypad
+                    from ..keys.merge import Merger
 
-                    self._keypad = Keypad(self)
+                    if self.keyboard_of.merger is None:
+                        self.keyboard_of.merger = Merger()
+                    self._keypad = Keypad(self, self.keyboard_of.merger)
                 layout = self._get_layout()
                 self._keypad.set_layout(layout, calibration.length_um, calibration.decay)
             except MemoryError:
@@ -200,22 +205,31 @@ class Uses:
         if self._keys_on:
             self._keypad.tick(t)
 
-    def key(self, page, usage, modifiers, pressed):
-        """Send a key event as a frame, and as a USB report if the interface for this key is open.
-
-        Parameters
-        ----------
-        page, usage, modifiers : int
-            HID usage page, usage, and bits of the modifier keys.
-        pressed : bool
-            True for a press, False for a release.
-        """
-        self._framer.key(self._sensor, page, usage, modifiers, pressed)
+    def usage(self, page, usage, modifiers, pressed):
+        """Pass the press or release of a single usage to its open interface, see `merge.Merger`."""
         if page == 7:  # layout.KEYBOARD; layout.py is imported only if a layout is used
             if self._keyboard is not None:
                 self._keyboard.key(usage, modifiers, pressed)
         elif self._consumer is not None:
             self._consumer.key(usage, pressed)
+
+    def key(self, page, usage, modifiers, pressed):
+        """Send a key event as a frame, and queue the report of its usages.
+
+        Parameters
+        ----------
+        page, usage : int
+            HID usage page and usage.
+        modifiers : int
+            Bits of all modifier keys that are down after the event.
+        pressed : bool
+            True for a press, False for a release.
+        """
+        self._framer.key(self._sensor, page, usage, modifiers, pressed)
+        if self._keyboard is not None:
+            self._keyboard.flush()
+        if self._consumer is not None:
+            self._consumer.flush()
 
     def stuck(self):
         """Record that the present touch is no finger, because it has not moved for long."""
@@ -234,6 +248,9 @@ class Uses:
                 if outbox.expire():
                     output.release()
                 idle = outbox.pump() and idle
+            if output.unsent:  # the queue was full
+                output.flush()
+                idle = False
         return idle
 
     def release(self):

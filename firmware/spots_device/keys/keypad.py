@@ -39,13 +39,15 @@ class Keypad:
     Parameters
     ----------
     sink : object
-        Receiver of the events. ``key(page, usage, modifiers, pressed)`` handles a key event.
-        ``stuck()`` is called when a touch has not moved for ``stuck_ms`` of the layout.
+        Receiver of the events, see `merge.Merger`. ``stuck()`` is called when a touch has not moved
+        for ``stuck_ms`` of the layout.
+    merger : merge.Merger
+        State of the keyboard.
     """
 
-    def __init__(self, sink):
-        self._key = sink.key
-        self._stuck = sink.stuck
+    def __init__(self, sink, merger):
+        self._sink = sink
+        self._merger = merger
         self.contact = ContactTracker(self)
         self.take = self.contact.take
         self._layout = None
@@ -230,7 +232,7 @@ class Keypad:
         plain = not self._wait() and self._is_plain()
         self._row = first
         action = keys[row + TAP]
-        if not plain or action >> 20 < KEYBOARD or action == self._held:
+        if not plain or action >> 20 < KEYBOARD:
             return False
         if self._state == _OPEN and first >= 0:
             # The action of the first key must be decided now.
@@ -240,13 +242,11 @@ class Keypad:
                 self._press(self._action(HOLD))
             else:
                 return False
-            if action == self._held:
-                return False
         third = self._second
         self._release_second()
         self._second = action
         self._second_row = row
-        self._key(action >> 20, action & 0xFFF, action >> 12 & 0xFF, True)
+        self._merger.press(self._sink, action)
         if third:
             self._third = row
             self._release_second()
@@ -273,7 +273,7 @@ class Keypad:
         self._release_second()
         self._release_held()
         self._state = _IDLE
-        self._stuck()
+        self._sink.stuck()
 
     # Keys and their actions.
 
@@ -351,7 +351,7 @@ class Keypad:
         elif kind == ONCE:
             self._once = number
         elif kind >= KEYBOARD:
-            self._key(kind, number, action >> 12 & 0xFF, True)
+            self._merger.press(self._sink, action)
 
     def _release_held(self):
         if self._state == _PRESSED:
@@ -370,7 +370,7 @@ class Keypad:
         if kind == MOMENTARY:
             self._momentary = _NONE
         elif kind >= KEYBOARD:
-            self._key(kind, action & 0xFFF, action >> 12 & 0xFF, False)
+            self._merger.release(self._sink, action)
 
     def _click(self, action):
         """Send press and release of an action's key; the state of the touch does not change."""

@@ -12,12 +12,15 @@ than 0.5 s is dropped. A release never becomes stale.
 from array import array
 from struct import pack_into
 
+from .. import const
+from .merge import KEYS_MAX
+
 REPORT_SIZE = 8
 CAPS_LOCK = 2  # bit of caps lock in a keyboard's output report; HID usage tables, LED page
 _MODIFIERS_FROM = 0xE0  # usages from here on are bits of the first byte
 CONSUMER_SIZE = 2
-KEYS_MAX = 6
 WAITING_MAX = 16  # eight quick presses with their releases
+_ROOM = const(10)  # most reports in a queue that has room for those of one event, at most six
 _STALE = 488  # age in ticks of 1024 us: 0.5 s
 _TICKS_MASK = 0x3FFFFF  # ticks have 22 bits, see `frame.Time32.ticks`
 
@@ -68,8 +71,8 @@ def with_report_id(descriptor, report_id):
 class Outbox:
     """First-in first-out queue of reports; no report that USB has accepted is sent again.
 
-    If the queue is full, all its reports are dropped. If the host may see a pressed key, one report
-    without pressed keys is sent: a lost key press is better than a stuck key.
+    A full queue refuses reports, and the engine of the keys waits. After `release`, one report
+    without pressed keys is sent if the host may see a pressed key.
 
     Parameters
     ----------
@@ -110,16 +113,15 @@ class Outbox:
         return self._waiting[(self._first + self.count - 1) % WAITING_MAX]
 
     def put(self, report):
-        """Add a copy of a report to the queue; return False if the queue was full.
-
-        If the queue is full, all reports are dropped, including the new one; see `release`.
-        """
+        """Add a copy of a report to the queue; return False if the queue is full."""
         if self.count == WAITING_MAX:
-            self.dropped += 1
-            self.release()
             return False
         self._append(report)
         return True
+
+    def has_room(self):
+        """Return whether the queue has room for all reports of one key event."""
+        return self.count <= _ROOM
 
     def release(self):
         """Drop all queued reports; if the host may see a pressed key, queue a release report."""
@@ -188,7 +190,10 @@ def is_pressed(report):
 
 
 class KeyboardReports:
-    """Turns each key event into a boot-keyboard report; a seventh simultaneous key is ignored.
+    """Turns presses and releases of single usages into reports.
+
+    Events that belong together are one report, for example a modifier and its key. `merge.Merger`
+    makes the events.
 
     Parameters
     ----------
@@ -197,56 +202,61 @@ class KeyboardReports:
         returns True if the stack accepted the report.
     ticks : callable
         Time in units of 1024 us, see `Outbox`.
+
+    Attributes
+    ----------
+    unsent : bool
+        Whether the queue does not contain the last change: call `flush`.
     """
 
     def __init__(self, send, ticks):
         self.outbox = Outbox(send, ticks)
+        self.unsent = False
         self._report = bytearray(REPORT_SIZE)
-        self._modifiers = bytearray(KEYS_MAX)
-        self._alone = 0
+        self._has_released = False  # a change that is not in the queue yet
 
     def key(self, usage, modifiers, pressed):
-        """Process a key event.
+        """Process a key event; the caller then calls `flush`.
 
         Parameters
         ----------
         usage : int
             HID usage: 1 to 0xDD for a key, 0xE0 to 0xE7 for a modifier key.
         modifiers : int
-            Bits of the modifier keys that are pressed together with the key.
+            Bits of all modifier keys that are down after the event.
         pressed : bool
             True for a press, False for a release.
         """
+        report = self._report
+        if report[0] != modifiers:
+            report[0] = modifiers
+            self.unsent = True
         if usage >= _MODIFIERS_FROM:
-            bit = 1 << usage - _MODIFIERS_FROM
-            if pressed == (self._alone & bit != 0):
-                return
-            self._alone ^= bit
-        elif not self._change(usage, modifiers, pressed):
             return
-        report = self._report
-        report[0] = self._alone
-        for i in range(KEYS_MAX):
-            report[0] |= self._modifiers[i]
-        if not self.outbox.put(report):
-            self._forget()
-
-    def _change(self, usage, modifiers, pressed):
-        report = self._report
         at = self._find(usage)
         if pressed == (at >= 0):
-            return False
+            return
         if pressed:
+            if self._has_released:
+                self.flush()  # it may be the same usage: a computer must see its release
             at = self._find(0)
             if at < 0:
-                return False
+                return
+        else:
+            self._has_released = True
         report[2 + at] = usage if pressed else 0
-        self._modifiers[at] = modifiers if pressed else 0
-        return True
+        self.unsent = True
+
+    def flush(self):
+        """Put the changes into the queue as a report. If the queue is full, they stay `unsent`."""
+        if self.unsent and self.outbox.put(self._report):
+            self.unsent = self._has_released = False
 
     def release(self):
         """Release all keys."""
-        self._forget()
+        for i in range(REPORT_SIZE):
+            self._report[i] = 0
+        self.unsent = self._has_released = False
         self.outbox.release()
 
     def _find(self, usage):
@@ -255,30 +265,17 @@ class KeyboardReports:
                 return i
         return -1
 
-    def _forget(self):
-        self._alone = 0
-        for i in range(REPORT_SIZE):
-            self._report[i] = 0
-        for i in range(KEYS_MAX):
-            self._modifiers[i] = 0
-
 
 class ConsumerReports:
     """Turns each press and release of a media key (HID consumer page) into a report.
 
-    A report contains one key: the last pressed one, or 0 after its release.
-
-    Parameters
-    ----------
-    send : callable
-        ``send(report) -> bool`` offers a report (bytes) to the USB stack without waiting. It
-        returns True if the stack accepted the report.
-    ticks : callable
-        Time in units of 1024 us, see `Outbox`.
+    A report contains one key: the last pressed one, or 0 after its release. Parameters and
+    attributes are those of `KeyboardReports`.
     """
 
     def __init__(self, send, ticks):
         self.outbox = Outbox(send, ticks, CONSUMER_SIZE)
+        self.unsent = False
         self._report = bytearray(CONSUMER_SIZE)
 
     def key(self, usage, pressed):
@@ -286,14 +283,21 @@ class ConsumerReports:
         report = self._report
         if not pressed and report[0] | report[1] << 8 != usage:
             return
+        if self.unsent:
+            self.flush()
         report[0] = usage & 0xFF if pressed else 0
         report[1] = usage >> 8 if pressed else 0
-        if not self.outbox.put(report):
-            report[0] = report[1] = 0
+        self.unsent = True
+
+    def flush(self):
+        """Put the change into the queue. If the queue is full, it stays `unsent`."""
+        if self.unsent and self.outbox.put(self._report):
+            self.unsent = False
 
     def release(self):
         """Release the pressed consumer key."""
         self._report[0] = self._report[1] = 0
+        self.unsent = False
         self.outbox.release()
 
 
@@ -311,6 +315,8 @@ class GamepadReports:
     ticks : callable
         Time in units of 1024 us, see `Outbox`.
     """
+
+    unsent = False  # `update` sends each change itself
 
     def __init__(self, send, ticks):
         self.outbox = Outbox(send, ticks)
@@ -337,8 +343,7 @@ class GamepadReports:
         if newest is not None and _same(report, newest, _BUTTONS):
             _copy(report, newest)
         elif not self.outbox.put(report):
-            self.release()
-            return
+            return  # the next reading tries again
         _copy(report, last)
 
     def release(self):

@@ -2,12 +2,13 @@
 
 from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import Layout
+from spots_device.keys.merge import Merger
 from spots_device.reading.decode import LED_OFF
 
 from ..link.contact_finder import TYPICAL_DECAY, tracker_arguments
 from ..link.frames import Touch
 from ..link.timeouts import RELEASE_S
-from ..outputs.devices import KeySink
+from ..outputs.devices import Keyboard, KeySink
 from .layout import KeyLayout
 
 
@@ -20,11 +21,13 @@ class KeyEngine:
         Keys of the strip.
     length_um : int
         Length of the strip in um, from the board's reply to ``hello``.
-    sink : KeySink
-        Receiver of the key events.
+    sink : KeySink or Keyboard
+        Receiver of the key events, or a keyboard of this computer, which gets their usages.
     decay : int, optional
         Attenuation of the light by the dye in log2 units per um, times 2**24: the value of
         ``decay`` in the board's reply to ``hello``. If not given, or 0, a typical value is used.
+    merger : spots_device.keys.merge.Merger, optional
+        State of the keyboard, if several strips are one keyboard.
 
     Attributes
     ----------
@@ -37,12 +40,23 @@ class KeyEngine:
         set it to 0.
     """
 
-    def __init__(self, layout: KeyLayout, length_um: int, sink: KeySink, decay: int | None = None):
-        self.key = sink.key
+    def __init__(
+        self,
+        layout: KeyLayout,
+        length_um: int,
+        sink: KeySink | Keyboard,
+        decay: int | None = None,
+        merger: Merger | None = None,
+    ):
+        # A keyboard of this computer takes single usages, other receivers take key events.
+        if isinstance(sink, Keyboard):
+            self.usage, self.key = sink.usage, _ignore
+        else:
+            self.usage, self.key = _ignore, sink.key
         self.length_um = length_um
         self.rests = 0
         self._names = list(layout.layers)
-        self._pad = Keypad(self)
+        self._pad = Keypad(self, merger or Merger())
         limits = Layout(layout.lines)
         self.firm_mN = limits.firm_mN
         self._pad.set_layout(limits, length_um, decay or TYPICAL_DECAY)
@@ -93,3 +107,7 @@ class KeyEngine:
 
     def stuck(self) -> None:
         self.rests += 1
+
+
+def _ignore(page: int, usage: int, modifiers: int, pressed: bool) -> None:
+    pass

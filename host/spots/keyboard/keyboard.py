@@ -7,7 +7,7 @@ from ..errors import SpotsError
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
 from ..link.timeouts import RELEASE_S
-from ..outputs.devices import KeySink
+from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard
 from ..signals import released_by_signals
 from ..terminal.opening import open_announced
@@ -32,7 +32,7 @@ def keyboard_command(options: argparse.Namespace) -> None:
 
 
 def type_on(
-    board: Board, layout: KeyLayout, keyboard: KeySink, seconds: float | None = None
+    board: Board, layout: KeyLayout, keyboard: Keyboard, seconds: float | None = None
 ) -> None:
     """Press this computer's keys when a strip is touched. Release all keys on every exit path.
 
@@ -45,8 +45,8 @@ def type_on(
         ``baseline`` setting on: the board then follows slow changes of the untouched strip's light.
     layout : KeyLayout
         Keys of the strip.
-    keyboard : KeySink
-        Keyboard that gets the key events.
+    keyboard : Keyboard
+        Keyboard whose keys are pressed.
     seconds : float, optional
         Time after which this function ends, in seconds of `Board.now_s`; no limit if not given.
 

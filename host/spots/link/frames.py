@@ -210,8 +210,10 @@ class Key(NamedTuple):
         See `Touch`.
     page : int
         USB HID usage page: 7 for the keyboard, 12 for consumer keys.
-    usage, modifiers : int
-        Usage and modifiers of the key in a USB HID report of that page.
+    usage : int
+        USB HID usage of the key.
+    modifiers : int
+        Bits of all modifier keys that are down after the event, as in a keyboard report.
     pressed : bool
         Whether the key is pressed; False if it is released.
 

@@ -4,13 +4,13 @@ An open output releases all keys and buttons on every exit path, and when a sign
 the process, see `signals`::
 
     with released_by_signals(), open_keyboard(dry_run=False) as keyboard:
-        keyboard.key(*usage_of("PLAY_PAUSE"), modifiers=0, pressed=True)
+        keyboard.usage(*usage_of("PLAY_PAUSE"), pressed=True)
+        keyboard.click(*chord_of("LEFT_CONTROL+C"))
 
 A process that is killed by SIGKILL runs no code. On Linux the kernel then removes the virtual
 device and releases its keys.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
 from ..errors import SpotsError
@@ -88,7 +88,7 @@ class Output:
 
 
 class KeySink(Protocol):
-    """Receiver of key events, for example a keyboard of this computer."""
+    """Receiver of key events, such as the text that is typed."""
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
         """Handle a key event.
@@ -98,34 +98,28 @@ class KeySink(Protocol):
         page, usage : int
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            Modifier keys that are pressed with the key, as bits of a USB keyboard report: bit i is
-            the key with the usage `usages.MODIFIERS_FROM` + i.
+            All modifier keys that are down after the event, as bits of a USB keyboard report: bit i
+            is the key with the usage `usages.MODIFIERS_FROM` + i. They have their own events, too.
         pressed : bool
             True for a press, False for a release.
         """
 
 
 class Keyboard(Output):
-    """Base class of keyboards.
-
-    If several pressed keys need the same modifier, it is pressed with the first of these keys, and
-    released with the last one.
-    """
+    """Base class of keyboards; `spots_device.keys.merge` calls `usage` for several keys at once."""
 
     def __init__(self):
-        self._held: dict[tuple[int, int], int] = {}  # pressed keys with their modifiers
         self._down: list[Usage] = []  # keys that may be pressed on the computer
 
-    def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
-        """Press or release a key with its modifiers.
+    def usage(self, page: int, usage: int, modifiers: int = 0, pressed: bool = True) -> None:
+        """Press or release a single key.
 
         Parameters
         ----------
         page, usage : int
             HID usage page and usage of the key, see `usages.usage_of`.
         modifiers : int
-            Modifier keys, as in `KeySink.key`. They are pressed before the key, and released with
-            the key unless another key needs them. Ignored if `pressed` is false.
+            Ignored: each modifier key is pressed and released by its own usage.
         pressed : bool
             True to press, False to release. To press a pressed key, to release a released key, or
             to press a key while this keyboard is muted, has no effect.
@@ -135,50 +129,63 @@ class Keyboard(Output):
         SpotsError
             If this keyboard has no such key, or the device refuses events.
         """
-        key = (page, usage)
         with SECTION:
-            if pressed == (key in self._held) or (pressed and self.muted):
+            one = self._known(page, usage)
+            if pressed and self.muted:
+                return
+            if pressed == (one in self._down):
                 return
             if pressed:
-                for one in self._physical(key, modifiers):
-                    self._check(one)
-                self._held[key] = modifiers
+                self._down.append(one)  # before `_set`, so that an exception cannot hide it
+                self._set(one, True)
             else:
-                del self._held[key]
-            self._apply()
+                self._set(one, False)
+                self._down.remove(one)
+            self._flush()
+
+    def click(self, page: int, usage: int, modifiers: int) -> None:
+        """Press and release a key with its modifiers.
+
+        Parameters
+        ----------
+        page, usage, modifiers : int
+            HID usage page, usage, and bits of the modifier keys, see `usages.chord_of`.
+
+        Raises
+        ------
+        SpotsError
+            If this keyboard has no such key, or the device refuses events.
+        """
+        bits = [bit for bit in range(MODIFIERS) if modifiers >> bit & 1]
+        keys = [*((KEYBOARD, MODIFIERS_FROM + bit) for bit in bits), (page, usage)]
+        for key in keys:
+            self._known(*key)
+        try:
+            for key in keys:
+                self.usage(*key)
+        finally:
+            for key in reversed(keys):
+                self.usage(*key, pressed=False)
 
     def release(self) -> None:
         """Release all keys; if the release of a key fails, still release the other keys."""
-        with SECTION:
-            self._held.clear()
-            self._apply()
-
-    def _apply(self) -> None:
-        wanted = dict.fromkeys(
-            one for key, modifiers in self._held.items() for one in self._physical(key, modifiers)
-        )
         failure = None
-        for one in [one for one in reversed(self._down) if one not in wanted]:
-            try:
-                self._set(one, False)
-                self._down.remove(one)
-            except SpotsError as error:
-                failure = error
-        for one in wanted:
-            if one not in self._down:
-                self._down.append(one)  # before `_set`, so that an exception cannot hide it
-                self._set(one, True)
-        self._flush()
+        with SECTION:
+            for one in reversed(list(self._down)):
+                try:
+                    self._set(one, False)
+                    self._down.remove(one)
+                except SpotsError as error:
+                    failure = error
+            self._flush()
         if failure is not None:
             raise failure
 
-    def _physical(self, key: tuple[int, int], modifiers: int) -> Iterator[Usage]:
-        for bit in range(MODIFIERS):
-            if modifiers >> bit & 1:
-                yield USAGES[KEYBOARD, MODIFIERS_FROM + bit]
-        if key not in USAGES:
-            raise SpotsError(f"this keyboard has no key {name_of(*key)}: choose another key")
-        yield USAGES[key]
+    def _known(self, page: int, usage: int) -> Usage:
+        if (page, usage) not in USAGES:
+            raise SpotsError(f"this keyboard has no key {name_of(page, usage)}: choose another key")
+        self._check(USAGES[page, usage])
+        return USAGES[page, usage]
 
     def _check(self, one: Usage) -> None:
         """Raise SpotsError if the device does not have the key `one`."""

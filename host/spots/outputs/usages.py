@@ -101,6 +101,21 @@ def name_of(page: int, usage: int) -> str:
     return found.name if found else f"{page:#04x}:{usage:#04x}"
 
 
+def is_modifier(page: int, usage: int) -> bool:
+    """Return whether a key is a modifier key.
+
+    Parameters
+    ----------
+    page, usage : int
+        HID usage page and usage.
+
+    Returns
+    -------
+    bool
+    """
+    return page == KEYBOARD and 0 <= usage - MODIFIERS_FROM < MODIFIERS
+
+
 def chord_of(text: str) -> tuple[int, int, int]:
     """Return the HID usage page, usage and modifier bits of a key with modifiers.
 
@@ -118,7 +133,7 @@ def chord_of(text: str) -> tuple[int, int, int]:
     bits = 0
     for modifier in modifiers:
         page, usage = usage_of(modifier)
-        if page != KEYBOARD or not 0 <= usage - MODIFIERS_FROM < MODIFIERS:
+        if not is_modifier(page, usage):
             known = (name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(MODIFIERS))
             raise SpotsError(f"'{modifier}' is not a modifier: use one of {', '.join(known)}")
         bits |= 1 << usage - MODIFIERS_FROM

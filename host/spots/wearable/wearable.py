@@ -12,7 +12,7 @@ from ..errors import SpotsError, did_you_mean
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
 from ..link.timeouts import RELEASE_S
-from ..outputs.devices import KeySink
+from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
 from ..signals import released_by_signals
@@ -87,14 +87,14 @@ class Mapping:
             self.names.get(gesture.name, "") if gesture.confidence >= self.least_confidence else ""
         )
 
-    def do(self, gesture: Gesture, keyboard: KeySink) -> None:
+    def do(self, gesture: Gesture, keyboard: Keyboard) -> None:
         """Press and release the key of a gesture if the gesture's confidence is high enough.
 
         Parameters
         ----------
         gesture : Gesture
             The gesture.
-        keyboard : KeySink
+        keyboard : Keyboard
             Keyboard that gets both key events.
 
         Raises
@@ -103,8 +103,7 @@ class Mapping:
             If the keyboard refuses events.
         """
         if self.pressed_by(gesture):
-            for pressed in (True, False):
-                keyboard.key(*self.keys[gesture.name], pressed)
+            keyboard.click(*self.keys[gesture.name])
 
 
 def wearable_command(options: argparse.Namespace) -> None:

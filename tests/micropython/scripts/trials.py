@@ -13,6 +13,7 @@ from spots_device.fingers.locate import power as power_of_two
 from spots_device.fingers.steady import stays
 from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import Layout
+from spots_device.keys.merge import Merger
 from spots_device.reading import decode as d
 from spots_device.reading import kernel
 from spots_device.reading.calibration import pack
@@ -194,6 +195,9 @@ class Events:
         self.end = at + most
         self.now = 0
 
+    def usage(self, page, usage, modifiers, pressed):
+        pass
+
     def key(self, page, usage, modifiers, pressed):
         self._keep(page << 1 | (1 if pressed else 0), usage << 8 | modifiers)
 
@@ -213,7 +217,7 @@ def prepare_keypad(cases):
     while cases:  # popped, as in compute.py: the heap has no room for a case and its arrays
         lines, length_um, readings = cases.pop(0)
         events = Events()
-        pad = Keypad(events)
+        pad = Keypad(events, Merger())
         pad.set_layout(Layout(lines), length_um, 289)
         values = array("i", bytes(20 * len(readings)))
         while readings:

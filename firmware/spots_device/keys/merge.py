@@ -1,0 +1,126 @@
+"""Merges the actions of all pressed keys into events of single usages, for board and host.
+
+Each usage counts the keys that press it. A usage that is pressed again is released first, because
+a computer would see no change otherwise. There are two kinds of modifiers:
+
+- A modifier key, or a chord that ends with one (``LEFT_ALT+LEFT_SHIFT``), is down as long as its
+  key is pressed.
+- The modifiers before another key (``LEFT_SHIFT+1``) belong to this key. They end with it, or when
+  another key is pressed: a roll from ``!`` to ``=`` must not type ``+``.
+
+Integers only; allocates nothing after construction.
+"""
+
+from array import array
+
+from .. import const
+
+KEYS_MAX = 6  # usages that are pressed at the same time, as in a boot keyboard report
+MODIFIERS_FROM = 0xE0  # usage of the first modifier key; bit i of the modifiers is usage 0xE0 + i
+_KEYBOARD = const(7)  # HID usage page, see `layout.KEYBOARD`
+_PLAIN = const(0x1F00FFF)  # bits of an action without those of its modifiers
+
+
+class Merger:
+    """State of one keyboard; all strips of a keyboard share it.
+
+    The argument `sink` of the methods receives the events. ``sink.usage(page, usage, modifiers,
+    pressed)`` handles the press or release of a single usage, such as that of a modifier. When the
+    usages of an action are complete, ``sink.key(page, usage, modifiers, pressed)`` handles the
+    action. In both, `modifiers` are the bits of all modifier keys that are down after the event.
+    An `action` is that of `layout.action`; its kind is a HID usage page.
+    """
+
+    def __init__(self):
+        self._usages = array("i", bytes(4 * KEYS_MAX))  # pressed actions without modifiers, or 0
+        self._counts = bytearray(KEYS_MAX)  # keys that press each of them
+        self._held = bytearray(8)  # pressed actions that hold each modifier
+        self._own = self._owner = 0  # modifiers that belong to the action `_owner`
+        self._down = 0  # modifiers that are down
+
+    def press(self, sink, action):
+        """Press the usage of an action; return False if too many usages are pressed."""
+        bits = self._holds(action)
+        if bits:
+            self._hold(bits, 1)
+            self._owner = self._own = 0
+            self._set(sink, self._down | bits)
+            self._set(sink, self._wanted())
+            sink.key(_KEYBOARD, action & 0xFFF, self._down, True)
+            return True
+        usage = action & _PLAIN
+        at = self._find(usage)
+        if at < 0:
+            at = self._find(0)
+            if at < 0:
+                return False
+        elif self._counts[at]:
+            sink.usage(usage >> 20, usage & 0xFFF, self._down, False)
+        self._usages[at] = usage
+        self._counts[at] += 1
+        self._own = action >> 12 & 0xFF
+        self._owner = action
+        self._set(sink, self._down & self._wanted())
+        self._set(sink, self._wanted())
+        sink.usage(usage >> 20, usage & 0xFFF, self._down, True)
+        sink.key(usage >> 20, usage & 0xFFF, self._down, True)
+        return True
+
+    def release(self, sink, action):
+        """Release the usage of an action that `press` has pressed."""
+        bits = self._holds(action)
+        if bits:
+            self._hold(bits, -1)
+        else:
+            usage = action & _PLAIN
+            at = self._find(usage)
+            if at < 0:
+                return
+            # In this order: an interrupt in between must not hide a pressed key.
+            if self._counts[at] == 1:
+                sink.usage(usage >> 20, usage & 0xFFF, self._down, False)
+                self._usages[at] = 0
+            self._counts[at] -= 1
+            if action == self._owner:
+                self._own = self._owner = 0
+        self._set(sink, self._wanted())
+        sink.key(action >> 20, action & 0xFFF, self._down, False)
+
+    def _holds(self, action):
+        # Returns the modifiers of an action that presses only modifier keys, else 0.
+        bit = (action & 0xFFF) - MODIFIERS_FROM
+        if action >> 20 != _KEYBOARD or not 0 <= bit < 8:
+            return 0
+        return action >> 12 & 0xFF | 1 << bit
+
+    def _hold(self, bits, change):
+        for i in range(8):
+            if bits >> i & 1:
+                self._held[i] = max(0, self._held[i] + change)
+
+    def _wanted(self):
+        bits = self._own
+        for i in range(8):
+            if self._held[i]:
+                bits |= 1 << i
+        return bits
+
+    def _set(self, sink, bits):
+        # Releases modifiers from the last one on and presses them from the first one on, as a
+        # person does.
+        for i in range(7, -1, -1):
+            if self._down & ~bits & 1 << i:
+                sink.usage(_KEYBOARD, MODIFIERS_FROM + i, self._down & ~(1 << i), False)
+                self._down &= ~(1 << i)
+        for i in range(8):
+            if bits & ~self._down & 1 << i:
+                self._down |= 1 << i
+                sink.usage(_KEYBOARD, MODIFIERS_FROM + i, self._down, True)
+
+    def _find(self, usage):
+        i = 0
+        while i < KEYS_MAX:
+            if self._usages[i] == usage:
+                return i
+            i += 1
+        return -1
