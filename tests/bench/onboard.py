@@ -13,7 +13,6 @@ import time
 import canned
 from floats import FloatPath
 from spots_device.board.app import BoardApp
-from spots_device.reading.decode import READ, SEND
 from spots_device.reading.kernel import process
 
 try:
@@ -50,7 +49,6 @@ class Spots:
         self.app, self.bus, self.clock, _ = canned.app(calibration, self.port, make=make)
         strip = self.app.strip
         strip.stream_spectrum = False
-        self._decode = strip.decode
         self._process = process
         # Bound here: binding a method allocates memory, which must not count for a sample.
         self._step = self.app.step
@@ -71,13 +69,9 @@ class Spots:
     def from_sums(self, samples):
         """Run arithmetic and framing alone, without averaging, dark frames and time."""
         process = self._process
-        state = self._decode.state
-        tables = self._decode.tables
-        counts = self.app.strip.sensor.counts
-        framer = self.app.framer
-        head, payload, encoded = framer._head, framer.payload, framer.encoded
+        work = self.app.strip._work
         for _ in range(samples):
-            process(state, tables, counts, READ | SEND, head, payload, encoded)
+            process(work, 0)
 
     def dark(self):
         return [total / _DARK_SAMPLES for total in self.app.strip.dark_frame()]

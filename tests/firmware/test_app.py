@@ -13,6 +13,7 @@ from spots_device.board.start import blink
 from spots_device.board.store import Store
 from spots_device.keys import layout as layout_module
 from spots_device.keys.layout import default_lines
+from spots_device.reading import strip as strip_module
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import DARK_SAMPLES
 from spots_device.reading.frame import TEXT_MAX
@@ -365,6 +366,20 @@ def test_the_loop_reads_the_clock_once_for_all_samples_of_a_fifo_read():
     assert reads == 3
     assert not app._sensor.waits
     assert app._sensor.complete - complete == pytest.approx(10_000 * samples, rel=0.05)
+
+
+@pytest.mark.parametrize("keys", ["keys=0", "keys=1"])
+def test_a_sample_is_processed_in_one_call_also_with_keys(monkeypatch, keys):
+    board = Board([keys], calibration=LINES)
+    app, clock = board.app, board.clock
+    process, taken, calls = strip_module.process, [], []
+    monkeypatch.setattr(strip_module, "process", lambda *given: calls.append(1) or process(*given))
+    app._take = lambda: taken.append(app.strip.take())
+    end = clock.now + 300_000
+    while clock.now < end:
+        app.step()
+    assert app.uses.active == (keys == "keys=1")
+    assert len(calls) == len(taken) > 20
 
 
 def test_the_loop_sends_the_usb_reports_between_the_samples_of_a_fifo_read():

@@ -26,12 +26,13 @@ EACH_SAMPLE = {
     "sensor/as7341": "poll _read_fifo",
     "fingers/tracker": "take",
     "reading/frame": "send _send_body",
-    "reading/kernel": "estimate _take_logs _locate _judge _odd_light",
+    "reading/kernel": "process _add _stamp estimate _take_logs _locate _judge "
+    "_follow_light _odd_light",
     "reading/log2": "log2_q20",
     "sensor/burst": "unpack",
     "sensor/pacing": "early found held skip",
     "runtime/micropython": "write _has_room _put read",
-    "reading/strip": "take _take_any _stamp _process _use _finish",
+    "reading/strip": "take _judge _use _finish",
     "board/uses": "take",
 }
 

@@ -397,9 +397,9 @@ class BoardApp:
 
                 found, why_not = None, NO_DARK
         self.strip.decode.calibration = found
-        self.strip.configure()
         self._time.update()
         self.uses.apply(found)
+        self.strip.configure()
         return why_not
 
     def _sensor_lost(self):

@@ -70,7 +70,7 @@ TAKEN = 27  # samples of the present reading
 PENDING = 28  # bits: flags of the present reading
 EXPOSURE_US = 29  # us
 MISSING = 30  # `DROPPED` if samples are missing before the reading
-ESTIMATED = 31  # bits: its flags before keys and contacts changed them
+DUE = 31  # bool: a dark window must begin, see `kernel.process`
 STREAMED = 32  # byte 0 of its TOUCH frame; 0 if it is not streamed
 # Baseline.
 FOLLOWS = 33  # whether it is tracked: 0, 1, or 2 if the next reading becomes the baseline
@@ -115,9 +115,15 @@ GAP = 4  # the flag `DROPPED` if frames are missing before this frame
 LESS_US = 5  # us by which the time is earlier than `frame.Time32.last`
 HEAD_SIZE = 6
 
-# Bits in the argument `flags` of `kernel.process`, and bits in its result, as documented there.
-READ, SEND, TWO = 1 << 8, 1 << 9, 1 << 10
-COMPLETE, ODD, DUE = 1 << 12, 1 << 13, 1 << 14
+# Indices of the list `work` of a strip, see `kernel.process`.
+STATE = 0
+TABLES = 1
+COUNTS = 2
+HEAD = 3
+PAYLOAD = 4
+ENCODED = 5
+USE = 6
+WORK_SIZE = 7
 
 HEADER_SIZE = 7  # bytes of a frame before its body
 CRC_SIZE = 4  # bytes of a CRC-32

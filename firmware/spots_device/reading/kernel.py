@@ -21,90 +21,101 @@ _TOUCH = "<BHHH" + TOUCH_BODY[1:]  # with the header
 _TOUCH_COPY = "%ds" % d.TOUCH_SIZE
 
 
-def process(state, tables, counts, flags, head, payload, encoded):
+def process(work, flags):
     """Process a sample: add it to the reading, estimate the reading, and encode its TOUCH frame.
+
+    After this call, the element `TAKEN` of the strip's state is 0 if the reading is complete, and
+    `DUE` is 1 if a dark window must begin.
 
     Parameters
     ----------
-    state : array of int
-        Settings, estimates and light of the strip, at the indices that decode.py defines.
-    tables : array of int
-        Tables of the calibration, as for `estimate`.
-    counts : array of int
-        Six counts of the sample.
+    work : list
+        What the function reads and changes, at the indices that `decode` defines. `STATE`: the
+        state of the strip. `TABLES`: the tables of the calibration, as for `estimate`. `COUNTS`:
+        the six counts of the sample. `HEAD`, `PAYLOAD` and `ENCODED`: as for `frame`. `USE`: a
+        function without arguments, or None. It is called for a complete reading before its frame is
+        encoded, and may change the reading. It returns whether two fingers may have caused the
+        reading.
     flags : int
-        Flag bits of the sample, as for `estimate`, and three more bits of `decode`. `READ`: add
-        the sample, and estimate the reading if it is complete. `SEND`: if the reading is complete,
-        check the ambient light, track the baseline, and encode the TOUCH frame. `TWO`: two
-        fingers may have caused the reading.
-    head, payload, encoded
-        As for `frame`. With `READ`, the time of `head` plus its `LESS_US` must be the end of the
-        sample. If the reading is complete, the time of `head` is set to the middle of the reading.
+        Flag bits of the sample, as for `estimate`. The time of the header plus its `LESS_US` must
+        be the end of the sample. If the reading is complete, the time of the header is set to the
+        middle of the reading.
 
     Returns
     -------
     int
-        Length of the encoded frame in bytes, 0 for none. Added to it are three bits of `decode`:
-        `COMPLETE` if the reading is complete, `ODD` if the ambient light has changed, `DUE` if a
-        dark window must begin.
+        Length of the encoded frame in bytes; 0 if there is no frame.
     """
-    done = 0
-    if flags & d.READ:
-        taken = state[d.TAKEN]
-        if taken:
-            for i in range(CHANNELS):
-                state[d.SUMS + i] += counts[i]
-        else:
-            # One line for each channel: a loop takes twice as long, here and in `estimate`.
-            state[d.SUMS] = counts[0]
-            state[d.SUMS + 1] = counts[1]
-            state[d.SUMS + 2] = counts[2]
-            state[d.SUMS + 3] = counts[3]
-            state[d.SUMS + 4] = counts[4]
-            state[d.SUMS + 5] = counts[5]
-        state[d.TAKEN] = taken + 1
-        state[d.PENDING] |= flags & 0xFF
-        if state[d.AGE_US] < state[d.EVERY_US]:
-            state[d.AGE_US] += state[d.AGE_STEP_US]
-        if taken + 1 < state[d.AVERAGE] and not flags & d.LED_OFF:
-            return d.DUE if state[d.WANTED] else 0
-        estimate(state, tables, state[d.PENDING])
-        state[d.ESTIMATED] = state[d.FLAGS]
-        half_us = state[d.TAKEN] * state[d.EXPOSURE_US] >> 1
-        low = head[d.TIME_LOW] + head[d.LESS_US] - half_us
-        head[d.LESS_US] = half_us
-        head[d.TIME_HIGH] = head[d.TIME_HIGH] + (low >> 16) & 0xFFFF
-        head[d.TIME_LOW] = low & 0xFFFF
-        done = d.COMPLETE
-    if not flags & d.SEND:
-        return done
+    state = work[d.STATE]
+    if not _add(state, work[d.COUNTS], flags):
+        return 0
+    estimate(state, work[d.TABLES], state[d.PENDING])
+    flags = state[d.FLAGS]  # keys and contacts may change them
+    _stamp(state, work[d.HEAD])
+    use = work[d.USE]
+    _follow_light(state, flags, use() if use else False)
+    if not state[d.STREAMED]:
+        return 0
+    head = work[d.HEAD]
+    head[d.KIND] = state[d.STREAMED]
+    head[d.GAP] |= state[d.MISSING]
+    state[d.MISSING] = 0
+    return touch(head, work[d.PAYLOAD], state, work[d.ENCODED])
+
+
+def _add(state, counts, flags):
+    # Add a sample to the reading; return whether the reading is complete.
+    if state[d.TAKEN]:
+        for i in range(CHANNELS):
+            state[d.SUMS + i] += counts[i]
+    else:
+        # One line for each channel: a loop takes twice as long, here and in `estimate`.
+        state[d.SUMS] = counts[0]
+        state[d.SUMS + 1] = counts[1]
+        state[d.SUMS + 2] = counts[2]
+        state[d.SUMS + 3] = counts[3]
+        state[d.SUMS + 4] = counts[4]
+        state[d.SUMS + 5] = counts[5]
+    state[d.TAKEN] += 1
+    state[d.PENDING] |= flags
+    if state[d.AGE_US] < state[d.EVERY_US]:
+        state[d.AGE_US] += state[d.AGE_STEP_US]
+    if state[d.TAKEN] < state[d.AVERAGE] and not flags & d.LED_OFF:
+        state[d.DUE] = 1 if state[d.WANTED] else 0
+        return False
+    return True
+
+
+def _stamp(state, head):
+    # Set the time in the header to the middle of the reading.
+    half_us = state[d.TAKEN] * state[d.EXPOSURE_US] >> 1
+    low = head[d.TIME_LOW] + head[d.LESS_US] - half_us
+    head[d.LESS_US] = half_us
+    head[d.TIME_HIGH] = head[d.TIME_HIGH] + (low >> 16) & 0xFFFF
+    head[d.TIME_LOW] = low & 0xFFFF
+
+
+def _follow_light(state, flags, two):
+    # End the reading: check the ambient light, track the baseline, determine `DUE`. `two` means
+    # that two fingers may have caused the reading.
     lasted_us = state[d.TAKEN] * state[d.EXPOSURE_US]
     state[d.TAKEN] = state[d.PENDING] = 0
-    before = state[d.ESTIMATED]
-    if before & d.TOUCHING:
+    if flags & d.TOUCHING:
         state[d.IDLE_US] = 0
     elif state[d.IDLE_US] < d.IDLE_US_MAX:
         state[d.IDLE_US] += lasted_us
-    if not before & d.NOT_CALIBRATED:  # without a calibration, the spectrum of a press is unknown
+    if not flags & d.NOT_CALIBRATED:  # without a calibration, the spectrum of a press is unknown
         # Readings of two fingers look like ambient light. They have less weight in the detection,
         # because a dark frame costs readings.
-        done |= _odd_light(state, before, lasted_us >> 3 if flags & d.TWO else lasted_us)
-    if state[d.FOLLOWS] and not before & d.LED_OFF:
+        _odd_light(state, flags, lasted_us >> 3 if two else lasted_us)
+    if state[d.FOLLOWS] and not flags & d.LED_OFF:
         _follow(state)
-    if state[d.WANTED] or (
-        state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]
-    ):
-        done |= d.DUE
-    if state[d.STREAMED]:
-        head[d.KIND] = state[d.STREAMED]
-        head[d.GAP] |= state[d.MISSING]
-        state[d.MISSING] = 0
-        done |= touch(head, payload, state, encoded)
-    return done
+    aged = state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]
+    state[d.DUE] = 1 if state[d.WANTED] or aged else 0
 
 
 def _odd_light(state, flags, lasted_us):
-    # Return `ODD` if the ambient light has changed since the last dark frame, see dark.py.
+    # Request a dark frame if the ambient light has changed since the last one, see dark.py.
     if flags & (d.TOUCHING | d.LED_OFF):
         odd = flags & d.MISFIT
     else:
@@ -117,8 +128,7 @@ def _odd_light(state, flags, lasted_us):
     elif state[d.ODD_US] < d.ODD_US_MAX:
         state[d.ODD_US] += lasted_us
     elif state[d.AGE_US] >= d.ODD_EVERY_US:
-        return d.ODD
-    return 0
+        state[d.WANTED] = 1 if state[d.AGE_STEP_US] else 0
 
 
 def _follow(state):

@@ -7,8 +7,8 @@ sign) - sign`` corrects a number just loaded, with ``sign = 1 << 31``; with 32 b
 nothing.
 
 No index and no argument is checked. A call takes as long as about fifty additions, and the look-up
-of a name or attribute takes as long as twenty. So each step of a sample is one function that uses
-only its arguments. A build replaces the names of constants by their values.
+of a name or attribute takes as long as twenty. So a sample takes two calls, `process` and `frame`,
+which look up little. A build replaces the names of constants by their values.
 """
 
 from array import array
@@ -32,45 +32,34 @@ def _crc_table():
 
 
 _CRC = _crc_table()
-# `flags` of `process` from this bit on: bytes of the frame, if only a frame is encoded.
-SIZE_SHIFT = 16
 
 
 @micropython.viper
-def process(
-    state: ptr32,
-    tables: ptr32,
-    counts: ptr32,
-    flags: int,
-    head: ptr32,
-    payload: ptr8,
-    encoded: ptr8,
-) -> int:
+def process(work, flags: int) -> int:
     # Element `FOUND` is scratch too: storing truncates a sum to 32 bits.
+    state = ptr32(work[d.STATE])
+    tables = ptr32(work[d.TABLES])
+    counts = ptr32(work[d.COUNTS])
+    head = ptr32(work[d.HEAD])
     sign = 1
     sign <<= 31
-    done = 0
-    parts = flags
-    size = flags >> SIZE_SHIFT
-    if parts & d.READ:
-        taken = state[d.TAKEN]
-        state[d.TAKEN] = taken + 1
-        for i in range(CHANNELS):
-            n = counts[i]
-            if taken:
-                n += state[d.SUMS + i]
-            state[d.SUMS + i] = n
-        flags = (flags & 255) | state[d.PENDING]
-        state[d.PENDING] = flags
-        if state[d.AGE_US] < state[d.EVERY_US]:
-            state[d.AGE_US] = state[d.AGE_US] + state[d.AGE_STEP_US]
-        if taken + 1 < state[d.AVERAGE] and flags & d.LED_OFF == 0:
-            if state[d.WANTED]:
-                done = d.DUE
-            return done
-        done = d.COMPLETE
+    taken = state[d.TAKEN]
+    state[d.TAKEN] = taken + 1
+    for i in range(CHANNELS):
+        n = counts[i]
+        if taken:
+            n += state[d.SUMS + i]
+        state[d.SUMS + i] = n
+    if state[d.AGE_US] < state[d.EVERY_US]:
+        state[d.AGE_US] = state[d.AGE_US] + state[d.AGE_STEP_US]
+    is_off = flags & d.LED_OFF
+    flags |= state[d.PENDING]
+    state[d.PENDING] = flags
+    if taken + 1 < state[d.AVERAGE] and is_off == 0:
+        state[d.DUE] = 1 if state[d.WANTED] else 0
+        return 0
     # Each `break` ends the estimate.
-    while done:
+    while True:
         touching = state[d.FLAGS] & d.TOUCHING
         for i in range(d.CONTRAST, d.FORCE_MN + 1):
             state[i] = 0
@@ -206,89 +195,92 @@ def process(
             if flags & d.MISFIT and uint(off + tolerance) <= most:
                 flags |= d.TOO_DARK
         break
-    if done:
-        state[d.FLAGS] = flags
-        state[d.ESTIMATED] = flags
-        half = (state[d.TAKEN] * state[d.EXPOSURE_US]) >> 1
-        state[d.FOUND] = head[d.TIME_LOW] + head[d.LESS_US] - half
-        head[d.LESS_US] = half
-        n = (state[d.FOUND] ^ sign) - sign
-        head[d.TIME_HIGH] = (head[d.TIME_HIGH] + (n >> 16)) & 0xFFFF
-        head[d.TIME_LOW] = n & 0xFFFF
-    if parts & d.SEND:
-        flags = state[d.ESTIMATED]
-        us = state[d.TAKEN] * state[d.EXPOSURE_US]
-        state[d.TAKEN] = 0
-        state[d.PENDING] = 0
-        n = state[d.IDLE_US]
-        if flags & d.TOUCHING:
-            n = 0
-        elif n < d.IDLE_US_MAX:
-            n += us
-        state[d.IDLE_US] = n
-        if flags & d.NOT_CALIBRATED == 0:
-            if flags & (d.TOUCHING | d.LED_OFF):
-                step = flags & d.MISFIT
-            else:
-                n = state[d.LIGHT] // state[d.SAMPLES] + 1
-                if state[d.LEVEL] == 0:
-                    state[d.LEVEL] = n
-                n -= state[d.LEVEL]
-                step = 0
-                if n > d.ODD_COUNTS or n + d.ODD_COUNTS < 0:
-                    step = 1
-            n = 0
-            if step:
-                n = state[d.ODD_US]
-                if n < d.ODD_US_MAX:
-                    if parts & d.TWO:
-                        us >>= 3
-                    n += us
-                elif state[d.AGE_US] >= d.ODD_EVERY_US:
-                    done |= d.ODD
-            state[d.ODD_US] = n
-        n = state[d.FOLLOWS]
-        if n and flags & d.LED_OFF == 0:
-            low = 0
-            if n == 1 and state[d.IDLE_US] >= d.SETTLED_US:
-                low = d.FADES_LOG2
-            if n > 1 or low:
-                state[d.FOLLOWS] = 1
-                state[d.FOLLOWED] = 1
-                step = state[d.SHIFT]
-                half = (1 << step) >> 1
-                for i in range(CHANNELS):
-                    at = state[d.DARK + i]
-                    rest = state[d.REST + i]
-                    n = state[d.SUMS + i] * 4
-                    if state[d.SAMPLES] > 1:
-                        n = n // state[d.SAMPLES]
-                    n = (n << 10) - at - rest
-                    if low:
-                        n >>= d.GROWS_LOG2 if n > 0 else d.FADES_LOG2
-                    n += rest
-                    if n < 0:
-                        n = 0
-                    state[d.REST + i] = n
-                    state[d.FLOOR + i] = (at + n + half) >> step
-        if state[d.WANTED] or (
-            state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]
-        ):
-            done |= d.DUE
-        if state[d.STREAMED]:
-            head[d.KIND] = state[d.STREAMED]
-            head[d.GAP] = head[d.GAP] | state[d.MISSING]
-            state[d.MISSING] = 0
-            payload[d.HEADER_SIZE] = state[d.FLAGS] | head[d.GAP]
-            words = ptr32(payload)
-            for i in range(d.CONTRAST, d.FORCE_MN):
-                words[i + ((d.HEADER_SIZE + 1) // 4 - d.CONTRAST)] = state[i]
-            payload[d.TOUCH_SIZE - 2] = state[d.FORCE_MN]
-            payload[d.TOUCH_SIZE - 1] = state[d.FORCE_MN] >> 8
-            size = d.TOUCH_SIZE
-    if size == 0:
-        return done
+    state[d.FLAGS] = flags
+    us = state[d.TAKEN] * state[d.EXPOSURE_US]
+    half = us >> 1
+    state[d.FOUND] = head[d.TIME_LOW] + head[d.LESS_US] - half
+    head[d.LESS_US] = half
+    n = (state[d.FOUND] ^ sign) - sign
+    head[d.TIME_HIGH] = (head[d.TIME_HIGH] + (n >> 16)) & 0xFFFF
+    head[d.TIME_LOW] = n & 0xFFFF
+    use = work[d.USE]
+    two = int(use()) if use else 0
 
+    state[d.TAKEN] = 0
+    state[d.PENDING] = 0
+    n = state[d.IDLE_US]
+    if flags & d.TOUCHING:
+        n = 0
+    elif n < d.IDLE_US_MAX:
+        n += us
+    state[d.IDLE_US] = n
+    if flags & d.NOT_CALIBRATED == 0:
+        if flags & (d.TOUCHING | d.LED_OFF):
+            step = flags & d.MISFIT
+        else:
+            n = state[d.LIGHT] // state[d.SAMPLES] + 1
+            if state[d.LEVEL] == 0:
+                state[d.LEVEL] = n
+            n -= state[d.LEVEL]
+            step = 0
+            if n > d.ODD_COUNTS or n + d.ODD_COUNTS < 0:
+                step = 1
+        n = 0
+        if step:
+            n = state[d.ODD_US]
+            if n < d.ODD_US_MAX:
+                if two:
+                    us >>= 3
+                n += us
+            elif state[d.AGE_US] >= d.ODD_EVERY_US:
+                state[d.WANTED] = 1 if state[d.AGE_STEP_US] else 0
+        state[d.ODD_US] = n
+    n = state[d.FOLLOWS]
+    if n and flags & d.LED_OFF == 0:
+        low = 0
+        if n == 1 and state[d.IDLE_US] >= d.SETTLED_US:
+            low = d.FADES_LOG2
+        if n > 1 or low:
+            state[d.FOLLOWS] = 1
+            state[d.FOLLOWED] = 1
+            step = state[d.SHIFT]
+            half = (1 << step) >> 1
+            for i in range(CHANNELS):
+                at = state[d.DARK + i]
+                rest = state[d.REST + i]
+                n = state[d.SUMS + i] * 4
+                if state[d.SAMPLES] > 1:
+                    n = n // state[d.SAMPLES]
+                n = (n << 10) - at - rest
+                if low:
+                    n >>= d.GROWS_LOG2 if n > 0 else d.FADES_LOG2
+                n += rest
+                if n < 0:
+                    n = 0
+                state[d.REST + i] = n
+                state[d.FLOOR + i] = (at + n + half) >> step
+    n = state[d.WANTED]
+    if state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]:
+        n = 1
+    state[d.DUE] = 1 if n else 0
+    if state[d.STREAMED] == 0:
+        return 0
+
+    head[d.KIND] = state[d.STREAMED]
+    head[d.GAP] = head[d.GAP] | state[d.MISSING]
+    state[d.MISSING] = 0
+    payload = ptr8(work[d.PAYLOAD])
+    payload[d.HEADER_SIZE] = state[d.FLAGS] | head[d.GAP]
+    words = ptr32(payload)
+    for i in range(d.CONTRAST, d.FORCE_MN):
+        words[i + ((d.HEADER_SIZE + 1) // 4 - d.CONTRAST)] = state[i]
+    payload[d.TOUCH_SIZE - 2] = state[d.FORCE_MN]
+    payload[d.TOUCH_SIZE - 1] = state[d.FORCE_MN] >> 8
+    return int(frame(work[d.HEAD], work[d.PAYLOAD], d.TOUCH_SIZE, work[d.ENCODED]))
+
+
+@micropython.viper
+def frame(head: ptr32, payload: ptr8, size: int, encoded: ptr8) -> int:
     payload[d.KIND] = head[d.KIND]
     for i in range(d.SEQUENCE, d.GAP):
         payload[2 * i - 1] = head[i]
@@ -323,8 +315,4 @@ def process(
     if n & 63 == 0:
         encoded[at] = 0
         at += 1
-    return done | at
-
-
-def frame(head, payload, size, encoded):
-    return process(head, head, head, size << SIZE_SHIFT, head, payload, encoded)
+    return at

@@ -19,6 +19,7 @@ _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
 _BLINKING = const(2)  # LED off, dark samples are taken
 _RISING = const(3)  # LED on again, waits for a sample with the LED on all the time
+_UNUSED = const(-1)  # in place of the flags of a sample: it is not part of a reading
 
 
 class Strip:
@@ -71,11 +72,16 @@ class Strip:
         self._pacing = sensor.pacing
         self._framer = framer
         self._send = framer.send
-        self._payload = framer.payload
-        self._encoded = framer.encoded
         self._uses = uses
+        self._use_reading = self._use  # binding a method allocates
         self._time = time
         self._head = time.head
+        self._work = work = [None] * d.WORK_SIZE
+        work[d.STATE] = state
+        work[d.COUNTS] = sensor.counts
+        work[d.HEAD] = time.head
+        work[d.PAYLOAD] = framer.payload
+        work[d.ENCODED] = framer.encoded
         self._diff = clock.ticks_diff
         self._search = None
         self._on_dark = self._on_search = None
@@ -130,7 +136,7 @@ class Strip:
         return self._dark.sums()
 
     def configure(self):
-        """Apply the settings that need no restart of the sensor."""
+        """Apply the settings that need no restart of the sensor, and the state of `uses`."""
         values = self.settings.values
         state = self._reading
         average = values["average"]
@@ -167,7 +173,9 @@ class Strip:
         """
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
-        return self._uses.stream_contacts("contact" in names, self.decode.calibration)
+        why_not = self._uses.stream_contacts("contact" in names, self.decode.calibration)
+        self._choose()
+        return why_not
 
     def request_dark(self, done):
         """Request a dark frame; ``done()`` is called when the dark frame is complete."""
@@ -206,112 +214,74 @@ class Strip:
     def take(self):
         """Process the sample that `as7341.AS7341.poll` has just read."""
         sensor = self.sensor
-        if self._rare or not sensor.steady or self._uses.active:
-            return self._take_any(sensor)
         if self._missed != self._pacing.missed:
             self._mark_gap()
         flags = self._lit
-        if sensor.saturated:
+        if self._rare or not sensor.steady:
+            flags = self._judge(sensor)
+            if flags == _UNUSED:
+                return
+        elif sensor.saturated:
             flags |= d.SATURATED
         self._head[d.LESS_US] += self._diff(sensor.complete, self._time.last)
         self._time.last = sensor.complete
-        flags = process(
-            self._reading,
-            self._tables,
-            sensor.counts,
-            flags,
-            self._head,
-            self._payload,
-            self._encoded,
-        )
-        if flags >= d.ODD or self.stream_spectrum:
-            self._finish(sensor, flags)
-        elif flags > d.COMPLETE:
-            self._send(flags - d.COMPLETE)
+        size = process(self._work, flags)
+        if size:
+            self._send(size)
+        if self.stream_spectrum and not self._reading[d.TAKEN]:
+            self._send_spectrum()
+        if self._rare or self._reading[d.DUE]:
+            self._finish(sensor)
 
     def _mark_gap(self):
         self._missed = self._pacing.missed
         self._reading[d.MISSING] = d.DROPPED
 
     def _choose(self):
-        # Choose between `take`, which is fast, and `_take_any`.
-        self._tables = self.decode.tables
-        self._lit = d.READ | d.SEND | (self.lit_flags if self.sensor.led_on else d.LED_OFF)
-        self._rare = bool(
-            self._state != _LIT
-            or self._search is not None
-            or self._mains_hz
-            or self.decode.compensation
-        )
+        # Choose what `take` does with a sample.
+        decode = self.decode
+        self._work[d.TABLES] = decode.tables
+        used = self._uses.active or decode.compensation
+        self._work[d.USE] = self._use_reading if used else None
+        self._lit = self.lit_flags if self.sensor.led_on else d.LED_OFF
+        self._rare = bool(self._state != _LIT or self._search is not None or self._mains_hz)
 
-    def _take_any(self, sensor):
-        if self._missed != self._pacing.missed:
-            self._mark_gap()
-        steady = sensor.steady
+    def _judge(self, sensor):
+        # Return the flags of a sample that is not simply lit, or `_UNUSED`.
         state = self._state
-        flags = d.LED_OFF
-        if sensor.led_on:
-            flags |= self.lit_flags
-        if state == _RISING and steady:
-            self._state = _LIT
+        if state == _RISING and sensor.steady:
+            self._state = state = _LIT
             self._choose()
-        if self._state == _LIT:
-            if not steady:
-                return
-            flags = self._lit & 0xFF
-            if sensor.saturated:
-                flags |= d.SATURATED
-        if state == _UNKNOWN or (self._search is not None and self._state == _LIT):
-            if state != _UNKNOWN:
-                self._judge(sensor)
+        if state == _UNKNOWN or (state == _LIT and sensor.steady and self._search is not None):
+            if state == _LIT:
+                self._search_on(sensor)
             if self._reading[d.WANTED] and self._state <= _UNKNOWN:
                 self._start_blink(sensor)
-            return
-        self._stamp(sensor)
-        flags = self._process(flags | d.READ)
-        if flags & d.COMPLETE:
-            flags |= self._process(self._use())
-        self._finish(sensor, flags)
-        if state == _BLINKING and steady and self._dark.add(sensor.counts):
-            self._end_blink(sensor)
-
-    def _stamp(self, sensor):
-        # A method of its own, because `_take_any` would need more than 11 words with these lines.
-        self._head[d.LESS_US] += self._diff(sensor.complete, self._time.last)
-        self._time.last = sensor.complete
-
-    def _process(self, flags):
-        return process(
-            self._reading,
-            self._tables,
-            self.sensor.counts,
-            flags,
-            self._head,
-            self._payload,
-            self._encoded,
-        )
+            return _UNUSED
+        if state != _LIT:
+            return d.LED_OFF | (self.lit_flags if sensor.led_on else 0)
+        if not sensor.steady:
+            return _UNUSED
+        return self._lit | (d.SATURATED if sensor.saturated else 0)
 
     def _use(self):
-        # Pass a reading to compensation, keys and gamepad; return the flags for `kernel.process`.
+        # Pass a reading to compensation, keys and gamepad, for `kernel.process`; return whether two
+        # fingers may have caused it.
         if self.decode.compensation:
             self.decode.compensation.take(self._reading, self._time.ticks())
         uses = self._uses
-        if uses.active:
-            uses.take(self.index, self._reading)
-            if uses.rests and self._reading[d.FOLLOWS]:
-                self._reading[d.FOLLOWS] = 2
-            if uses.two:
-                return d.SEND | d.TWO
-        return d.SEND
+        if not uses.active:
+            return False
+        uses.take(self.index, self._reading)
+        if uses.rests and self._reading[d.FOLLOWS]:
+            self._reading[d.FOLLOWS] = 2
+        return uses.two
 
-    def _finish(self, sensor, done):
-        if done & (d.COMPLETE - 1):
-            self._send(done & (d.COMPLETE - 1))
-        if done & d.COMPLETE and self.stream_spectrum:
-            self._send_spectrum()
-        if done & d.ODD:
-            self._dark.request()
-        if (done & d.DUE or self._reading[d.WANTED]) and self._state <= _UNKNOWN:
+    def _finish(self, sensor):
+        if self._state == _BLINKING:
+            if sensor.steady and self._dark.add(sensor.counts):
+                self._end_blink(sensor)
+        elif self._reading[d.DUE] and self._state == _LIT:
             self._start_blink(sensor)
         elif self._mains_hz:
             self._correct_drift(sensor)
@@ -388,7 +358,7 @@ class Strip:
             done, self._on_dark = self._on_dark, None
             done()
 
-    def _judge(self, sensor):
+    def _search_on(self, sensor):
         search = self._search
         outcome = search.step(self._dark.peak(sensor.counts), sensor.full_scale, sensor.saturated)
         if outcome == AGAIN:

@@ -31,6 +31,11 @@ _COMPARED = 17  # elements of a state, up to the tolerance of the misfit
 _decode = Decode()
 _decode.scale(1, 4)
 _head = array("i", bytes(4 * d.HEAD_SIZE))
+_payload = bytearray(64)
+_work = [None] * d.WORK_SIZE
+_work[d.HEAD] = _head
+_work[d.PAYLOAD] = _payload
+_work[d.ENCODED] = _encoded
 _tracked = array("i", bytes(4 * c.SIZE))
 _clock = Clock()
 _time = Time32(_clock)
@@ -60,10 +65,19 @@ def prepare_estimate(cases):
 
 
 def _estimate(state, tables, sums, floor, flags):
+    level = state[d.LEVEL]
     state[d.TAKEN] = state[d.PENDING] = 0
     for i in range(6):
         state[d.FLOOR + i] = floor[i]
-    kernel.process(state, tables, sums, flags | d.READ, _head, _payload, _encoded)
+    _process(state, tables, sums, flags)
+    state[d.LEVEL] = level
+
+
+def _process(state, tables, counts, flags):
+    _work[d.STATE] = state
+    _work[d.TABLES] = tables
+    _work[d.COUNTS] = counts
+    return kernel.process(_work, flags)
 
 
 def estimate(cases, results):
@@ -109,7 +123,7 @@ def prepare_accumulate(cases):
 def accumulate(cases, results):
     for i in range(len(cases)):
         case = cases[i]
-        kernel.process(case[0], _decode.tables, case[1], d.READ, _head, _payload, _encoded)
+        _process(case[0], _decode.tables, case[1], 0)
         for j in range(6):
             results[6 * i + j] = case[0][d.SUMS + j]
 
@@ -166,20 +180,25 @@ def prepare_touch(cases):
 
 
 def touch(cases, results):
+    # The reading is that of a key engine, which may change it before its frame is encoded.
     width = len(results) // len(cases)
-    payload = _payload
+    _decode.state[d.STREAMED] = 1
+    _work[d.USE] = _replace
     for i in range(len(cases)):
         _head[d.GAP] = 32 * (i & 1)
-        state = _decode.state
-        state[d.STREAMED] = 1
-        for j in range(5):
-            state[j] = cases[i][j]
-        done = kernel.process(state, _decode.tables, _ONE, d.SEND, _head, payload, _encoded)
-        state[d.STREAMED] = 0
-        _keep(done & 0xFFF, i * width, results)
+        _replacement[0] = cases[i]
+        _keep(_process(_decode.state, _decode.tables, _ONE, 0), i * width, results)
+    _work[d.USE] = None
+    _decode.state[d.STREAMED] = 0
 
 
-_payload = bytearray(64)
+_replacement = [None]
+
+
+def _replace():
+    for j in range(5):
+        _decode.state[j] = _replacement[0][j]
+    return False
 
 
 class Events:
@@ -246,21 +265,21 @@ def prepare_follow(cases):
     prepared = []
     for rest, floor, sums, dark, samples, shift, up, _ in cases:
         state = Decode().state
-        for at, values in ((d.REST, rest), (d.FLOOR, floor), (d.SUMS, sums), (d.DARK, dark)):
+        for at, values in ((d.REST, rest), (d.FLOOR, floor), (d.DARK, dark)):
             for i in range(6):
                 state[at + i] = values[i]
         state[d.SAMPLES] = samples
         state[d.SHIFT] = shift
         state[d.IDLE_US] = 300_000
         state[d.FOLLOWS] = 1 if up else 2
-        prepared.append(state)
+        prepared.append((state, array("i", sums)))
     return prepared
 
 
 def follow(cases, results):
     for i in range(len(cases)):
-        state = cases[i]
-        kernel.process(state, _decode.tables, _ONE, d.SEND, _head, _payload, _encoded)
+        state, sums = cases[i]
+        _process(state, _decode.tables, sums, 0)
         for j in range(6):
             results[12 * i + j] = state[d.REST + j]
             results[12 * i + 6 + j] = state[d.FLOOR + j]
