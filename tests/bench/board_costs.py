@@ -114,7 +114,7 @@ for name, call in (
     show(name, mean_us(call))
 
 # A sample.
-sensor._bus = FullBus()
+sensor.bus = FullBus()
 pacing.found = same
 show("as7341.AS7341.poll", mean_us(sensor.poll))
 del pacing.found
@@ -141,7 +141,7 @@ pacing.period_us = 1000
 show("pacing.Pacing.found, doubt", mean_us(doubt))
 pacing.period_us = period
 show("pacing.Pacing.early", mean_us(lambda: pacing.early(5)))
-sensor._bus = bus
+sensor.bus = bus
 
 framer_touch = framer.touch
 show("strip.Strip.take, whole", mean_us(strip.take))

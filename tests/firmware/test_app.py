@@ -358,7 +358,7 @@ def test_the_loop_reads_the_clock_once_for_all_samples_of_a_fifo_read():
         reads += 1
         return ticks_us()
 
-    app.ticks_us = app._sensor._ticks_us = counted
+    app.ticks_us = app._sensor.ticks_us = counted
     frames, complete = serial.frames, app._sensor.complete
     app.step()
     samples = (serial.frames - frames) // 2  # each with a TOUCH and a SPECTRUM frame
@@ -427,8 +427,8 @@ def test_a_fifo_that_overflows_is_no_measured_sample():
     app, _, clock, _ = stalled(300_000)
     app.measure()
     sensor = app._sensor
-    write = sensor._bus.write
-    sensor._bus.write = lambda buffer: clock.sleep_us(70) or write(buffer)
+    write = sensor.bus.write
+    sensor.bus.write = lambda buffer: clock.sleep_us(70) or write(buffer)
     app.step()
     assert sensor.pacing.missed
     assert app.meter._samples == -3

@@ -23,7 +23,9 @@ _BYTECODE = 0  # kind of code in an .mpy file
 # Functions that run for every sample of a calibrated and touched strip that streams TOUCH frames.
 EACH_SAMPLE = {
     "board/app": "_pass",
-    "sensor/as7341": "poll _read_fifo",
+    "sensor/as7341": "poll",
+    "sensor/fifo": "read",
+    "sensor/registers": "read fetch stamp",
     "fingers/tracker": "take",
     "reading/frame": "send _send_body",
     "reading/kernel": "process _add _stamp estimate _take_logs _locate _judge "

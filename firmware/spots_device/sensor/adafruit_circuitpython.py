@@ -62,7 +62,7 @@ class AdafruitSensor(AS7341):
             self._i2c = self.open_i2c(scl, sda, frequency=self._frequency_hz)
         except RuntimeError as error:
             raise SensorError("the I2C bus does not start (%s): check the wiring" % error)
-        self._bus = BusioBus(self._i2c)
+        self.bus = BusioBus(self._i2c)
         if self._driver is not None:
             self._driver.i2c_device = I2CDevice(self._i2c, ADDRESS, probe=False)
 

@@ -1,10 +1,7 @@
 """Driver of the light sensor AS7341, which samples without gaps.
 
-The chip stores samples in a FIFO: 128 entries of two bytes, which is 21 samples of six counts. So
-the loop may stall for 20 exposures without loss. No published driver reads six channels from this
-FIFO, so it is not certain that this works. Each start of the sensor tests it: the FIFO must
-contain the sample that is in the data registers. If this test fails, `poll` reads the data
-registers, one sample in each transfer.
+The samples arrive by one of two paths: `fifo`, or `registers` if the chip's FIFO does not work. A
+real chip must show which one is needed; the other module can then be deleted.
 
 Section numbers refer to the ams datasheet DS000504 v3-00. Every wait has a deadline. On
 MicroPython, `poll`, `switch_led` and `read_into` allocate nothing.
@@ -13,10 +10,6 @@ The bus is an object with three methods. ``read_into(address, register, buffer)`
 the chip at an I2C address. ``write(buffer)`` writes registers of the sensor; the first byte of the
 buffer is the number of the first register. Both raise OSError if the chip does not answer.
 ``recover()`` tries to free the wires after an OSError.
-
-If the chip acknowledges its address but not the number of the register, MicroPython on an RP2040
-reads nothing and raises no OSError, so that the buffer keeps its old bytes. So before each read,
-the driver sets a byte of the buffer to a value that the chip does not return.
 """
 
 from array import array
@@ -24,9 +17,12 @@ from errno import EIO
 
 from .. import const
 from ..runtime.common import ADDRESS
+from . import chip as c
 from . import exposure
 from .burst import unpack
+from .fifo import Fifo
 from .pacing import Pacing
+from .registers import Registers
 from .smux import CHANNELS, smux_map
 
 _CONFIG = const(0x70)  # bank 1
@@ -35,8 +31,6 @@ _LED = const(0x74)  # bank 1
 _ENABLE = const(0x80)
 _ATIME = const(0x81)
 _ID = const(0x92)
-_STATUS = const(0x93)
-_ASTATUS = const(0x94)
 _STATUS2 = const(0xA3)
 _CFG0 = const(0xA9)
 _CFG1 = const(0xAA)
@@ -48,21 +42,16 @@ _ASTEP = const(0xCA)
 _AZ_CONFIG = const(0xD6)
 _FD_CFG0 = const(0xD7)
 _INTENAB = const(0xF9)
-_CONTROL = const(0xFA)
 _FIFO_MAP = const(0xFC)
-_FIFO_LVL = const(0xFD)
-_FDATA = const(0xFE)
 
 _PON = const(0x01)
 _SP_EN = const(0x02)
 _SMUXEN = const(0x10)
-_AINT = const(0x08)
 _ASAT = const(0x80)
 _BANK_1 = const(0x10)
 _LED_SEL = const(0x08)
 _LED_ON = const(0x80)
 _SMUX_WRITE = const(0x10)
-_FIFO_CLR = const(0x02)
 _CLEAR_SAI_ACT = const(0x01)
 _SIX_COUNTS = const(0x7E)
 
@@ -74,26 +63,11 @@ _SET_UP = (
     (_PERS, 0),  # AINT at every sample
     (_AZ_CONFIG, 0xFF),  # auto-zero only before the first sample
     (_FD_CFG0, 0x21),  # no data of the flicker detector in the FIFO
-    (_INTENAB, _AINT),
+    (_INTENAB, c.AINT),
     (_FIFO_MAP, _SIX_COUNTS),
-    (_CONTROL, _FIFO_CLR | _CLEAR_SAI_ACT),
+    (c.CONTROL, c.FIFO_CLR | _CLEAR_SAI_ACT),
     (_CFG6, _SMUX_WRITE),
 )
-
-_ENTRIES = const(6)  # entries of the FIFO for a sample
-# Largest usable number of entries in the FIFO; with more, the chip may drop a part of the sample
-# that it stores next.
-_FULL = const(120)
-_SAMPLE = const(12)  # bytes
-_COUNTS = const(2)  # index in the buffer, after STATUS and ASTATUS
-_LEVEL = const(14)  # index in the buffer, after the data registers
-_OLDEST = const(15)  # index in the buffer of a sample that is read together with the level
-_FIFO_DATA = const(27)  # index in the buffer of the samples of a second transfer
-_HIGH = const(28)  # index in the buffer of the high byte of the first of these counts
-# A byte that the chip returns neither as level of the FIFO nor in STATUS, ASTATUS, STATUS2 or ID.
-_UNREAD = const(0xFF)
-_TRIAL = const(-8)  # at most so many samples after a start may be absent from the FIFO
-_BROKEN = const(2)  # value of `_odd` after a failed transfer from the FIFO
 
 _POWER_UP_US = const(5_000)
 _SMUX_US = const(5_000)
@@ -123,31 +97,37 @@ class AS7341:
         I2C bus, see the module docstring.
     clock : object
         ``ticks_us``, ``ticks_add``, ``ticks_diff`` and ``sleep_us``, as in MicroPython's ``time``.
+
+    Attributes
+    ----------
+    read : callable
+        Function of the path in use that reads new samples, see `registers.Registers.read`.
+    burst : bytearray
+        The samples that `read` has read, see `chip.COUNTS`; `at` is the place of the next sample.
+    waits : int
+        Samples in `burst` that `poll` has not returned yet.
+    asked, known : int
+        Ticks before and after the first transfer of the last `read`.
+    step_us : int
+        Time between two samples in `burst`, except the newest one.
     """
 
     def __init__(self, bus, clock):
-        self._bus = bus
+        self.bus = bus
         self._clock = clock
-        self._ticks_us = clock.ticks_us
+        self.ticks_us = clock.ticks_us
+        self.ticks_diff = clock.ticks_diff
         self._add = clock.ticks_add
         self._pair = bytearray(2)
         self._byte = bytearray(1)
-        # STATUS, ASTATUS, six counts; the FIFO's level; samples from the FIFO.
-        self._burst = bytearray(_FIFO_DATA + 2 * _FULL)
-        view = memoryview(self._burst)
-        self._status = view[:_LEVEL]
-        self._level = view[_LEVEL:_OLDEST]
-        self._levelled = view[_LEVEL:_FIFO_DATA]
-        self._views = [None]  # by the number of samples
-        for end in range(_FIFO_DATA + _SAMPLE, len(view) + 1, _SAMPLE):
-            self._views.append(view[_FIFO_DATA:end])
-        self.fifo = 0  # 1 if `poll` reads the FIFO, negative during the test after a start
-        self.waits = 0  # samples in the buffer that `poll` has not returned yet
+        self.burst = bytearray(c.BURST_SIZE)
+        self.asked = self.known = self.at = self.step_us = 0
+        self.waits = 0
+        self._first = self._path = Fifo(self, Registers(self))
         self._led_code = 0
         self.led = "ldr"  # one of `light.LEDS`
         self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
         self._check = 0
-        self.asked = 0  # ticks at the beginning of the last poll that used the bus
         self._settled = 0
         self.pacing = Pacing(clock)
         self.counts = array("i", bytes(4 * CHANNELS))
@@ -188,7 +168,7 @@ class AS7341:
         OSError
             If an I2C transfer fails.
         """
-        began = self._ticks_us()
+        began = self.ticks_us()
         self._identify()
         image = smux_map(plan)
         pacing = self.pacing
@@ -196,14 +176,14 @@ class AS7341:
         atime, astep = exposure.registers(
             pacing.nominal_us(exposure_us) if mains_hz else exposure_us
         )
-        self._write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
+        self.write(_ENABLE, _PON)  # SP_EN off: the chip may have been running
         self._write_bank_1(_CONFIG, _LED_SEL)  # samples follow each other, without sync (SPM)
         self._write_bank_1(_GPIO, 0)  # no photodiode at a pin
         self._configure(atime, astep, gain, led_mA)
         for register, value in _SET_UP:
-            self._write(register, value)
-        self._bus.write(b"\x00" + image)
-        self._write(_ENABLE, _PON | _SMUXEN)
+            self.write(register, value)
+        self.bus.write(b"\x00" + image)
+        self.write(_ENABLE, _PON | _SMUXEN)
         self._clock.sleep_us(_SMUX_US)
         self.plan = tuple(plan)
         self.gain = gain
@@ -218,15 +198,14 @@ class AS7341:
         if self.led != "ldr":
             self._light(False)  # the breakout's own LED, which may have been on
         self.switch_led(True)
-        left_us = _START_US - self._clock.ticks_diff(self._ticks_us(), began)
+        left_us = _START_US - self.ticks_diff(self.ticks_us(), began)
         if left_us > 0:
             self._clock.sleep_us(left_us)
-        self._write(_STATUS, _AINT)
-        self._write(_ENABLE, _PON | _SP_EN)
-        self.fifo = _TRIAL
-        self.waits = self._known = self._at = 0
-        self._odd = 0  # 1 if the FIFO level was not a multiple of 6, `_BROKEN` if a transfer failed
-        self.complete = now = self._ticks_us()
+        self.write(c.STATUS, c.AINT)
+        self.write(_ENABLE, _PON | _SP_EN)
+        self.waits = self.known = self.at = 0
+        self.follow(self._first)
+        self.complete = now = self.ticks_us()
         self._settled = self._add(now, -self.exposure_us)  # the LED is on already
         pacing.start(now, chip_us)
 
@@ -245,17 +224,20 @@ class AS7341:
     def stop(self):
         """Stop sampling and switch the LED off."""
         self.switch_led(False)
-        self._write(_ENABLE, _PON)
+        self.write(_ENABLE, _PON)
 
     def burst_us(self):
-        """Return the fixed part of the last FIFO read's duration in us; 1 if no FIFO is used.
+        """Return the fixed part of the last read's duration in us, see `fifo.Fifo.burst_us`."""
+        return self._path.burst_us()
 
-        The rest of the duration is proportional to the number of samples. The result is negative
-        if the FIFO had overflowed, so that no sample was read.
-        """
-        # The level of the FIFO is one byte. Its transfer, from `asked` to `_known`, takes about as
-        # long as the overhead of the next transfer, which reads the samples.
-        return 2 * self._clock.ticks_diff(self._known, self.asked) + 1 if self.fifo > 0 else 1
+    def fetched(self):
+        """Return how many samples of the last read `poll` has returned."""
+        return self._path.fetched()
+
+    def follow(self, path):
+        """Read the samples by a path from the next poll on, see `registers.Registers`."""
+        self._path = path
+        self.read = path.start()
 
     def switch_led(self, on):
         """Switch the LED on or off.
@@ -272,20 +254,13 @@ class AS7341:
             self.gpio(on)
         self.led_on = on
         self.steady = False
-        self._settled = self._ticks_us()
-
-    def fetched(self):
-        """Return how many samples of the last FIFO read `poll` has returned; 1 without a FIFO."""
-        return max(1, (self._at - _FIFO_DATA) // _SAMPLE)
+        self._settled = self.ticks_us()
 
     def poll(self):
         """Fetch a new sample, if there is one. Allocates nothing.
 
-        One transfer reads all samples in the FIFO. This call returns the oldest sample, and the
-        next calls return the following ones. Without the FIFO, each transfer reads one sample. The
-        chip's status bit AVALID cannot show a new sample, because it stays set between samples. The
-        status bit AINT can, because each sample sets it. This method clears AINT after the read of
-        the register ASTATUS, which latches the counts.
+        One transfer can read several samples. This call returns the oldest sample, and the next
+        calls return the following ones.
 
         Returns
         -------
@@ -302,133 +277,39 @@ class AS7341:
             If all transfers failed during this time. Until then, each poll repeats the transfer.
         """
         waits = self.waits
-        if waits > 1:
-            self.complete = self._add(self.complete, self._step_us)
-        else:
-            if not waits:
-                self.asked = self._ticks_us()
-                try:
-                    if not (self._read_fifo() if self.fifo > 0 else self._read_burst()):
-                        return self._wait()
-                except OSError:
-                    self._fail()
-                    if self._is_overdue():
-                        raise
-                    return False
-                waits = self.waits
-            if waits:
-                self.complete = self.pacing.held(self.asked, self._known, waits)
-                if waits > 2:
-                    self._step_us = self.pacing.skip(waits - 2)
-            elif not self._take():
+        if not waits:
+            self.asked = self.ticks_us()
+            try:
+                waits = self.read()
+            except OSError:
+                self._fail()
+                if self._is_overdue():
+                    raise
                 return False
-        if waits:
-            self.waits = waits - 1
-        self.saturated = unpack(self._burst, self.counts, self._at) >= self.full_scale
-        if self._burst[1] >= _ASAT:
+            if waits < 1:
+                return False if waits else self._wait()
+        elif waits > 1:
+            self.complete = self._add(self.complete, self.step_us)
+        else:
+            self.complete = self.pacing.held(self.asked, self.known, 1)
+        self.waits = waits - 1
+        self.saturated = unpack(self.burst, self.counts, self.at) >= self.full_scale
+        if self.burst[1] >= _ASAT:
             self.saturated = True
-        self._at += _SAMPLE
+        self.at += c.SAMPLE_SIZE
         if not self.steady:
             self._settle()
         return True
 
-    def _read_burst(self):
-        burst = self._burst
-        burst[0] = _UNREAD
-        self._bus.read_into(ADDRESS, _STATUS, self._status)
-        if not burst[0] & _AINT:
-            return False
-        if burst[0] == _UNREAD:
-            raise OSError(EIO)
-        self._write(_STATUS, _AINT)
-        if self.fifo < 0:
-            self.fifo += 1
-            held = 0
-            if self._read_level() >= _ENTRIES:
-                self.pacing.sure = 1
-                held = self._read_fifo()
-                self.pacing.sure = 0
-            if held:
-                self.fifo = 0
-                for at in range(_OLDEST, _OLDEST + _SAMPLE * held, _SAMPLE):
-                    i = 2
-                    while i < _LEVEL and burst[i] == burst[at - 2 + i]:
-                        i += 1
-                    if i == _LEVEL:
-                        self.fifo = 1
-                if not self.fifo:
-                    self.waits = 0
-        return True
-
-    def _read_fifo(self):
-        """Read all samples of the FIFO; return their number.
-
-        If the FIFO certainly contains a sample, one transfer reads the level and the oldest sample:
-        the chip's register pointer goes on from the level to the data. If the FIFO is empty then, a
-        sample that the chip stores during the transfer may be read in part. So the FIFO is cleared,
-        and the sample counts as missed.
-        """
-        sure = self.pacing.sure > 0
-        self._burst[_LEVEL] = _UNREAD
-        self._bus.read_into(ADDRESS, _FIFO_LVL, self._levelled if sure else self._level)
-        level = self._burst[_LEVEL]
-        # The clock is read only where its time is needed: on CircuitPython this allocates.
-        self._known = self.asked if level < _ENTRIES << sure else self._ticks_us()
-        # While the chip stores a sample, the level may for a moment not be a multiple of 6.
-        odd = 1 if level % _ENTRIES else 0
-        if level > _FULL or self._odd + odd > 1 or (sure and level < _ENTRIES):
-            if level == _UNREAD:
-                raise OSError(EIO)
-            self._clear()
-            level = odd = 0
-        level //= _ENTRIES
-        if not level:
-            # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
-            self._burst[1] = self._read_byte(_ASTATUS)
-        elif level > sure:
-            self._odd = _BROKEN  # unless the transfer succeeds
-            self._burst[_HIGH] = _UNREAD
-            self._bus.read_into(ADDRESS, _FDATA, self._views[level - sure])
-            # Only with the longest exposures, the chip returns counts with this high byte.
-            if self._burst[_HIGH] == _UNREAD and self._read_level() >= _ENTRIES:
-                raise OSError(EIO)
-        self._at = _OLDEST if sure else _FIFO_DATA
-        self.waits = level
-        self._odd = odd
-        return level
-
-    def _read_level(self):
-        self._burst[_LEVEL] = _UNREAD
-        self._bus.read_into(ADDRESS, _FIFO_LVL, self._level)
-        level = self._burst[_LEVEL]
-        if level == _UNREAD:
-            raise OSError(EIO)
-        return level
-
-    def _read_byte(self, register):
-        self._byte[0] = _UNREAD
-        self._bus.read_into(ADDRESS, register, self._byte)
-        if self._byte[0] == _UNREAD:
+    def read_byte(self, register):
+        self._byte[0] = c.UNREAD
+        self.bus.read_into(ADDRESS, register, self._byte)
+        if self._byte[0] == c.UNREAD:
             raise OSError(EIO)
         return self._byte[0]
 
-    def _clear(self):
-        self._write(_CONTROL, _FIFO_CLR)
-        self.complete = self.asked = self._ticks_us()
-        self.pacing.overrun(self.asked)
-        if self.fifo < 0:
-            self._write(_STATUS, _AINT)  # the sample of this AINT is no longer in the FIFO
-            self.fifo = _TRIAL
-
-    def _take(self):
-        complete = self.pacing.found(self.asked, self._ticks_us())
-        self.complete = self.asked if complete is None else complete
-        self._at = _COUNTS
-        return complete is not None
-
     def _fail(self):
-        if self.pacing.sure > 0:
-            self._odd = _BROKEN  # the transfer may have read a part of a sample
+        self._path.fail()
         self.recover()
         if not self._is_overdue():
             self.retries += 1
@@ -450,7 +331,7 @@ class AS7341:
         # Not called after `steady` is True: ticks wrap, so that old ticks compare wrongly.
         # The sample began at most `longest_us` before its end: the oscillator may be 1/16 slow.
         longest_us = (self.exposure_us * 17 >> 4) + self.pacing.slack_us
-        self.steady = self._clock.ticks_diff(self.complete, self._settled) >= longest_us
+        self.steady = self.ticks_diff(self.complete, self._settled) >= longest_us
 
     def check(self):
         """Check that two registers of the chip still contain the written values.
@@ -468,38 +349,38 @@ class AS7341:
         i = self._check
         self._check = (i + 1) % len(_CHECKED)
         self._pair[0] = ~self._written[2 * i] & 0xFF
-        self._bus.read_into(ADDRESS, _CHECKED[i], self._pair)
+        self.bus.read_into(ADDRESS, _CHECKED[i], self._pair)
         if self._pair[0] != self._written[2 * i] or self._pair[1] != self._written[2 * i + 1]:
             raise SensorError("the AS7341 has lost its settings; check its supply and wiring")
 
     def recover(self):
         """Free the wires of the bus after a failed transfer; a runtime can override this method."""
-        self._bus.recover()
+        self.bus.recover()
 
     def saturation(self):
         """Return the saturation of the last sample (STATUS2): 'analog', 'digital' or None."""
-        status = self._read_byte(_STATUS2)
+        status = self.read_byte(_STATUS2)
         return "analog" if status & 0x08 else "digital" if status & 0x10 else None
 
     def report(self, reply):
         """Add counters and state of this sensor to a reply to ``get`` (dict); no bus transfer."""
         reply["missed"] = self.pacing.missed
         reply["retries"] = self.retries
-        reply["fifo"] = max(self.fifo, 0)
+        reply["fifo"] = self._path.fifo
         reply["full_scale"] = self.full_scale
 
     def _is_overdue(self):
         longest_us = 2 * self.exposure_us + _AUTO_ZERO_US
-        return self._clock.ticks_diff(self.asked, self.complete) > longest_us
+        return self.ticks_diff(self.asked, self.complete) > longest_us
 
     def _configure(self, atime, astep, gain, led_mA):
         """Write exposure (registers `atime` and `astep`), gain code and LED current to the chip.
 
         Called while the chip is powered and does not sample.
         """
-        self._write(_ATIME, atime)
-        self._bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
-        self._write(_CFG1, gain)
+        self.write(_ATIME, atime)
+        self.bus.write(bytes((_ASTEP, astep & 0xFF, astep >> 8)))
+        self.write(_CFG1, gain)
         self._led_code = exposure.led_code(led_mA)
 
     def _light(self, on):
@@ -525,17 +406,17 @@ class AS7341:
             )
 
     def _ask_id(self):
-        self._write(_CFG0, 0)  # a failed transfer may have left bank 1 selected
-        self._read_byte(_ID)
+        self.write(_CFG0, 0)  # a failed transfer may have left bank 1 selected
+        self.read_byte(_ID)
 
     def _write_bank_1(self, register, value):
-        self._write(_CFG0, _BANK_1)
+        self.write(_CFG0, _BANK_1)
         try:
-            self._write(register, value)
+            self.write(register, value)
         finally:
-            self._write(_CFG0, 0)
+            self.write(_CFG0, 0)
 
-    def _write(self, register, value):
+    def write(self, register, value):
         self._pair[0] = register
         self._pair[1] = value
-        self._bus.write(self._pair)
+        self.bus.write(self._pair)

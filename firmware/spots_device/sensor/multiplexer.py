@@ -18,12 +18,12 @@ def connect(sensor, channel):
     channel : int
         Its channel, 0 to 7.
     """
-    if sensor._bus is None:  # CircuitPython: the sensor opens its bus later, at its start
+    if sensor.bus is None:  # CircuitPython: the sensor opens its bus later, at its start
         from ..runtime.multiplexer_circuitpython import I2CChannel
 
         sensor.open_i2c = I2CChannel(channel).open
     else:
-        sensor._bus = ChannelBus(sensor._bus, channel)
+        sensor.bus = ChannelBus(sensor.bus, channel)
 
 
 class ChannelBus:

@@ -32,10 +32,10 @@ app, bus, clock, _ = canned.app(lines)
 lines = None
 sensor = app.strip.sensor
 for _ in range(_RETURNS):
-    sensor._bus = Absent()
+    sensor.bus = Absent()
     while not app.reconnect.fault:
         app.step()
-    sensor._bus = bus
+    sensor.bus = bus
     while app.reconnect.lost:
         app.step()
     gc.disable()
