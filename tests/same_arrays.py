@@ -18,7 +18,7 @@ from spots.recording.recording import Recording
 from spots_device.reading import decode
 
 _TABLES = {Touch: "touches", Spectrum: "spectra", Key: "keys", Contact: "contacts"}
-_COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "complete")
+_COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "complete", "joined")
 
 
 def recording_of(path: Path, data: bytes, part: int = 0, restarts: int = 0) -> Path:

@@ -46,6 +46,31 @@ def did_you_mean(
     return otherwise or f"valid names are {', '.join(by_case.values())}"
 
 
+def path_text(value: object, what: str) -> str:
+    """Return an argument that is a path, as text.
+
+    Parameters
+    ----------
+    value : object
+        The argument.
+    what : str
+        Name of the argument for the message, such as "the path of a recording".
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    SpotsError
+        If the value is neither a text nor a path.
+    """
+    text = os.fspath(value) if isinstance(value, os.PathLike) else value
+    if not isinstance(text, str):
+        raise SpotsError(f"{what} must be a text or a pathlib.Path, not {value!r}")
+    return text
+
+
 class SpotsError(Exception):
     """An error that the user can correct: its text names the problem and the remedy.
 

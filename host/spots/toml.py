@@ -12,8 +12,9 @@ from typing import TypeVar
 import msgspec
 from msgspec import inspect
 
+from . import kinds
 from .bounded import read_text
-from .errors import SpotsError, did_you_mean
+from .errors import SpotsError, did_you_mean, path_text
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -21,7 +22,9 @@ else:
     import tomli as tomllib
 
 _Kind = TypeVar("_Kind")
-_TOO_DEEP = "tables or lists are nested too deep"
+_TOO_DEEP = "tables or lists are nested too deep: write fewer levels"
+# The key before the end of a text.
+_KEY_BEFORE = re.compile(r"""([\w.-]+)\s*=[^=]*\Z""")
 # Largest number of parts of a dotted key. The reader's time grows with the square of this number.
 _KEY_PARTS_MAX = 32
 # Separators of keys, in a file without its strings and comments.
@@ -101,18 +104,21 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
     SpotsError
         If the file cannot be read as text, is not a regular file, or is too large.
     """
-    path = Path(name)
-    if not path.suffix:
-        path = folder / f"{name}.toml"
+    name = path_text(name, f"the name of a {what} file")
+    path, packaged = Path(name), folder / f"{name}.toml"
+    # A name without a suffix may also be the path of a folder or of a file of another kind.
+    if not path.suffix and (packaged.exists() or not path.exists()):
+        path = packaged
     try:
         return path, read_text(path)
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not UTF-8 text"
+    except FileNotFoundError:
         known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
         raise SpotsError(
-            f"cannot read the {what} file {name} ({reason}): give the path of a file that ends in "
-            f".toml, or one of these names: {known}"
+            f"cannot read the {what} file {name}, because there is no such file: give the path of "
+            f"a file that ends in .toml, or one of these names: {known}"
         ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise kinds.not_read(name, error, f"a {what} file") from None
 
 
 def loads(text: str) -> dict:
@@ -131,10 +137,29 @@ def loads(text: str) -> dict:
     except RecursionError:
         raise msgspec.ValidationError(_TOO_DEEP) from None
     except tomllib.TOMLDecodeError as error:
-        raise msgspec.ValidationError(f"wrong TOML syntax: {error}") from None
-    except ValueError as error:  # for example, a number with too many digits
-        raise msgspec.ValidationError(str(error)) from None
+        reason = f"wrong TOML syntax: {error}"
+        if str(error).endswith("(at end of document)"):
+            raise msgspec.ValidationError(f"{reason}; restore the rest of the file") from None
+        raise msgspec.ValidationError(f"{reason}; correct this line") from None
+    except ValueError as error:
+        raise msgspec.ValidationError(_with_line(text, str(error))) from None
     return content
+
+
+def _with_line(text: str, reason: str) -> str:
+    """Return the reason why a value is invalid, with its line in the file and what to do."""
+    if "digit" in reason:  # Python's sentence names a function of Python
+        reason, wrong = "a number has too many digits", r"\d{1000}"
+    elif found := re.match(r"'(.*?)' is not", reason):
+        wrong = rf"(?<![\w.]){re.escape(found[1])}(?!\w)"
+    else:
+        return reason
+    plain = STRING_OR_COMMENT.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
+    if place := re.search(wrong, plain):
+        key = _KEY_BEFORE.search(plain[: place.start()])
+        of = f" ({key[1]})" if key else ""
+        reason = f"line {text.count(chr(10), 0, place.start()) + 1}{of}: {reason}"
+    return f"{reason}; write a number"
 
 
 def comments(text: str) -> list[str]:
@@ -187,7 +212,7 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
     kind : type
         Subclass of `msgspec.Struct` that describes the file.
     what : str
-        Name of the file for error messages.
+        Kind and path of the file for error messages, such as "layout file mine.toml".
 
     Returns
     -------
@@ -202,6 +227,9 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
     try:
         return convert(loads(text), kind)
     except msgspec.ValidationError as error:
+        wanted, is_file, path = what.partition(" file ")
+        if is_file:
+            kinds.check(path, text, f"a {wanted} file")
         raise SpotsError(f"{what}: {error}") from None
 
 

@@ -6,7 +6,6 @@ import argparse
 
 from spots.cli import arguments
 from spots.cli.parser import Parser
-from spots.errors import SpotsError
 
 PURPOSE = "make a strip"
 
@@ -63,7 +62,12 @@ def design(parser: Parser):
         type=_test_mm,
         default=60.0,
     )
-    arguments.add_port(parser)
+    arguments.add_port(parser, arguments.READ_ONLY)
+    measures = "--port", "--sensor", "--test-dose", "--test-length-mm"
+    parser.needs(measures, lambda options: options.measure_dye, "add --measure-dye")
+    parser.needs(["--out"], lambda options: not options.measure_dye, "leave out --measure-dye")
+    parser.needs(["--breakout"], lambda options: options.out, "add --out DIR")
+    parser.needs(["--strips"], lambda options: options.out or options.measure_dye, "add --out DIR")
     return _design
 
 
@@ -72,13 +76,6 @@ _test_mm = arguments.number("the length of a test piece in mm", 10, 300)
 
 
 def _design(options: argparse.Namespace) -> None:
-    for name, given, belongs in (
-        ("--port", options.port, options.measure_dye),
-        ("--out", options.out, not options.measure_dye),
-    ):
-        if given and not belongs:
-            with_or_without = "without" if options.measure_dye else "with"
-            raise SpotsError(f"give {name} only {with_or_without} --measure-dye")
     if options.measure_dye:
         from .dye_dose import measure_dye_command
 

@@ -104,6 +104,8 @@ def characterize(parser: Parser):
         default=0.0,
         help="standard deviation of the position of a press on a mark, in um",
     )
+    presses = "--presses", "--mark-error-um"
+    parser.needs(presses, lambda options: options.rezero, "add --rezero 3")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--out", metavar="DIR", help="draw figures into this folder")
     return _characterize

@@ -713,7 +713,7 @@ def test_a_shaky_hand_adds_less_the_more_often_it_presses(sensor):
     ("options", "says"),
     [
         (["--rezero", "2"], "--rezero must be 0, 1 or 3 marks, not 2"),
-        (["--mark-error-um", "-1"], "--mark-error-um must be 0 or more"),
+        (["--rezero", "1", "--mark-error-um", "-1"], "--mark-error-um must be 0 or more"),
         (["--change", "nosuch"], "cannot read the change file nosuch.*mixed"),
     ],
 )

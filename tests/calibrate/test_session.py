@@ -286,7 +286,7 @@ def test_a_press_that_cannot_be_written_is_reported_and_the_others_are_stored(
 def test_a_file_of_another_kind_is_no_session(tmp_path, text):
     path = tmp_path / "mine.toml"
     path.write_text(text)
-    with pytest.raises(SpotsError, match="line 1 of the session"):
+    with pytest.raises(SpotsError, match=r"mine\.toml is not a session file: name another"):
         Session(path)
     assert path.read_text() == text
 
@@ -453,9 +453,9 @@ def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
     [
         (["strain"], "--strain-percent belong together: give both"),
         (["position", "--strain-percent", 5], "'spots calibrate strain' and --strain-percent"),
-        (["position", "--places", 5], "must be 12 or more for 'position'"),
-        (["force", "--places", 5], "must be 14 or more for 'force'"),
-        (["position", "--places", 0], "must be 12 or more for 'position'"),
+        (["position", "--places", 5], "must be from 12 to 1000 for 'position'"),
+        (["force", "--places", 5], "must be from 14 to 1000 for 'force'"),
+        (["position", "--places", 0], "must be from 12 to 1000 for 'position'"),
         (["strain", "--strain-percent", 10], "calibrate position and force before strain"),
         (["joint"], "there is no file"),
         (["position", "--plan", "F1,F2"], "six different diodes"),

@@ -54,7 +54,9 @@ def test_the_port_of_a_virtual_board_has_no_more_parts(capsys):
 def test_a_port_that_is_a_file(capsys, tmp_path):
     path = tmp_path / "file"
     path.write_text("")
-    assert "cannot be opened" in refused(capsys, "command", "--port", str(path), "hello")
+    assert "is a file, not a serial port" in refused(
+        capsys, "command", "--port", str(path), "hello"
+    )
 
 
 def test_a_busy_port(capsys, port):
@@ -198,7 +200,17 @@ def test_what_a_layout_says_is_shown_as_it_stands(capsys, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "says"),
-    [("a = " + 4000 * "[", "nested too deep"), ("a = " + 5000 * "9", "digits"), ("a = inf", "inf")],
+    [
+        ("a = " + 4000 * "[", "nested too deep: write fewer levels"),
+        ("b = 1\na = " + 5000 * "9", "line 2 (a): a number has too many digits; write a number"),
+        ("a = inf", "line 1 (a): 'inf' is not a finite number; write a number"),
+        ('# nan\nb = "nan"\n[t]\na = [1,\n nan]', "line 5 (a): 'nan' is not a finite number"),
+        ("a = {b = 1, c = -inf}", "line 1 (c): '-inf' is not a finite number"),
+        ("a = 1e999", "line 1 (a): '1e999' is not a finite number"),
+        ("a = 1\nb = [1,", "(at end of document); restore the rest of the file"),
+        ('a = "\nb = 1', "(at line 1, column 6); correct this line"),
+        ("a =\nb = 1", "(at line 1, column 4); correct this line"),
+    ],
 )
 def test_toml_that_no_reader_takes_is_one_sentence(capsys, tmp_path, text, says):
     path = tmp_path / "my.toml"

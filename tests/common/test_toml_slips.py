@@ -106,5 +106,5 @@ def test_a_wrong_layout_is_reported_with_the_line_of_its_key(tmp_path):
 def test_a_file_that_is_not_text_is_reported_with_this_reason(tmp_path):
     path = tmp_path / "my.toml"
     path.write_bytes(b"name = '\xff'\n")
-    with pytest.raises(SpotsError, match=r"my\.toml \(not UTF-8 text\): give the path"):
+    with pytest.raises(SpotsError, match=r"my\.toml is not UTF-8 text, .*: save it as UTF-8"):
         layout.load(path)

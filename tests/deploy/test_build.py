@@ -14,9 +14,9 @@ from spots import SpotsError
 from spots.cli import main
 from spots.deploy import build as builder
 from spots.deploy import staging
-from spots.deploy.build import ARCHITECTURES, build, files_of, mpy_header
+from spots.deploy.build import build, files_of, mpy_header
 from spots.deploy.constants import inline
-from spots.deploy.staging import board_names, device_of, stage
+from spots.deploy.staging import ARCHITECTURES, board_names, device_of, stage
 from spots_sim.board.vm import micropython_command
 
 VIPER = ("reading/kernel", "fingers/locate")

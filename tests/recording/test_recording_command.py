@@ -170,7 +170,7 @@ def test_a_file_that_is_no_recording(tmp_path, capsys, command, content, sentenc
 
 def test_files_that_cannot_be_opened(tmp_path, capsys):
     assert f"there is no file {tmp_path}/no" in refused(capsys, "info", tmp_path / "no")
-    assert "is a directory: name a recording in it" in refused(capsys, "info", tmp_path)
+    assert "is a folder, not a recording: name a file" in refused(capsys, "info", tmp_path)
 
 
 def headed(**changes):

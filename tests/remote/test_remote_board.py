@@ -335,8 +335,12 @@ def test_mistakes_are_one_sentence(net, tmp_path, monkeypatch, capsys):
         ("monitor", "--port", "zenoh://a1"): "'//a1' is not a board's id",
         ("monitor", "--port", "zenoh:a1/"): "'a1/' is not a board's id",
         ("subscribe", "//"): "'//' is not a key expression",
-        ("subscribe", "--zenoh-config", "nowhere"): "configuration nowhere (No such file",
-        ("subscribe", "--zenoh-config", str(tmp_path)): f"configuration {tmp_path} (Is a dir",
+        (
+            "subscribe",
+            "--zenoh-config",
+            "nowhere",
+        ): "configuration nowhere, because there is no such file",
+        ("subscribe", "--zenoh-config", str(tmp_path)): f"{tmp_path} is a folder, not a Zenoh config",
         ("subscribe", "--zenoh-config", str(bad)): "is not a Zenoh configuration",
     }.items():
         monkeypatch.setenv("ZENOH_CONFIG", str(net.leaf))

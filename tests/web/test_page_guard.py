@@ -412,7 +412,9 @@ def test_the_end_is_quiet(number):
     assert status(re.search(r"http://\S+", line).group())[0] == 200
     program.send_signal(number)
     _, error = program.communicate(timeout=60)
-    assert (program.returncode, error) == (0, "")
+    waits = "spots: waiting for a board: there is no port /dev/nowhere: "
+    assert program.returncode == 0
+    assert [line.startswith(waits) for line in error.splitlines()] in ([], [True])
 
 
 @pytest.mark.parametrize("package", ["aiohttp", "tomlkit"])

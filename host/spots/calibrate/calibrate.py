@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from spots_device.sensor.smux import smux_map
+
 from .. import atomic
 from ..errors import SpotsError
-from ..link.connect import open
+from ..link.connect import open_named
 from ..link.ports import offered
 from ..signals import stop_explained
 from .bench import Bench
@@ -22,6 +24,7 @@ from .spectra import SpectrumReader
 from .steps import COUNTS, LENGTH_UM, calibrate
 
 _SESSION = "calibration.jsonl"  # default session file
+_PLACES_MAX = 1000
 
 
 def calibrate_command(options: argparse.Namespace) -> None:
@@ -31,13 +34,18 @@ def calibrate_command(options: argparse.Namespace) -> None:
         raise SpotsError(f"--rough cannot be used with '{options.kind}': leave out one of them")
     usual, least = COUNTS[kind]
     count = usual if options.places is None else options.places
-    if count < least:
-        raise SpotsError(f"--places must be {least} or more for '{kind}'")
+    if not least <= count <= _PLACES_MAX:
+        raise SpotsError(f"--places must be from {least} to {_PLACES_MAX} for '{kind}'")
     if (kind == "strain") != (options.strain_percent is not None):
         raise SpotsError(
             "'spots calibrate strain' and --strain-percent belong together: give both, or leave "
             "out both"
         )
+    if options.plan:
+        try:
+            smux_map(options.plan.split(","))
+        except ValueError as error:
+            raise SpotsError(f"--plan: {error}") from None
     if options.practice:
         return _practise(options, kind, count)
     session = Session(Path(options.session or _SESSION))
@@ -94,6 +102,6 @@ def opened(
 
 
 def _by_hand(options, made: Session | CalibrationFile, path: Path, guide: Guide) -> Bench:
-    reader = SpectrumReader(open(options.port))
+    reader = SpectrumReader(open_named(options))
     length_um = 1000 * (options.length_mm or 0) or made.length_um or LENGTH_UM
     return Bench(reader, Presser(guide), guide, length_um, path)

@@ -20,7 +20,7 @@ import msgspec
 from spots_device.board.settings import checksum
 from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
-from .. import atomic, toml
+from .. import atomic, kinds, toml
 from ..bounded import read_text
 from ..errors import SpotsError
 from ..link.board import Board
@@ -256,10 +256,8 @@ def load(path: Path) -> CalibrationFile:
         text = read_text(path)
     except FileNotFoundError:
         raise SpotsError(f"there is no file {path}: make it with 'spots calibrate'") from None
-    except OSError as error:
-        raise SpotsError(f"cannot read {path} ({error.strerror}): name another file") from None
-    except UnicodeDecodeError:
-        raise SpotsError(f"{path} is damaged: {_AGAIN}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise kinds.not_read(path, error, "a calibration file") from None
     version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
     if version and version[1] != str(VERSION):
         raise SpotsError(
@@ -268,6 +266,8 @@ def load(path: Path) -> CalibrationFile:
         )
     body, _, tail = text.partition(_END)
     found = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
+    if found is None:
+        kinds.check(path, text, "a calibration file")
     if found is None and len(tail) < len('crc32 = "00000000"'):
         raise SpotsError(f"{path} is cut short, or is not a calibration file: {_AGAIN}")
     if found is None or found[1] != _crc32(body):

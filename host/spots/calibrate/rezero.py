@@ -40,6 +40,7 @@ def rezero_command(options: argparse.Namespace) -> None:
     made = file.load(path)
     check_writable(path)
     force_mN = options.force_N and 1000 * options.force_N
+    _marks(made, path, options.joint, force_mN)  # before the board is opened
     with opened(options, made, path) as bench:
         with stop_explained(lambda: f"{path} and the board are unchanged; run the command again"):
             new = rezero(bench, made, options.presses, options.quick, force_mN, options.joint)
@@ -85,23 +86,11 @@ def rezero(
         If the calibration has no marks or was made on another board or at other settings, or if the
         presses at a mark disagree.
     """
-    marks = made.joint_marks if joint else made.marks
-    if marks is None:
-        again = "run 'spots calibrate joint' again" if joint else "calibrate again"
-        raise SpotsError(
-            f"{bench.path} has no section [{'joint_' * joint}marks], which a re-zero needs: "
-            f"{again} to make it"
-        )
+    marks = _marks(made, bench.path, joint, force_mN)
     table, reader = Calibration(made.lines), bench.reader
     reason = table.mismatch(reader.conditions)
     if reason is not None:
         raise SpotsError(f"{bench.path}: {reason}")
-    low_mN, high_mN = table.forces_mN[0], table.forces_mN[-1]
-    if force_mN is not None and not low_mN <= force_mN <= high_mN:
-        raise SpotsError(
-            f"{force_mN / 1000:g} N is not a force of this calibration: press with a force from "
-            f"{low_mN / 1000:.2g} to {high_mN / 1000:.2g} N, and give it with --force-N"
-        )
     bench.guide.say("taking dark frames: touch nothing")
     reader.set_up(dark_s=DARK_S)
     at = slice(1, 2) if quick else slice(None)
@@ -133,6 +122,27 @@ def rezero(
     original = made.original or made.lines
     lines = tuple(shifted(original, place_um, shifts))
     return replace(made, lines=lines, original=original, rezeros=[*made.rezeros, done])
+
+
+def _marks(
+    made: file.CalibrationFile, path: Path, joint: bool, force_mN: float | None
+) -> file.Marks:
+    """Return the marks to press; raise SpotsError if there are none, or if the force is invalid."""
+    marks = made.joint_marks if joint else made.marks
+    if marks is None:
+        again = "run 'spots calibrate joint' again" if joint else "calibrate again"
+        raise SpotsError(
+            f"{path} has no section [{'joint_' * joint}marks], which a re-zero needs: "
+            f"{again} to make it"
+        )
+    forces_mN = Calibration(made.lines).forces_mN
+    low_mN, high_mN = forces_mN[0], forces_mN[-1]
+    if force_mN is not None and not low_mN <= force_mN <= high_mN:
+        raise SpotsError(
+            f"{force_mN / 1000:g} N is not a force of this calibration: press with a force from "
+            f"{low_mN / 1000:.2g} to {high_mN / 1000:.2g} N, and give it with --force-N"
+        )
+    return marks
 
 
 def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 
 from spots_device.reading.calibration import Conditions
 
-from .. import atomic, locks
+from .. import atomic, kinds, locks
 from ..bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from .presses import Presses
@@ -53,6 +53,7 @@ Plan = Annotated[tuple[str, ...], msgspec.Meta(min_length=6, max_length=6)]
 Gain = Annotated[int, _ranged(0, 10)]
 ExposureUs = Annotated[int, _ranged(1, 10_000_000)]
 LedMA = Annotated[int, _ranged(0, 1000)]
+_WANTED = "a session file"
 _KIND = atomic.Kind("a session", lambda path: read_bytes(path, SESSION_MAX_BYTES))
 
 
@@ -347,9 +348,7 @@ class Session:
         try:
             return read_bytes(self.path, SESSION_MAX_BYTES) if self.path.exists() else b""
         except OSError as error:
-            raise SpotsError(
-                f"cannot read the session {self.path} ({error.strerror}): name another file"
-            ) from None
+            raise kinds.not_read(self.path, error, _WANTED) from None
 
     def _update(self) -> None:
         if (data := self._read()) != self._data:
@@ -364,6 +363,11 @@ class Session:
             try:
                 stored.append(msgspec.json.decode(line, type=Point))
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
+                kinds.check(self.path, data, _WANTED)
+                if _WANTED not in kinds.kinds_of(data):
+                    raise SpotsError(
+                        f"{self.path} is not {_WANTED}: name another file with --session"
+                    ) from None
                 raise SpotsError(
                     f"line {number} of the session {self.path} is damaged ({error}): remove that "
                     "line to repeat its press, or begin another session"

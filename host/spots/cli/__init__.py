@@ -3,6 +3,7 @@
 import errno
 import os
 import sys
+from itertools import takewhile
 
 from spots_device import __version__
 
@@ -50,6 +51,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _run(arguments: list[str] | None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
+    # A comment in a copied line: cmd.exe of Windows and zsh pass it to the program.
+    given = list(takewhile(lambda word: word != "#", given))
     options = _parser().parse_args(given or ["--help"])
     if getattr(options, "zenoh_config", None):
         os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name

@@ -18,7 +18,8 @@ def keys(parser: Parser):
     """
     parser.option("what", "ACTION", "check, show or push", choices=["check", "show", "push"])
     parser.option("layout", "LAYOUT", "key layout: a .toml file, or a name such as mini")
-    arguments.add_port(parser)
+    arguments.add_port(parser, arguments.READ_ONLY)
+    parser.needs(["--port"], lambda options: options.what == "push", "only 'push' uses a board")
     return _keys
 
 
@@ -57,6 +58,8 @@ def controller(parser: Parser):
     parser.option("--settings", "FILE.toml", "settings file; the package's own if not given")
     parser.flag("--calibrate", "measure middle and ends of the axes, and write a settings file")
     _add_output(parser, "print the gamepad's states, but emulate no gamepad")
+    uses = "--dry-run", "--seconds"
+    parser.needs(uses, lambda options: not options.calibrate, "leave out --calibrate")
     return calls("spots.controller.controller:controller_command")
 
 
@@ -96,7 +99,20 @@ def twin(parser: Parser):
         "--out", metavar="FILE.toml", help="the linkage file to write, for --calibrate"
     )
     arguments.add_simulation(parser, "linkage")
+    simulates = {*arguments.option_names("linkage")} - {"--picture"}  # it has its own message
+    parser.needs(simulates, _is_simulated, "name a simulated linkage with --linkage")
+    shows = "--seconds", "--json"
+    parser.needs(shows, lambda options: not options.measure, "leave out --measure")
+    parser.needs(
+        ["--place-sigma-mm"], lambda options: options.calibrate, "add --calibrate POINTS.csv"
+    )
     return calls("spots.linkage.twin:twin_command")
+
+
+def _is_simulated(options: argparse.Namespace) -> bool:
+    from ..linkage.twin_source import has_boards
+
+    return not options.calibrate and not has_boards(options.linkage, options.port)
 
 
 COMMANDS = keys, keyboard, wearable, controller, twin

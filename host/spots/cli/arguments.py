@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
-from ..link.ports import known
+from ..link.ports import known, scheme_name
 from ..plugins import entry_points
+from .parser import Fits, Parser
 
 PORTS = f"serial port, {known()}"
 # Group of the entry points of other packages: functions that add options to a parser.
@@ -18,18 +19,74 @@ _LINKAGE = {"sensor": "default", "seed": 0, "path": None, "exposure_us": None, "
 _SIMULATED = {"board": _BOARD, "linkage": _LINKAGE}
 
 
-def add_port(parser: argparse.ArgumentParser) -> None:
-    """Add the options that name a board; `open_board` reads them."""
-    parser.add_argument("--port", help=f"{PORTS}; the only board on USB if not given")
-    add_zenoh_config(parser)
+def add_port(
+    parser: Parser, without: Collection[str] = (), *, simulated: Fits | None = None
+) -> None:
+    """Add the options that name a board; `open_board` reads them.
+
+    Parameters
+    ----------
+    parser : Parser
+        Parser of the command.
+    without : collection of str
+        Kinds of ports that the command cannot use, such as ``recording``, see `link.ports`.
+    simulated : callable, optional
+        ``simulated(options)`` returns whether the options of a virtual board have an effect; if not
+        given, they have one with a virtual board.
+    """
+    forms = known(without)
+
+    def port(text: str) -> str:
+        if scheme_name(text) in without:
+            raise argparse.ArgumentTypeError(
+                f"this command cannot use '{text}': give a serial port or {forms}"
+            )
+        return text
+
+    text = f"serial port, {forms}; the only board on USB if not given"
+    parser.add_argument("--port", type=port, help=text)
+    parser.set_defaults(without=without)
+    if "zenoh" not in without:
+        add_zenoh_config(parser)
+        parser.needs(["--zenoh-config"], _has_zenoh, "add --port zenoh:ID")
     add_simulation(parser)
+    simulated = simulated or (lambda options: has_port(options, "virtual"))
+    parser.needs(option_names("board"), simulated, "add --port virtual")
 
 
-def add_ports(parser: argparse.ArgumentParser) -> None:
+def add_ports(parser: Parser) -> None:
     """Add the options that name one board, or the two boards of a linkage."""
     text = f"{PORTS}; found on USB if not given; if a linkage has two boards, give --port for each"
     parser.add_argument("--port", action="append", default=[], help=text)
     add_zenoh_config(parser)
+    parser.needs(["--zenoh-config"], _has_zenoh, "add --port zenoh:ID")
+
+
+def has_port(options: argparse.Namespace, scheme: str) -> bool:
+    """Return whether the options name a port with a scheme.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Options of the command, with ``port``.
+    scheme : str
+        The scheme, such as ``virtual``.
+
+    Returns
+    -------
+    bool
+    """
+    ports = options.port if isinstance(options.port, list) else [options.port]
+    return scheme in map(scheme_name, ports)
+
+
+def _has_zenoh(options: argparse.Namespace) -> bool:
+    return has_port(options, "zenoh")
+
+
+def option_names(what: str) -> list[str]:
+    """Return the names of the options that `add_simulation` adds."""
+    return [f"--{name.replace('_', '-')}" for name in _SIMULATED[what]]
 
 
 def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
@@ -38,10 +95,20 @@ def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--zenoh-config", metavar="FILE", help=text)
 
 
-def add_wait(parser: argparse.ArgumentParser) -> None:
+def add_wait(parser: Parser) -> None:
     """Add the option for a board that may be unplugged; `open_board` reads it."""
     text = "wait for the board without limit: at the start, and while it is unplugged"
-    parser.add_argument("--wait", action="store_true", help=text)
+    parser.flag("--wait", text)
+    comes_and_goes = "", "zenoh"
+    parser.needs(
+        ["--wait"],
+        lambda options: scheme_name(options.port) in comes_and_goes,
+        "give a serial port or zenoh:ID",
+    )
+
+
+# Kinds of ports of a command that changes its board.
+READ_ONLY = "recording", "zenoh"
 
 
 def add_layout(parser: argparse.ArgumentParser) -> None:
@@ -143,7 +210,6 @@ force_N = number("a force in N", 0.1, 50)
 megabytes = number("a size in MB", 0.1, 1e6)
 speed = number("a speed", 0.001, math.inf)
 seed = number("a seed", 0, 2**63, int)
-places = number("the number of places, forces or angles", 0, 1000, int)
 sigma_mm = number("a standard error in mm", 1e-6, 100)
 http_port = number("a port for web browsers", 0, 65535, int)
 exposure_us = number("an exposure in us", 2000, 200_000, int)

@@ -85,7 +85,11 @@ def calibrate(parser: Parser):
     )
     parser.flag("--rough", "for a fingertip and a ruler, without a scale; forces are then relative")
     parser.flag("--practice", "practise a session without a strip; no file is written")
-    arguments.add_port(parser)
+    arguments.add_port(
+        parser,
+        arguments.READ_ONLY,
+        simulated=lambda options: options.practice or arguments.has_port(options, "virtual"),
+    )
     parser.option(
         "--session",
         "FILE.jsonl",
@@ -99,7 +103,7 @@ def calibrate(parser: Parser):
         "--places",
         "N",
         "number of presses, positions, forces or angles to take, depending on KIND",
-        type=arguments.places,
+        type=arguments.whole,
     )
     parser.option(
         "--length-mm",
@@ -120,6 +124,15 @@ def calibrate(parser: Parser):
         "present ones",
     )
     parser.flag("--keep-settings", "do not adjust gain and LED current")
+    chooses = "--plan", "--keep-settings"
+    parser.needs(
+        chooses,
+        lambda options: options.kind not in ("strain", "joint"),
+        "the session has these settings already",
+    )
+    parser.needs(
+        ["--length-mm"], lambda options: options.kind != "joint", "a joint needs no length"
+    )
     return calls("spots.calibrate.calibrate:calibrate_command")
 
 
@@ -137,7 +150,7 @@ def rezero(parser: Parser):
         metavar="FILE.toml",
         help="calibration file to correct; calibration.toml if not given",
     )
-    arguments.add_port(parser)
+    arguments.add_port(parser, arguments.READ_ONLY)
     parser.flag("--quick", "press only the middle mark; this cannot correct a bleached dye")
     parser.flag("--joint", "use the lowest, a middle and the highest angle of a joint as marks")
     parser.option(
@@ -149,6 +162,11 @@ def rezero(parser: Parser):
         "force of each press in N, read from a scale; corrects the force, too",
         type=arguments.force_N,
     )
+    parser.needs(
+        ["--force-N"],
+        lambda options: not options.joint,
+        "the indenter of a joint presses with a force of its own",
+    )
     parser.set_defaults(length_mm=None)
     return calls("spots.calibrate.rezero:rezero_command")
 
@@ -159,7 +177,7 @@ def dark(parser: Parser):
     example:
       spots dark
     """
-    arguments.add_port(parser)
+    arguments.add_port(parser, arguments.READ_ONLY)
     return calls("spots.calibrate.dark:dark_command")
 
 
@@ -179,7 +197,11 @@ COMMANDS = ports, boards, build, flash, doctor, dark, calibrate, rezero, erase
 
 def _add_strips(parser: Parser) -> None:
     parser.option(
-        "--strips", "N", "number of strips on the board; 1 if not given", type=int, default=1
+        "--strips",
+        "N",
+        "number of strips on the board; 1 if not given",
+        type=arguments.whole,
+        default=1,
     )
 
 

@@ -37,6 +37,11 @@ def serve(parser: Parser):
     arguments.add_ports(parser)
     parser.option("--linkage", "FILE.toml", "show the five-bar linkage of this file")
     arguments.add_simulation(parser)
+    parser.needs(
+        arguments.option_names("board"),
+        lambda options: options.practice or arguments.has_port(options, "virtual"),
+        "add --port virtual",
+    )
     arguments.add_layout(parser)
     parser.add_argument(
         "--address",

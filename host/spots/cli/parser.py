@@ -13,6 +13,9 @@ from typing import NoReturn
 
 from ..errors import did_you_mean, printable
 
+# Whether the other options give an option an effect, see `Parser.needs`.
+Fits = Callable[[argparse.Namespace], object]
+
 
 def calls(target: str, *names: str) -> Callable[[argparse.Namespace], None]:
     """Return a function that, when called, imports a target function and calls the target.
@@ -42,13 +45,35 @@ class _Once(argparse.Action):
     """Stores the value of an option; refuses a second value, which would replace the first one."""
 
     def __call__(self, parser, namespace, values, option_string=None):
-        if option_string and self.dest in parser.given:
+        if option_string and option_string in parser.given:
             first = getattr(namespace, self.dest)
             raise argparse.ArgumentError(
                 self, f"it is given twice, as '{first}' and '{values}': leave out one of them"
             )
-        parser.given.add(self.dest)
+        if option_string:  # not a positional argument
+            parser.given[option_string] = None
         setattr(namespace, self.dest, values)
+
+
+class _Flag(argparse.Action):
+    """Stores True for an option without a value; refuses the option if it is given twice."""
+
+    def __init__(self, option_strings, dest, default=False, **more):
+        super().__init__(option_strings, dest, nargs=0, default=default, **more)
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        if option_string in parser.given:
+            raise argparse.ArgumentError(self, "it is given twice: leave out one of them")
+        parser.given[option_string] = None
+        setattr(namespace, self.dest, True)
+
+
+class _Several(argparse._AppendAction):
+    """Adds a value to a list, and records that the option is given."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        super().__call__(parser, namespace, values, option_string)
+        parser.given[option_string] = None
 
 
 class Parser(argparse.ArgumentParser):
@@ -58,17 +83,23 @@ class Parser(argparse.ArgumentParser):
     ----------
     command : callable or None
         Function that adds the options when they are first needed, see `add_commands`.
-    given : set of str
-        Names of the options on the command line that have one value.
+    given : dict
+        The options of the command line, such as ``--port``, as keys in their order.
     """
 
     command: Callable[["Parser"], Callable] | None = None
 
     def __init__(self, **options):
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **options)
-        self.given: set[str] = set()
+        # Without abbreviations: a new option would change their meaning.
+        super().__init__(
+            formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **options
+        )
+        self.given: dict[str, None] = {}
+        self._needs: dict[str, tuple[Fits, str]] = {}
         self.register("action", None, _Once)
         self.register("action", "store", _Once)
+        self.register("action", "store_true", _Flag)
+        self.register("action", "append", _Several)
 
     def flag(self, name: str, text: str) -> None:
         """Add an option without a value.
@@ -97,6 +128,21 @@ class Parser(argparse.ArgumentParser):
             Further arguments of `argparse.ArgumentParser.add_argument`.
         """
         self.add_argument(name, metavar=metavar, help=text, **more)
+
+    def needs(self, names: Iterable[str], fits: Fits, advice: str) -> None:
+        """Refuse options that would have no effect beside the other options.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Names of the options, with their dashes.
+        fits : callable
+            ``fits(options)`` returns whether the options have an effect. It is called only if one
+            of them is given.
+        advice : str
+            What to do, for the error message, such as "add --out DIR".
+        """
+        self._needs |= dict.fromkeys(names, (fits, advice))
 
     def error(self, message: str) -> NoReturn:
         hint = "" if message.endswith("?") else f"; see '{self.prog} --help'"
@@ -130,6 +176,10 @@ class Parser(argparse.ArgumentParser):
             if not unknown[0].startswith("-"):
                 self.error(f"unexpected argument '{unknown[0]}'")
             self._refuse(unknown[0])
+        for name in self.given:
+            fits, advice = self._needs.get(name, (None, ""))
+            if fits and not fits(namespace):
+                self.error(f"{name} has no effect here: {advice}, or leave out {name}")
         return namespace, unknown
 
     def _refuse_unknown(self, args: list[str]) -> None:
@@ -137,10 +187,8 @@ class Parser(argparse.ArgumentParser):
         for arg in takewhile(lambda arg: arg != "--", args):
             if self._subparsers and not arg.startswith("-"):
                 return  # the rest belongs to a command
-            name = arg.partition("=")[0]
-            # An abbreviation is valid, and a text with a space is a value.
-            known = any(one.startswith(name) for one in self._option_string_actions)
-            if arg.startswith("--") and " " not in arg and not known:
+            known = arg.partition("=")[0] in self._option_string_actions
+            if arg.startswith("--") and " " not in arg and not known:  # with a space, it is a value
                 self._refuse(arg)
 
     def _refuse(self, arg: str) -> NoReturn:

@@ -3,9 +3,10 @@
 import argparse
 import json
 import os
+import sys
 from pathlib import Path
 
-from ..atomic import exists
+from ..atomic import check_writable, exists
 from ..errors import printable
 from . import arguments
 from .parser import Parser
@@ -21,7 +22,7 @@ def record(parser: Parser):
       spots record run.spots --seconds 60 --calibration calibration.toml
     """
     parser.option("file", "FILE.spots", "a new file")
-    arguments.add_port(parser)
+    arguments.add_port(parser, without=["recording"])
     arguments.add_wait(parser)
     arguments.add_seconds(parser, "stop after this time in seconds; Ctrl-C stops, too")
     parser.option(
@@ -92,8 +93,10 @@ def _record(options: argparse.Namespace) -> None:
 
     rotate_bytes = options.rotate_mb and round(1e6 * options.rotate_mb)
     # Before a board is opened, so that an invalid file is reported first.
-    if os.path.lexists(options.file):
-        raise exists(Path(options.file))
+    path = Path(options.file)
+    if os.path.lexists(path):
+        raise exists(path)
+    check_writable(path)
     calibration = options.calibration and list(load(Path(options.calibration)).lines)
     with arguments.open_board(options) as board:
         record(board, options.file, options.seconds, rotate_bytes, calibration)
@@ -105,6 +108,8 @@ def _replay(options: argparse.Namespace) -> None:
 
     with open_recording(options.file, options.speed) as board:
         watch(board, None, quiet=False)
+        if board.ended:  # not after Ctrl-C
+            _warn(options.file, board.doubts)
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -117,5 +122,14 @@ def _info(options: argparse.Namespace) -> None:
 def _export(options: argparse.Namespace) -> None:
     from ..recording.export import export
 
-    for path in export(options.file, options.to, options.out):
+    def warn(doubts: list[str]) -> None:
+        _warn(options.file, doubts)
+
+    for path in export(options.file, options.to, options.out, warn):
         print(printable(str(path)))
+
+
+def _warn(file: str, doubts: list[str]) -> None:
+    if doubts:
+        text = f"spots: {file} is read to its end, but {', and '.join(doubts)}"
+        print(printable(text), file=sys.stderr)

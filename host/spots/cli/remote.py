@@ -12,7 +12,8 @@ def publish(parser: Parser):
     example:
       spots publish
     """
-    arguments.add_port(parser)
+    arguments.add_port(parser, arguments.READ_ONLY)
+    arguments.add_zenoh_config(parser)
     arguments.add_wait(parser)
     arguments.add_seconds(parser)
     return calls("spots.remote.publish:publish_command")
@@ -23,7 +24,7 @@ def subscribe(parser: Parser):
 
     examples:
       spots subscribe
-      spots subscribe 'spots/**' --json
+      spots subscribe "spots/**" --json
     """
     parser.add_argument(
         "expression",

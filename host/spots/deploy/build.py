@@ -12,13 +12,6 @@ from ..errors import SpotsError, missing
 from . import constants, manifest
 from .staging import CONFIG, Device, device_of, stage
 
-# Architectures by their number in the header of an .mpy file (MicroPython, py/persistentcode.h).
-# Number 0 is bytecode, which runs on every chip.
-ARCHITECTURES = (
-    None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp",
-    "xtensa", "xtensawin", "rv32imc", "rv64imc",
-)  # fmt: skip
-
 # Source text in kernel_viper.py that corrects the sign of a number on computers with 64-bit words,
 # and its replacement for boards: with their 32-bit words, the correction changes nothing.
 _SIGN = " ^ sign) - sign", ")"
@@ -32,7 +25,7 @@ class MpyHeader(NamedTuple):
     version : int
         Version of the file format.
     arch : int
-        Architecture of the native code: an index of `ARCHITECTURES`; 0 for bytecode.
+        Architecture of the native code: an index of `staging.ARCHITECTURES`; 0 for bytecode.
     """
 
     version: int

@@ -14,12 +14,12 @@ from spots_device import __version__
 from ..errors import SpotsError, printable
 from ..link.board import Board
 from . import manifest
-from .build import ARCHITECTURES, build, files_of, mpy_header
+from .build import build, files_of, mpy_header
 from .drive import Drive
 from .manifest import MANIFEST
 from .place import Place, place, restarted
 from .prompt import Prompt
-from .staging import ENTRIES, STRIPS_MAX, Device, device_of, names
+from .staging import ARCHITECTURES, ENTRIES, STRIPS_MAX, Device, device_of, names
 
 # Name and oldest suitable version of each runtime. MicroPython: the first version in which a
 # program can be a USB keyboard. CircuitPython: the first version whose clock is finer than
@@ -84,7 +84,7 @@ def flash(board: str, port: str | None = None, dry_run: bool = False, strips: in
         If no board or more than one board is found, or if the board is of another kind, has too
         little room, or is disconnected. To complete a partial copy, call this function again.
     """
-    device = device_of(board)
+    device = device_of(board, strips)
     with place(device, port) as there, tempfile.TemporaryDirectory() as folder:
         files = files_of(build(board, Path(folder), strips))
         with there.open() as target:

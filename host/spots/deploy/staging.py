@@ -14,6 +14,7 @@ from spots_device.board.light import LEDS
 from .. import toml
 from ..bounded import read_text
 from ..errors import SpotsError, did_you_mean, missing
+from .board_config import check
 
 # An installed package contains the folders boards and firmware; a checkout has them at its top.
 _PACKAGED = Path(str(resources.files("spots"))) / "_device"
@@ -43,6 +44,14 @@ STRIPS_MAX = 4
 # MicroPython's viper compiles them to machine code. A board gets one of the two modules, under the
 # name without the suffix.
 VIPER = "_viper"
+
+
+# Architectures by their number in the header of an .mpy file (MicroPython, py/persistentcode.h).
+# Number 0 is bytecode, which runs on every chip.
+ARCHITECTURES = (
+    None, "x86", "x64", "armv6", "armv6m", "armv7m", "armv7em", "armv7emsp", "armv7emdp",
+    "xtensa", "xtensawin", "rv32imc", "rv64imc",
+)  # fmt: skip
 
 
 class Device(toml.Strict, kw_only=True):
@@ -85,6 +94,9 @@ class Device(toml.Strict, kw_only=True):
     def __post_init__(self):
         if self.viper and (self.runtime != "micropython" or self.march is None):
             raise ValueError("viper needs runtime = micropython, and the key march: add them")
+        if self.march not in ARCHITECTURES:
+            known = [one for one in ARCHITECTURES if one]
+            raise ValueError(f"march cannot be '{self.march}': {did_you_mean(self.march, known)}")
         if not 1 <= len(self.strips) <= STRIPS_MAX:
             raise ValueError(
                 f"write 1 to {STRIPS_MAX} [[strips]] tables, or leave them out for a board with "
@@ -138,7 +150,12 @@ def device_of(board: str, strips: int = 1) -> Device:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
         raise SpotsError(f"cannot read {path}: install spots again") from None
-    found = toml.checked(text, Device, str(path))
+    found = toml.checked(text, Device, f"board file {path}")
+    try:
+        for own in found.strips:
+            check(found.device | own, found.runtime)
+    except msgspec.ValidationError as error:
+        raise SpotsError(f"board file {path}, table [device] or [[strips]]: {error}") from None
     most = len(found.strips)
     if not 1 <= strips <= most:
         raise SpotsError(f"{board} can have 1 to {most} strips, not {strips}: change --strips")

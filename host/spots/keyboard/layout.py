@@ -21,7 +21,7 @@ import msgspec
 from spots_device.keys import layout as lines_of
 from spots_device.keys.layout import FULL, LIMITS
 
-from .. import toml
+from .. import kinds, toml
 from ..errors import SpotsError
 from ..outputs.usages import CONSUMER, KEYBOARD, USAGES, chord_of, name_of
 
@@ -162,6 +162,7 @@ def compiled(path: Path, text: str) -> KeyLayout:
     try:
         file = toml.convert(toml.loads(text), _File)
     except msgspec.ValidationError as error:
+        kinds.check(path, text, "a layout file")
         line = _line_of_key(text, getattr(error, "keys", []))
         raise SpotsError(f"layout {path}{line}: {error}") from None
     return _Compiler(path, text, file).layout()

@@ -7,6 +7,7 @@ each strip; sensors are numbered from 0.
 """
 
 import asyncio
+import math
 import re
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
@@ -65,6 +66,7 @@ _STREAMS: dict[type, tuple[str, ...]] = {
     Spectrum: ("spectrum",),
     Contact: ("contact", "touch"),
 }
+_KINDS = Touch, Spectrum, Key, Contact
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 _SENSORS_MAX = 16  # the number of the sensor has four bits in a frame
 
@@ -72,6 +74,17 @@ _SENSORS_MAX = 16  # the number of the sensor has four bits in a frame
 _OF_ALL = "save", "reboot", "sync"  # commands for the whole board
 # The first line of an upload names the sensor for all of its lines.
 _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
+
+
+def _duration_s(value: object, name: str) -> float:
+    """Return the argument `name` of a function, a duration in seconds; validate it."""
+    try:
+        found = float(value)  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError):
+        found = math.nan
+    if not found >= 0:
+        raise SpotsError(f"{name} must be a number of seconds, 0 or more, not {value!r}")
+    return found
 
 
 def of_sensor(line: str, sensor: int) -> str:
@@ -308,6 +321,10 @@ class Board(AbstractContextManager["Board"]):
         SpotsError
             If the line is invalid, the board refuses the command, or no reply arrives in time.
         """
+        if not isinstance(line, str):
+            raise SpotsError(f"a command must be a text, not {line!r}")
+        if timeout_s is not None:
+            timeout_s = _duration_s(timeout_s, "timeout_s")
         content = self._command(line, timeout_s)
         self._chosen |= content["re"] == "stream"
         return content
@@ -337,6 +354,9 @@ class Board(AbstractContextManager["Board"]):
         ...     board.set(average=2)["average"]
         2
         """
+        for name, value in settings.items():
+            if not isinstance(value, (int, Sequence)):
+                raise SpotsError(f"{name} must be a whole number or a text, not {value!r}")
         words = [
             f"{name}={value if isinstance(value, int) else ','.join(value)}"
             for name, value in settings.items()
@@ -402,7 +422,7 @@ class Board(AbstractContextManager["Board"]):
             If the board refuses a kind or does not answer.
         """
         for sensor in self.sensors:
-            self.command(of_sensor("stream " + " ".join(kinds), sensor))
+            self.command(of_sensor("stream " + " ".join(map(str, kinds)), sensor))
 
     @property
     def sensors(self) -> range:
@@ -486,7 +506,7 @@ class Board(AbstractContextManager["Board"]):
         """
         kinds = () if self._chosen else (Touch, Spectrum)
         self._want(*kinds)
-        return self._start(seconds, Touch, Spectrum, Key, Contact, wanted=False)
+        return self._start(seconds, *_KINDS, wanted=False)
 
     async def atouches(self, seconds: float | None = None) -> AsyncGenerator[Touch, None]:
         """Iterate over readings in asyncio, without blocking the event loop; see `touches`.
@@ -541,6 +561,11 @@ class Board(AbstractContextManager["Board"]):
             The subscription. It ends when you call its method ``cancel()``, or when the board is
             closed or lost.
 
+        Raises
+        ------
+        SpotsError
+            If an argument is wrong.
+
         Examples
         --------
         >>> import time
@@ -551,6 +576,11 @@ class Board(AbstractContextManager["Board"]):
         ...         time.sleep(0.01)
         ...     subscription.cancel()
         """
+        if not callable(callback):
+            raise SpotsError(f"the callback must be a function, not {callback!r}")
+        if wrong := [kind for kind in kinds if kind not in _KINDS]:
+            names = ", ".join(kind.__name__ for kind in _KINDS)
+            raise SpotsError(f"a kind of frames must be one of {names}, not {wrong[0]!r}")
         return Subscription(self._start(None, *(kinds or (Touch,))), callback)
 
     def read_latest(self, timeout_s: float | None = None) -> Touch:
@@ -572,6 +602,7 @@ class Board(AbstractContextManager["Board"]):
         """
         if timeout_s is None:
             timeout_s = silent_s(_LATEST_S, self._loss.every_s)
+        timeout_s = _duration_s(timeout_s, "timeout_s")
         touches = self.touches(timeout_s)
         with self._turn:
             self._advance(0.0)
@@ -619,6 +650,9 @@ class Board(AbstractContextManager["Board"]):
         True
         """
         self._check_open()
+        if sensor not in self.sensors:
+            numbers = ", ".join(map(str, self.sensors))
+            raise SpotsError(f"the board has no strip {sensor!r}: its strips are {numbers}")
         # While another thread reads the link, `_want` would wait for it.
         if not all("touch" in kinds for kinds in self._streams.values()) or not self._streams:
             self._want(Touch)
@@ -667,9 +701,10 @@ class Board(AbstractContextManager["Board"]):
         self, seconds: float | None, *kinds: type[_ReadingT], wanted: bool = True
     ) -> FrameIterator[_ReadingT]:
         self._check_open()
+        lasts_s = math.inf if seconds is None else _duration_s(seconds, "seconds")
         if wanted:
             self._want(*kinds)
-        end_s = float("inf") if seconds is None else self.now_s() + seconds
+        end_s = self.now_s() + lasts_s
 
         def advance(reader: FrameIterator[_ReadingT]) -> bool:
             left_s = end_s - self.now_s()
@@ -737,6 +772,7 @@ class Board(AbstractContextManager["Board"]):
                 "clock": self._clocks.clock.state(),
                 "calibration": self.calibration,
                 "restarts": self.stats.restarts,
+                "sequence": self._decoder.expected,
                 "dark": dark,
             }
 

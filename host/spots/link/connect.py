@@ -4,14 +4,14 @@ import math
 import sys
 import time
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
-from os import PathLike, fspath
+from collections.abc import Collection, Mapping, Sequence
+from os import PathLike
 from typing import Any
 
 from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
-from ..errors import NoReplyError, SpotsError
+from ..errors import NoReplyError, SpotsError, path_text
 from .board import Board, of_sensor
 from .ports import known, scheme, scheme_name
 from .serial_link import SerialLink, usb_boards, usb_ports
@@ -55,16 +55,25 @@ def open(
     SpotsError
         If no board or more than one board is found, or an argument is wrong.
     """
-    port = fspath(port) if port is not None else None
+    return _open(port, sensor=sensor, scenario=scenario, seed=seed)
+
+
+def _open(
+    port: str | PathLike[str] | None, without: Collection[str] = (), **simulated: Any
+) -> Board:
+    """Open a board; the error for no board does not offer ports with a scheme of `without`."""
+    port = path_text(port, "a port") if port is not None else None
     module, rest = scheme(port)
     if module is not None:
-        return module.open_port(rest, sensor=sensor, scenario=scenario, seed=seed)
+        return module.open_port(rest, **simulated)
     if port is not None:
         return _opened(port)
     found, reasons = find()
     if not found:
         tried = "".join(f"; {reason}" for reason in reasons)
-        raise SpotsError(f"no board found: plug a board in, or give {known()} as the port{tried}")
+        raise SpotsError(
+            f"no board found: plug a board in, or give {known(without)} as the port{tried}"
+        )
     if len(found) > 1:
         names = ", ".join(board.port for board in found)
         for board in found:
@@ -88,16 +97,19 @@ def _opened(port: str) -> Board:
 def open_named(options: Namespace) -> Board:
     """Open a board with a command's options ``port``, ``sensor``, ``scenario`` and ``seed``.
 
+    The option ``without`` names kinds of ports that the command cannot use.
+
     With the option ``wait``, retry until a serial or published board is there, and print each new
     reason on stderr. The board may then be unplugged for any time.
     """
+    without = getattr(options, "without", ())
     simulated = {"sensor": options.sensor, "scenario": options.scenario, "seed": options.seed}
     if not getattr(options, "wait", False):
-        return open(options.port, **simulated)
+        return _open(options.port, without, **simulated)
     reason = ""
     while True:
         try:
-            board = open(options.port, **simulated)
+            board = _open(options.port, without, **simulated)
         except SpotsError as error:
             if scheme_name(options.port) not in _WAITED_FOR:
                 raise

@@ -394,6 +394,15 @@ class Decoder:
         """The first bytes of a frame that is not complete yet."""
         return self._rest
 
+    @property
+    def expected(self) -> int | None:
+        """Number of the next frame, modulo 2**16; None before the first frame."""
+        return self._expected
+
+    def expect(self, sequence: int | None) -> None:
+        """Count a gap before the next frame as loss; `sequence` is its number, as in `expected`."""
+        self._expected = sequence
+
     def forget(self) -> None:
         """Drop the incomplete frame, and do not count a gap before the next frame as loss."""
         self._rest, self._overlong, self._expected = b"", False, None

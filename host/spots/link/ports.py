@@ -31,6 +31,7 @@ and may have
     Returns a context manager that yields a `deploy.place.Place`: a board to flash.
 """
 
+from collections.abc import Collection
 from types import ModuleType
 from typing import Any
 
@@ -42,9 +43,15 @@ _SIMULATED = "virtual"
 _FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # other schemes are a bare name
 
 
-def known() -> str:
-    """Return a text that lists the forms of all non-serial ports, such as ``zenoh:ID``."""
-    names = sorted(entry.name for entry in entry_points(group=GROUP))
+def known(without: Collection[str] = ()) -> str:
+    """Return a text that lists the forms of non-serial ports, such as ``zenoh:ID``.
+
+    Parameters
+    ----------
+    without : collection of str
+        Schemes of ports to leave out.
+    """
+    names = sorted({entry.name for entry in entry_points(group=GROUP)} - set(without))
     forms = [_FORMS.get(name, f"'{name}'") for name in names]
     return " or ".join(filter(None, [", ".join(forms[:-1]), *forms[-1:]]))
 

@@ -1,15 +1,18 @@
 """Links to a board: they read and write bytes, and have a clock. `SerialLink` is a serial port."""
 
 import errno
+import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, Protocol
 
 import serial
 from serial.tools import list_ports
 
 from ..errors import PortLostError, RefusedError, SpotsError
+from ..kinds import kinds_of
 from .ports import no_port
 
 try:
@@ -20,6 +23,7 @@ except ImportError:  # Windows has no termios
 _FAILURES = (serial.SerialException, OSError, *([termios.error] if termios else []))
 
 WRITE_TIMEOUT_S = 2.0
+_BEGINNING = 1 << 16  # bytes of a file that show its kind
 _CHUNK = 4096  # most bytes of one read from a socket
 
 
@@ -279,6 +283,17 @@ def _socket(port: Any) -> str:
     return (getattr(port, "location", None) or "").partition(":")[0]  # without the interface
 
 
+def _no_port(port: str, reason: str) -> str:
+    """Return what is at a path that cannot be opened as a port; empty if it may be a port."""
+    if os.path.isdir(port):
+        return "a folder"
+    if os.path.isfile(port):
+        with suppress(OSError), open(port, "rb") as file:
+            return next(iter(kinds_of(file.read(_BEGINNING))), "a file")
+        return "a file"
+    return "another device" if "inappropriate ioctl" in reason else ""
+
+
 def _is_missing(error: Exception) -> bool:
     """Return whether a port cannot be opened because it does not exist."""
     text = str(error).lower()
@@ -292,8 +307,10 @@ def _why_not(port: str, error: Exception) -> str:
         return no_port(port)
     number = getattr(error, "errno", None)
     text = str(error).lower()
-    if number == errno.EISDIR:
-        return f"{port} is a directory, not a serial port: 'spots ports' lists the ports"
+    if what := _no_port(port, text):
+        known = "'spots ports' lists the ports"
+        advice = f"give recording:{port}" if what == "a recording" else known
+        return f"{port} is {what}, not a serial port: {advice}"
     # Windows denies access to a port that is open in another program.
     denied = number == errno.EACCES or "permission" in text or "access is denied" in text
     busy = number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text

@@ -139,9 +139,10 @@ class Twin:
     """
 
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
-        if len(encoders) != 2:
+        if not isinstance(encoders, Sequence) or len(encoders) != 2:
+            count = len(encoders) if isinstance(encoders, Sequence) else repr(encoders)
             raise SpotsError(
-                f"a linkage needs two encoders, not {len(encoders)}: give one encoder per joint"
+                f"a linkage needs two encoders, not {count}: give one encoder per joint"
             )
         self.linkage = linkage
         self.encoders = tuple(encoders)

@@ -104,11 +104,12 @@ class Encoder:
         source = "the given file"
         if isinstance(joint, (str, PathLike)):
             source, joint = joint, load(Path(joint)).joint
-        if joint is None:
+        if not isinstance(joint, Joint):
             raise SpotsError(
                 f"{source} is not the calibration of a joint: run 'spots calibrate joint'"
             )
-        if not (math.isfinite(offset_rad) and math.isfinite(gain) and gain):
+        numbers = all(isinstance(one, (int, float)) for one in (offset_rad, gain))
+        if not (numbers and math.isfinite(offset_rad) and math.isfinite(gain) and gain):
             raise SpotsError(
                 "offset and gain of an encoder must be finite numbers, and the gain must not be 0"
             )

@@ -17,6 +17,7 @@ _ROUNDING = 1e-12
 # Two bars are in line if the sine of the angle between them is less than this value.
 _IN_LINE = 1e-9
 _ANGLES = "the angles ({:.6g}, {:.6g}) rad"
+_MOST_RAD = 4 * np.pi  # an angle beyond it is in degrees
 _TERMINAL = "an end point at ({:.6g}, {:.6g}) mm"
 
 
@@ -189,7 +190,7 @@ class Linkage:
         numpy.ndarray of int8
             Codes; 0 where there is a solution.
         """
-        return self._forward(*_arrays(theta1_rad, theta2_rad))[-1]
+        return self._forward(*_arrays(_ANGLES, theta1_rad, theta2_rad))[-1]
 
     def inverse_limits(self, x_mm, y_mm) -> np.ndarray:
         """Return the `Limit` code of each position.
@@ -204,7 +205,7 @@ class Linkage:
         numpy.ndarray of int8
             Codes; 0 where there is a solution.
         """
-        return self._inverse(*_arrays(x_mm, y_mm))[-1]
+        return self._inverse(*_arrays(_TERMINAL, x_mm, y_mm))[-1]
 
     def jacobian(self, theta1_rad, theta2_rad):
         """Return the Jacobian d(x, y)/d(theta1, theta2) of the end point's position.
@@ -246,10 +247,17 @@ class Linkage:
         ------
         LimitError
             Under the same conditions as in `jacobian`.
+        SpotsError
+            If an argument is wrong.
         """
         jacobian = self.jacobian(theta1_rad, theta2_rad)
         slopes = np.asarray(jacobian)
-        found = slopes @ np.asarray(angles_rad2, dtype=float) @ np.swapaxes(slopes, -1, -2)
+        try:
+            found = slopes @ np.asarray(angles_rad2, dtype=float) @ np.swapaxes(slopes, -1, -2)
+        except (TypeError, ValueError):
+            raise SpotsError(
+                "the covariance of the angles must be an array of numbers, shape (..., 2, 2)"
+            ) from None
         return np.ma.masked_invalid(found) if np.ma.isMaskedArray(jacobian) else found
 
     def outer_angle(self, theta1_rad, theta2_rad):
@@ -413,10 +421,23 @@ def _bar_limits(apart, a, b, beyond, within, meet):
     return np.where((apart <= slack) & (difference <= slack), meet, limit)
 
 
-def _arrays(first, second):
-    return np.broadcast_arrays(
-        *(np.ma.filled(np.ma.asarray(v, dtype=float), np.nan) for v in (first, second))
-    )
+def _arrays(what, first, second):
+    try:
+        if first is None or second is None:
+            raise TypeError  # NumPy takes None for NaN
+        found = np.broadcast_arrays(
+            *(np.ma.filled(np.ma.asarray(v, dtype=float), np.nan) for v in (first, second))
+        )
+    except (TypeError, ValueError):
+        raise SpotsError(
+            "angles in rad and positions in mm must be numbers, or arrays whose shapes broadcast"
+        ) from None
+    if what == _ANGLES and max(np.abs(one).max(initial=0.0) for one in found) > _MOST_RAD:
+        raise SpotsError(
+            f"an angle of a linkage is in rad, at most {_MOST_RAD:.4g}: convert degrees with "
+            "numpy.radians"
+        )
+    return found
 
 
 def _answer(solve, what, first, second):
@@ -441,7 +462,7 @@ def _answer(solve, what, first, second):
     LimitError
         For scalar arguments, if there is no solution.
     """
-    *found, limit = solve(*_arrays(first, second))
+    *found, limit = solve(*_arrays(what, first, second))
     if limit.ndim == 0:
         if limit:
             raise LimitError(Limit(int(limit)), what.format(first, second))

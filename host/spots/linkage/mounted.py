@@ -6,7 +6,7 @@ from typing import Annotated
 
 import msgspec
 
-from .. import atomic, toml
+from .. import atomic, kinds, toml
 from ..bounded import read_text
 from ..calibrate import calibration_file as calibrations
 from ..calibrate.calibration_file import CalibrationFile
@@ -170,11 +170,13 @@ def load(path: str | Path) -> Mounted:
     """
     try:
         text = read_text(path)
-    except (OSError, UnicodeDecodeError):
+    except FileNotFoundError:
         raise SpotsError(
-            f"cannot read the linkage file {path}: name a readable file with --linkage; "
-            "docs/fivebar.md shows how to write one"
+            f"cannot read the linkage file {path}, because there is no such file: name a file with "
+            "--linkage; docs/fivebar.md shows how to write one"
         ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise kinds.not_read(path, error, "a linkage file") from None
     return toml.checked(text, Mounted, f"linkage file {path}")
 
 

@@ -11,9 +11,8 @@ from ..errors import SpotsError, printable
 from ..link.ports import offered
 from ..terminal.view import Pace, drawn
 from .digital_twin import Terminal
-from .mounted import is_mounted
 from .twin_points import fit, measure
-from .twin_source import Source, is_recording, linkage_factory, opened, paced
+from .twin_source import Source, has_boards, is_recording, opened, paced
 from .twin_view import TwinView
 
 _LINES_PER_S = 4
@@ -29,7 +28,7 @@ def twin_command(options: argparse.Namespace) -> None:
     """
     ports = options.port
     played = any(map(is_recording, ports))
-    boards = not linkage_factory(ports) and (ports or is_mounted(options.linkage))
+    boards = has_boards(options.linkage, ports)
     if options.measure and (played or not boards):
         raise SpotsError(
             "--measure needs real boards, because you move the end point by hand: name the boards "

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import atomic, locks, typed_ahead
+from .. import atomic, kinds, locks, typed_ahead
 from ..bounded import POINTS_MAX_BYTES, encoding_of, read_bytes, read_text
 from ..errors import SpotsError, printable
 from ..toml import finite
@@ -24,6 +24,7 @@ COLUMNS = ("x_mm", "y_mm", "joint1_deg", "joint2_deg", "sigma1_deg", "sigma2_deg
 LASTS_S = 1.0  # duration of the measurement of a point
 _MISFIT_MAX = 5.0  # multiple of the expected error, above which a linkage is not stored
 _OUTLIERS_MAX = 0.2  # largest share of points that may not fit
+_METRES = 0.01  # positions are in metres if they are below this share of the longest bar
 _WAIT_S = 5.0  # longest wait for another program that appends a point
 _LEAST = 3  # least number of angles of each joint
 
@@ -60,6 +61,12 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     before = out and mounted.KIND.present(out)
     rows, lines = _read(points)
     x_mm, y_mm, *angles_deg = rows.T
+    far_mm = np.abs(rows[:, :2]).max(initial=0.0)
+    if 0 < far_mm < _METRES * max(drawn.bar_mm):
+        raise SpotsError(
+            f"{points}: x_mm and y_mm are at most {far_mm:.3g} mm, but the longest bar has "
+            f"{max(drawn.bar_mm):g} mm: give the positions in mm, not in metres"
+        )
     angles, sigmas = np.radians(angles_deg[:2]), np.radians(angles_deg[2:])
     names = [_relative(path, (out or linkage).parent) for path in calibrations]
     try:
@@ -224,6 +231,7 @@ def _read(path: Path) -> tuple[np.ndarray, list[int]]:
         table = csv.DictReader(io.StringIO(text))
         missing = [name for name in COLUMNS if name not in (table.fieldnames or ())]
         if missing:
+            kinds.check(path, text, "a table of points")
             raise _no_columns(path, missing)
         rows, lines = [], []
         for row in table:
@@ -234,8 +242,12 @@ def _read(path: Path) -> tuple[np.ndarray, list[int]]:
             f"there is no file {path}: make it with 'spots twin --linkage ARM.toml --measure "
             f"{path}'"
         ) from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise SpotsError(f"cannot read {path} as a CSV table: {error}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise kinds.not_read(path, error, "a table of points") from None
+    except csv.Error as error:
+        raise SpotsError(
+            f"cannot read {path} as a CSV table ({error}): name another file"
+        ) from None
     return np.array(rows, dtype=float).reshape(-1, len(COLUMNS)), lines
 
 

@@ -170,6 +170,23 @@ def linkage_factory(ports: list[str]):
     return next(filter(None, (offered(port, "linkage") for port in ports)), None)
 
 
+def has_boards(linkage: str, ports: list[str]) -> bool:
+    """Return whether a linkage has real boards or recordings, and is not simulated.
+
+    Parameters
+    ----------
+    linkage : str
+        Path or name of the linkage file.
+    ports : list of str
+        The ports that the user named.
+
+    Returns
+    -------
+    bool
+    """
+    return not linkage_factory(ports) and bool(ports or mounted.is_mounted(linkage))
+
+
 def is_recording(port: str) -> bool:
     """Return whether a port is a recording (``recording:FILE``)."""
     return scheme_name(port) == "recording"

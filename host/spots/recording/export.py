@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..atomic import not_written, replacing, sync
-from ..errors import missing
+from ..errors import SpotsError, missing
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
 from .table import Description, Table, described, rows
@@ -27,7 +27,11 @@ _BLOCK_ROWS = 1024
 Records = Iterable[tuple[Table, tuple]]
 
 
-def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[Path]:
+def _quiet(doubts: list[str]) -> None:
+    pass
+
+
+def export(path: str | Path, kind: str, out: str | Path | None = None, warn=_quiet) -> list[Path]:
     """Convert a recording to another format.
 
     Parameters
@@ -41,6 +45,9 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
         Name of the new file; the default is the recording's name with another suffix. CSV makes
         one file for each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ..., and
         NAME-header.json with the board, its settings and its dark frame.
+    warn : callable, optional
+        ``warn(doubts)`` is called at the end with what is wrong with the recording, see
+        `Recording.doubts`.
 
     Returns
     -------
@@ -50,20 +57,26 @@ def export(path: str | Path, kind: str, out: str | Path | None = None) -> list[P
     Raises
     ------
     SpotsError
-        If the recording cannot be read, the package mcap is missing, or a new file already exists
-        or cannot be written. Then no file is written.
+        If the recording cannot be read, `out` ends like another format, the package mcap is
+        missing, or a new file already exists or cannot be written. Then no file is written.
 
     Notes
     -----
     Memory use does not grow with the length of the recording. While an NPZ file is written,
     temporary files take about twice its size in the same folder.
     """
+    if out is not None and (named := Path(out).suffix[1:].lower()) in EXPORTS.keys() - {kind}:
+        raise SpotsError(
+            f"{out} is the name of a {named} file, but the format is {kind}: choose one of them"
+        )
     recording = RecordingBlocks(path)
     out = Path(out) if out else recording.path.with_suffix("." + kind)
     with _Files() as files:
         description = described(recording)
         EXPORTS[kind](description, rows(recording, description.channels), out, files)
-        return files.sync()
+        paths = files.sync()
+    warn(recording.doubts)
+    return paths
 
 
 class _Files(ExitStack):

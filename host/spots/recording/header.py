@@ -9,6 +9,7 @@ import msgspec
 
 from spots_device import PROTOCOL
 
+from .. import kinds
 from ..errors import SpotsError
 from ..link.frames import Decoder, Note, note
 from ..link.replies import validated
@@ -59,6 +60,9 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         Lines of the board's calibration, if the host knew them.
     restarts : int
         Number of restarts of the board after it was opened and before this file began.
+    sequence : int or None
+        Number of the first frame, modulo 2**16, so that a gap before it counts as loss; None if
+        unknown.
     dark : list of list of int or None
         For each sensor, the dark frame at the start of the recording, as in `replies.DarkFrame`;
         None if unknown.
@@ -74,6 +78,7 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     clock: Clock
     calibration: list[str] | None = None
     restarts: int = 0
+    sequence: Annotated[int, msgspec.Meta(ge=0, lt=1 << 16)] | None = None
     dark: list[list[int]] | None = None
 
     @property
@@ -116,7 +121,7 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
         If the file has no header, its header is invalid, or this program cannot read its version or
         the board's protocol.
     """
-    decoder, pieces, searched = Decoder(), {}, 0
+    decoder, pieces, searched = Decoder(), {}, bytearray()
     for block in blocks:
         for frame in decoder.feed(block):
             if not isinstance(frame, Note) or "header" not in frame.content:
@@ -126,10 +131,11 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
                 pieces[i] = frame.content["header"]
             if len(pieces) == frame.content.get("of"):
                 return _parsed(path, pieces)
-        searched += len(block)
-        if searched > _SEARCHED_BYTES:
+        searched += block
+        if len(searched) > _SEARCHED_BYTES:
             break
     if not pieces:
+        kinds.check(path, bytes(searched), "a recording")
         raise SpotsError(f"{path} is not a recording: name a file that 'spots record' has made")
     raise SpotsError(
         f"{path} cannot be read, because its header is damaged or incomplete: name another file"

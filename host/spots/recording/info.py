@@ -18,8 +18,8 @@ def summary(path: str | Path) -> dict:
     dict
         ``files``: paths; ``bytes``: size of all files; ``begun``: start in UTC (ISO 8601);
         ``duration_s``; ``frames``: number of frames of each kind; ``lost``, ``bad``: `lost` and
-        `bad_crc` of `LinkStats`; ``restarts``, ``cut_bytes``, ``complete``, ``notes``: as in
-        `Recording`; ``header``: the fields of the `Header`.
+        `bad_crc` of `LinkStats`; ``restarts``, ``cut_bytes``, ``complete``, ``joined``, ``notes``:
+        as in `Recording`; ``header``: the fields of the `Header`.
 
     Raises
     ------
@@ -43,6 +43,7 @@ def summary(path: str | Path) -> dict:
         "restarts": recording.restarts,
         "cut_bytes": recording.cut_bytes,
         "complete": recording.complete,
+        "joined": recording.joined,
         "notes": recording.notes,
         "header": msgspec.to_builtins(header),
     }
@@ -55,6 +56,8 @@ def report(found: dict) -> str:
     frames = ", ".join(f"{count} {name}" for name, count in found["frames"].items() if count)
     cut = found["cut_bytes"]
     end = "complete" if found["complete"] else "no end mark: cut off, or still being recorded"
+    if found["joined"]:
+        end = "data follows the end mark: two recordings were joined"
     rows = {
         "files": ", ".join(found["files"]),
         "size": f"{found['bytes']} bytes",

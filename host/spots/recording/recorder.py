@@ -36,8 +36,8 @@ class Recorder(AbstractContextManager):
     path : str or Path
         Name of the new file.
     describe : callable
-        ``describe()`` returns a dict with the present ``info``, ``clock``, ``calibration`` and
-        ``restarts`` for a `header.Header`.
+        ``describe()`` returns a dict with the present ``info``, ``clock``, ``calibration``,
+        ``restarts`` and ``sequence`` for a `header.Header`.
     begun : bytes
         Bytes of an incomplete frame that arrived before the recording began.
     rotate_bytes : int, optional

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import msgspec
 
+from .. import kinds
 from ..bounded import open_regular
-from ..errors import SpotsError
+from ..errors import SpotsError, path_text
 from ..link.clockmap import ClockMap
 from ..link.frames import Decoder, Frame, LinkStats, Note
 from .header import Clock, Header, read
@@ -55,12 +56,16 @@ class Recording:
     end_s : float
         Time of the last note that was read, in seconds, on the same clock as the times of arrival.
     complete : bool
-        Whether the iteration has found the note that ends a complete recording.
+        Whether the iteration has found the note that ends a complete recording, and no data after
+        it.
+    joined : bool
+        Whether data follows the note that ends the recording: files were joined.
 
     Raises
     ------
     SpotsError
-        If the file is not a recording, or a later file is missing although a file after it exists.
+        If the file is not a recording, a later file is missing although a file after it exists, or
+        files of the recording have each other's names.
 
     Examples
     --------
@@ -71,7 +76,7 @@ class Recording:
     """
 
     def __init__(self, path: str | Path):
-        self.path = Path(path)
+        self.path = Path(path_text(path, "the path of a recording"))
         self.header = read(self.path, _blocks(self.path))
         self._headers = {self.path: self.header, **_others(self.path, self.header)}
         self.paths = list(self._headers)
@@ -90,6 +95,7 @@ class Recording:
         """Yield blocks of at most `size` bytes in order, with path and header of their file."""
         self._restart()
         start = b""
+        self._decoder.expect(self.header.sequence)
         for path, header in self._headers.items():
             self._clock = _clock_map(header.clock)
             self._decoder.restarted(header.restarts)
@@ -105,7 +111,26 @@ class Recording:
         self.end_s = header.host_s + 1e-6 * note.since_us
         if "clock" in note.content:
             self._clock = _noted(path, note.content["clock"])
-        self.complete |= note.content.get("end") is True
+        self.joined |= self._ended and bool(note.content)
+        self._ended |= note.content.get("end") is True
+
+    @property
+    def complete(self) -> bool:
+        return self._ended and not self.joined
+
+    @property
+    def doubts(self) -> list[str]:
+        """What is wrong with the data that the iteration has read; empty if nothing is wrong."""
+        stats, doubts = self.stats, []
+        if self.joined:
+            doubts.append("data follows its end mark: two recordings were joined")
+        elif not self._ended:
+            doubts.append("it has no end mark: it was cut off, or is still being recorded")
+        if stats.bad_crc:
+            doubts.append(f"{stats.bad_crc} of its frames are damaged")
+        if stats.lost:
+            doubts.append(f"{stats.lost} of its frames are missing")
+        return doubts
 
     @property
     def stats(self) -> LinkStats:
@@ -119,7 +144,7 @@ class Recording:
         self._decoder = Decoder()
         self.notes = self.cut_bytes = self.read_bytes = 0
         self.end_s = self.header.host_s
-        self.complete = False
+        self._ended = self.joined = False
 
 
 def _clock_map(known: Clock) -> ClockMap:
@@ -147,6 +172,9 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
         except SpotsError:
             continue  # not a recording, so not a part of this set
         if header.set == first.set:
+            if header.part != part:
+                right = part_path(path, header.part)
+                raise SpotsError(f"{file} is the file {right.name} of this recording: rename it")
             found[part] = (file, header)
     for part in range(1, max(found, default=0)):
         if part not in found:
@@ -166,7 +194,5 @@ def _blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
         raise SpotsError(
             f"there is no file {path}: name a file that 'spots record' has made"
         ) from None
-    except IsADirectoryError:
-        raise SpotsError(f"{path} is a directory: name a recording in it") from None
     except OSError as error:
-        raise SpotsError(f"cannot read {path}: {error.strerror}; name another file") from None
+        raise kinds.not_read(path, error, "a recording") from None

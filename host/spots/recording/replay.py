@@ -67,6 +67,11 @@ class Replay(Board):
         return self._recording.stats
 
     @property
+    def doubts(self) -> list[str]:
+        """What is wrong with the frames that were played, see `Recording.doubts`."""
+        return self._recording.doubts
+
+    @property
     def ended(self) -> bool:
         """Whether all recorded frames have been read."""
         return self._next is None and not len(self._frames)
@@ -83,7 +88,10 @@ class Replay(Board):
         if name == ["stream"]:
             self._loss.expect(self.now_s())
             return {"re": "stream"}
-        raise SpotsError(f"cannot send '{line}': {self.port} is a recording; open a board")
+        raise SpotsError(
+            f"'{line}' needs a connected board, but {self.port} is a recording: give the port of a "
+            "board"
+        )
 
     def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
         """Raise SpotsError, because a recording cannot be recorded."""
@@ -159,6 +167,6 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
         If the file is not a recording or has a later format version, if a later file is missing
         although a file after it exists, or if `speed` is not more than 0.
     """
-    if not speed > 0:
-        raise SpotsError(f"the speed of a recording must be more than 0, not {speed:g}")
+    if not (isinstance(speed, (int, float)) and speed > 0):
+        raise SpotsError(f"the speed of a recording must be more than 0, not {speed!r}")
     return Replay(Recording(path), speed)

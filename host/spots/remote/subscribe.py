@@ -18,7 +18,7 @@ from ..terminal.monitor import PLAIN_LINES_PER_S
 from ..terminal.view import Pace, plain
 from .mailbox import Mailbox
 from .publish import FRAMES_ENCODING
-from .zenoh_session import direct, open_session
+from .zenoh_session import direct, key, open_session
 
 _NAMES_MAX = 256  # number of Zenoh keys whose rate is limited separately
 _NOT_SHOWN = {"utc_s", "sensor", "sequence", "t_us"}  # keys of a message that a line omits
@@ -33,6 +33,11 @@ def subscribe_command(options: argparse.Namespace) -> None:
             f"'{options.expression}' is not a key expression of Zenoh: give one such as "
             "spots/*/0/touch"
         ) from None
+    if not expression.intersects(key("**")):
+        raise SpotsError(
+            f"no board publishes as '{options.expression}': give a key expression such as "
+            "spots/*/0/touch"
+        )
     mail = Mailbox()
 
     def receive(sample: zenoh.Sample) -> None:

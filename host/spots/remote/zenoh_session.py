@@ -7,6 +7,7 @@ from typing import Any
 
 import zenoh
 
+from .. import kinds
 from ..bounded import ZENOH_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from ..guarded import Guarded
@@ -16,6 +17,7 @@ CONFIG_VARIABLE = "ZENOH_CONFIG"
 # Keys of the queries that a publisher answers, by command.
 READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
 
+_WANTED = "a Zenoh configuration"
 _NESTED_MAX = 1000  # objects and lists in a configuration; the longest example has about 150
 _PATIENCE_S = 3.0  # longest wait for the first published board
 _OTHERS_S = 0.5  # time for other boards to appear after the first one
@@ -70,11 +72,14 @@ def _check_config(path: str) -> None:
     """Raise SpotsError for a file on which Zenoh's own parser would block or crash."""
     try:
         text = read_bytes(path, ZENOH_MAX_BYTES)
-    except OSError as error:
+    except FileNotFoundError:
         raise SpotsError(
-            f"cannot read the Zenoh configuration {path} ({error.strerror}): name the file with "
-            "--zenoh-config or the variable ZENOH_CONFIG"
+            f"cannot read the Zenoh configuration {path}, because there is no such file: name the "
+            "file with --zenoh-config or the variable ZENOH_CONFIG"
         ) from None
+    except OSError as error:
+        raise kinds.not_read(path, error, _WANTED) from None
+    kinds.check(path, text, _WANTED)
     if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
         raise SpotsError(
             f"{path} is not a Zenoh configuration (nested too deep): name another file"

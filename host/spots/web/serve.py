@@ -9,13 +9,15 @@ import os
 import secrets
 import signal
 import socket
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from .. import atomic, signals
-from ..errors import SpotsError, missing
+from ..errors import SpotsError, missing, printable
 from ..keyboard.layout import load
+from ..link.board import Board
 from ..link.ports import offered
 from ..linkage.twin_source import is_recording, linkage_factory
 from .board_feed import BoardReader, finder
@@ -32,7 +34,7 @@ try:
     from aiohttp import web
 
     from .app import LOG, NOTHING, PageApp
-    from .editors import KINDS, LayoutEditor, SettingsEditor
+    from .editors import KINDS, FileEditor, LayoutEditor, SettingsEditor
     from .guard import Guard
 except ImportError as error:
     raise missing("the web UI needs", error.name or "aiohttp", "web") from None
@@ -143,6 +145,9 @@ def serve_command(options: argparse.Namespace) -> None:
     for name in KINDS:
         if (path := getattr(options, f"edit_{name}")) is not None:
             orders[name] = SettingsEditor(name, Path(path), state)
+    for order in orders.values():
+        if isinstance(order, FileEditor) and not order.file.path.exists():
+            print(f"{printable(str(order.file.path))} is a new file: the first change writes it")
     if orders:
         orders["strip"] = StripChoice()
     if orders and (options.linkage is not None or any(map(is_recording, ports))):
@@ -167,7 +172,7 @@ def serve_command(options: argparse.Namespace) -> None:
                 "port, or add --linkage FILE for the two boards of a linkage"
             )
         port = ports[0] if ports else None
-        open_board = finder(port, options.sensor, options.scenario, options.seed)
+        open_board = _announced(finder(port, options.sensor, options.scenario, options.seed))
         readers = [BoardReader(open_board, layout, state, orders=orders.values())]
     elif simulated := linkage_factory(ports):
         machine = simulated(options.sensor, options.linkage, seed=options.seed)
@@ -176,6 +181,25 @@ def serve_command(options: argparse.Namespace) -> None:
         readers = linkage_readers(options.linkage, ports, layout, state)
     hosts = options.host or ()
     serve(state, options.address, options.http_port, readers, orders=orders, hosts=hosts)
+
+
+def _announced(open_board: Callable[[str | None], Board]) -> Callable[[str | None], Board]:
+    """Return a function that opens a board, and prints each new reason why there is none."""
+    reason = ""
+
+    def opened(board_id: str | None) -> Board:
+        nonlocal reason
+        try:
+            board = open_board(board_id)
+        except SpotsError as error:
+            if str(error) != reason:
+                reason = str(error)
+                print(f"spots: waiting for a board: {reason}", file=sys.stderr, flush=True)
+            raise
+        reason = ""
+        return board
+
+    return opened
 
 
 def _check_files(options: argparse.Namespace) -> None:

@@ -225,9 +225,10 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     SpotsError
         If a file is missing or invalid, `seed` is negative, or the board does not start.
     """
-    if seed < 0:
+    if not isinstance(seed, int) or seed < 0:
         raise SpotsError(f"the seed must be a whole number of 0 or more, not {seed}")
 
+    load(ScenarioFile, scenario)  # before the strip is calibrated
     file = load(SensorFile, sensor)
     calibration = calibrate(file)
     start, end = start_simulator(sensor, scenario, seed)
