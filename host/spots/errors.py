@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from typing import Any, cast
 
 # Name for `pip`: another project has the name `spots`.
 DISTRIBUTION = "spots-tactile"
@@ -65,7 +66,9 @@ def path_text(value: object, what: str) -> str:
     SpotsError
         If the value is neither a text nor a path.
     """
-    text = os.fspath(value) if isinstance(value, os.PathLike) else value
+    text: Any = (
+        os.fspath(cast("os.PathLike[str]", value)) if hasattr(value, "__fspath__") else value
+    )
     if not isinstance(text, str):
         raise SpotsError(f"{what} must be a text or a pathlib.Path, not {value!r}")
     return text

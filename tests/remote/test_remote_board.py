@@ -340,7 +340,11 @@ def test_mistakes_are_one_sentence(net, tmp_path, monkeypatch, capsys):
             "--zenoh-config",
             "nowhere",
         ): "configuration nowhere, because there is no such file",
-        ("subscribe", "--zenoh-config", str(tmp_path)): f"{tmp_path} is a folder, not a Zenoh config",
+        (
+            "subscribe",
+            "--zenoh-config",
+            str(tmp_path),
+        ): f"{tmp_path} is a folder, not a Zenoh config",
         ("subscribe", "--zenoh-config", str(bad)): "is not a Zenoh configuration",
     }.items():
         monkeypatch.setenv("ZENOH_CONFIG", str(net.leaf))

@@ -321,7 +321,7 @@ class Board(AbstractContextManager["Board"]):
         SpotsError
             If the line is invalid, the board refuses the command, or no reply arrives in time.
         """
-        if not isinstance(line, str):
+        if not isinstance(line, str):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise SpotsError(f"a command must be a text, not {line!r}")
         if timeout_s is not None:
             timeout_s = _duration_s(timeout_s, "timeout_s")
@@ -355,7 +355,8 @@ class Board(AbstractContextManager["Board"]):
         2
         """
         for name, value in settings.items():
-            if not isinstance(value, (int, Sequence)):
+            known = isinstance(value, (int, Sequence))  # pyright: ignore[reportUnnecessaryIsInstance]
+            if not known:
                 raise SpotsError(f"{name} must be a whole number or a text, not {value!r}")
         words = [
             f"{name}={value if isinstance(value, int) else ','.join(value)}"
