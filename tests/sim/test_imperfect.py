@@ -2,17 +2,22 @@
 
 import json
 
+import msgspec
 import numpy as np
 import pytest
 from sensors import replaced
 
 from spots_sim.board.identity import board_id
+from spots_sim.measure.bound import Bound
 from spots_sim.measure.effects import errors, main, with_keys
 from spots_sim.measure.rig import Rig
+from spots_sim.person.person import follow_pipe, line_of
+from spots_sim.person.stage import Stage
 from spots_sim.strip.change import Change
 from spots_sim.strip.contact import coupling
+from spots_sim.strip.files import ScenarioFile
 from spots_sim.strip.optics import WAVELENGTH_NM, Optics, decay_per_mm
-from spots_sim.strip.scenario import Held, Press
+from spots_sim.strip.scenario import Held, Press, Scenario
 from spots_sim.strip.world import World
 
 
@@ -92,6 +97,35 @@ def test_a_key_with_its_default_keeps_the_board(sensor):
     assert board_id(quiet(sensor, contact__gap_percent=1.0)) != board_id(quiet(sensor))
 
 
+def test_a_stage_waits_until_its_last_press_has_parted(sensor):
+    # Each place is read alone: the light of two presses is the same in either order.
+    sticky = with_keys(sensor, {"contact.sticking_percent": 5.0, "contact.sticking_s": 0.3})
+    logs = []
+    for places in ([10_000.0, 60_000.0], [60_000.0]):
+        with Stage(sticky) as stage:
+            stage.expose()
+            logs.append(stage.read(places, [3000.0], 8).logs[-1])
+    assert logs[0] == pytest.approx(logs[1], abs=0.01)
+
+
+def test_a_stage_has_no_hand_until_one_presses(sensor):
+    with Stage(sensor) as stage:
+        stage.press(10_000, 3000)
+        assert not stage.held.press.hand
+        stage.by_hand = True
+        stage.press(10_000, 3000)
+        assert stage.held.press.hand
+
+
+def test_a_hands_press_goes_through_a_pipe_as_it_is(tmp_path):
+    pipe = tmp_path / "pipe"
+    press = Press(40.0, 3000.0, 8.0, hand=False)
+    pipe.write_text(line_of([(0.0, 5.0, press)]))
+    held = Held()
+    follow_pipe(held, pipe).join()
+    assert held.presses(1.0) == [press]
+
+
 def test_errors_of_a_strip_are_measured_by_force(sensor):
     with Rig(sensor, 0, 10_000, 1) as rig:
         light, firm = errors(rig, (0.6, 3.0), readings=12, places=(0.2, 0.5, 0.8))
@@ -121,3 +155,107 @@ def test_the_program_prints_errors_or_what_is_wrong(monkeypatch, capsys):
     ):
         with pytest.raises(SystemExit, match=says):
             run(*words)
+
+
+def test_dust_couples_its_light_beside_that_of_a_press(sensor):
+    dusty = quiet(sensor, contact__dust=[[30.0, 0.3], [60.0, 1.0]])
+    optics = Optics(sensor)
+    dust = 0.003 * optics.press(30.0, 0.0) + 0.01 * optics.press(60.0, 0.0)
+    dust *= optics.source_uW_cm2(20.0) * 10.0
+    assert collected(held_world(dusty)[1]) == pytest.approx(dust)
+    press = collected(held_world(quiet(sensor), 40.0, 2000.0, 4.0)[1])
+    assert collected(held_world(dusty, 40.0, 2000.0, 4.0)[1]) == pytest.approx(press + dust)
+    scenario = Scenario(ScenarioFile(seconds=10.0))
+    untouched = World(dusty, scenario, np.random.default_rng(0))
+    assert collected(untouched) == pytest.approx(dust)
+    stretched = World(
+        dusty, Scenario(ScenarioFile(seconds=10.0, strain_percent=20)), np.random.default_rng(0)
+    )
+    moved = 0.003 * optics.press(36.0, 0.0, 0.2) + 0.01 * optics.press(72.0, 0.0, 0.2)
+    assert collected(stretched) == pytest.approx(moved * optics.source_uW_cm2(20.0) * 10.0)
+
+
+def test_a_lifted_press_leaves_a_part_of_its_contact_that_decays(sensor):
+    sticky = quiet(sensor, contact__sticking_percent=1.0, contact__sticking_s=0.5)
+    held, world = held_world(sticky, 40.2, 3000.0, 4.0)
+    pressed = collected(world)
+    assert pressed == pytest.approx(collected(held_world(quiet(sensor), 40.2, 3000.0, 4.0)[1]))
+    held.press = None
+    for time_s in (0.1, 0.5, 2.0):
+        left = collected(world, time_s, 0.001) * 10  # after the middles of the two exposures
+        kept = 0.01 * np.exp(-(time_s + 0.0005 - 0.005) / 0.5)
+        assert left == pytest.approx(kept * pressed, rel=3e-3)
+
+
+def test_a_slide_leaves_its_contact_along_its_way(sensor):
+    sticky = quiet(sensor, contact__sticking_percent=1.0, contact__sticking_s=1e9)
+    held, world = held_world(sticky, 20.0, 3000.0, 4.0)
+    for at_mm in np.arange(20.0, 60.1, 0.5).tolist():
+        held.press = Press(at_mm, 3000.0, 4.0)
+        collected(world)
+    held.press = None
+    # 44 mm of the strip have been under the finger of 4 mm.
+    share = coupling(sensor.contact, 3000.0)
+    way = 44 / 4 * 0.01 * share * Optics(sensor).press(40.0, 44.0)
+    expected = way * Optics(sensor).source_uW_cm2(20.0) * 10.0
+    assert collected(world) == pytest.approx(expected, rel=1e-2)
+
+
+def test_contact_that_remains_is_seen_between_the_touches_of_a_scenario(sensor):
+    sticky = quiet(sensor, contact__sticking_percent=1.0)
+    touch = {"points": [(1.0, 40.0, 3000.0), (2.0, 40.0, 3000.0)]}
+    scenario = Scenario(msgspec.convert({"seconds": 10.0, "touch": [touch]}, ScenarioFile))
+    world = World(sticky, scenario, np.random.default_rng(0))
+    assert not collected(world, 0.5).any()
+    pressed = collected(world, 1.9)
+    assert collected(world, 2.005, 0.001) * 10 == pytest.approx(0.01 * pressed, rel=0.2)
+    assert not collected(world, 0.5 + 30.0).any()
+
+
+def test_the_hand_shades_ambient_light_while_it_presses(sensor):
+    lit = {"irradiance_uW_cm2": 5.0, "shaded_percent": 40.0}
+    shaded = replaced(quiet(sensor), surroundings=lit)
+    held, world = held_world(shaded)
+    lamp = Optics(sensor).ambient(5.0) * 10.0
+
+    def dark(time_s):
+        counts = world.collect(1e6 * time_s, 1e6 * time_s + 1e4, 0.0)
+        return np.array([counts[name] for name in Optics.names])
+
+    assert dark(0.0) == pytest.approx(lamp)
+    held.press = Press(40.0, 3000.0, 4.0)
+    assert dark(1.0) == pytest.approx(0.6 * lamp)
+    held.press = Press(40.0, 3000.0, 4.0, hand=False)
+    assert dark(2.0) == pytest.approx(lamp)
+    touch = {"points": [(1.0, 40.0, 3000.0), (2.0, 40.0, 3000.0)]}
+    ambient = {"steps": [(0.0, 5.0)], "shaded_percent": 40.0}
+    file = {"seconds": 10.0, "touch": [touch], "ambient": ambient}
+    scenario = Scenario(msgspec.convert(file, ScenarioFile))
+    assert scenario.ambient_uW_cm2(0.5, 0.51) == pytest.approx(5.0)
+    assert scenario.ambient_uW_cm2(1.5, 1.51) == pytest.approx(3.0)
+
+
+def test_the_sun_through_leaves_changes_irregularly_around_its_mean():
+    ambient = {"steps": [(0.0, 5.0)], "leaves_percent": 80.0, "leaves_hz": 2.0}
+    scenario = Scenario(msgspec.convert({"seconds": 100.0, "ambient": ambient}, ScenarioFile))
+    at_s = np.arange(0.0, 100.0, 0.01)
+    light = np.array([scenario.ambient_uW_cm2(t, t + 0.01) for t in at_s.tolist()])
+    assert light.mean() == pytest.approx(5.0, rel=0.01)
+    assert 1.0 <= light.min() < 1.5
+    assert 8.5 < light.max() <= 9.0
+    frequencies = np.fft.rfftfreq(len(at_s), 0.01)
+    power = np.abs(np.fft.rfft(light - light.mean()))
+    assert frequencies[power > 0.3 * power.max()] == pytest.approx([2.0, 2.83, 4.47], abs=0.03)
+    assert scenario.ambient_uW_cm2(3.0, 4.0) == pytest.approx(light[300:400].mean())
+
+
+def test_the_bound_contains_the_noise_of_the_dusts_light(sensor):
+    conditions = ("F3", "F4", "F5", "F6", "F7", "F8"), 9, 10_000, 20.0
+    noisy = replaced(sensor, converter={"ratio_noise_ppm": 1e5})  # far above all other noise
+    percent = 100 * coupling(sensor.contact, 3000.0)
+    dusty = quiet(noisy, contact__dust=[[50.0, percent]])  # its light is that of the press
+    plain, with_dust = Bound(noisy, *conditions), Bound(dusty, *conditions)
+    assert with_dust.counts(50_000, 3000) == pytest.approx(plain.counts(50_000, 3000))
+    assert with_dust.sigma(50_000, 3000)[0] == pytest.approx(
+        2 * plain.sigma(50_000, 3000)[0], rel=0.01
+    )

@@ -21,6 +21,10 @@ _LATER = {
     ("converter", "ratio_noise_ppm"): 0.0,
     ("contact", "gap_percent"): 0.0,
     ("contact", "mode_percent"): 0.0,
+    ("contact", "dust"): (),
+    ("contact", "sticking_percent"): 0.0,
+    ("contact", "sticking_s"): 1.0,
+    ("surroundings", "shaded_percent"): 0.0,
 }
 
 

@@ -62,7 +62,10 @@ class Bound:
         self._scale = scale * optics.source_uW_cm2(led_mA)
         self._electrons = converter.electrons_per_count_1x / GAIN[gain]
         dark = converter.dark_counts_512x * GAIN[gain] / GAIN[10] * exposure_us / 98_000
-        outside = scale * optics.ambient(sensor.surroundings.irradiance_uW_cm2)
+        around = sensor.surroundings
+        outside = scale * optics.ambient(
+            around.irradiance_uW_cm2 * (1 - around.shaded_percent / 100)
+        )
         self._pedestal = dark + outside[self._columns]
 
     def counts(self, position_um, force_mN, width_mm=4.0, strain=0.0, bend_deg=0.0):
@@ -92,6 +95,14 @@ class Bound:
     def _of_share(self, share, position_um, width_mm=4.0, strain=0.0, bend_deg=0.0):
         rates = self._optics.press(position_um / 1000, width_mm, strain, bend_deg, share=share)
         return rates[self._columns] * self._scale * share
+
+    def _dust(self, strain: float, bend_deg: float) -> np.ndarray:
+        # The light of the dust is known, but has noise.
+        counts = np.zeros(len(self._columns))
+        for place_mm, percent in self._sensor.contact.dust:
+            place_um = 1000 * place_mm * (1 + strain)
+            counts += self._of_share(percent / 100, place_um, 0.0, strain, bend_deg)
+        return counts
 
     def _by_light(self, force_mN: float, counts: np.ndarray, *press, **more) -> np.ndarray:
         # Derivative of the counts by the logarithm of the contact share.
@@ -152,11 +163,12 @@ class Bound:
         step_um = 1000 * _STEP_MM
         ahead = self.counts(position_um + step_um, force_mN, **press)
         back = self.counts(position_um - step_um, force_mN, **press)
+        dust = self._dust(press.get("strain", 0.0), press.get("bend_deg", 0.0))
         variance = (
             self._sensor.converter.read_noise_counts**2
             + _ROUNDING_VARIANCE
-            + (counts + self._pedestal) / self._electrons
-            + (1e-6 * self._sensor.converter.ratio_noise_ppm * counts) ** 2
+            + (counts + dust + self._pedestal) / self._electrons
+            + (1e-6 * self._sensor.converter.ratio_noise_ppm * (counts + dust)) ** 2
         ) / self._average
         # Fisher information of the position and of the logarithm of the light. The noise of the LED
         # changes only the light, because it is the same in all channels.

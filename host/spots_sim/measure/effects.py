@@ -1,7 +1,8 @@
 """Measures position errors of a simulated strip at several forces, with effects of real strips.
 
-A stage with an indenter calibrates the strip. Then a finger presses it at 19 other places. The
-program prints a line for each force. Its command line changes keys of the sensor file:
+A stage with an indenter calibrates the strip. Then a finger presses it at 19 other places, in
+random order. The program prints a line for each force. Its command line changes keys of the sensor
+file:
 
     python -m spots_sim.measure.effects --set contact.gap_percent=10 --exposure-us 10000
     python -m spots_sim.measure.effects --later phosphor_nm=0.5 --rezero 3
@@ -29,6 +30,7 @@ from .rig import Rig
 
 FORCES_N = (0.6, 1.0, 3.0)
 _READINGS = 20  # at each place
+_LIFTED_S = 0.3  # between two places, as of a typist
 _JITTER_UM = 50.0  # largest offset of a press, so that the rounding of counts averages out
 
 
@@ -124,8 +126,9 @@ def errors(
 def _at(rig: Rig, force_N: float, rng, readings: int, places) -> Errors:
     bound = bound_of(rig)
     columns = []
-    for share in places:
+    for share in rng.permutation(places).tolist():
         place_um = share * rig.stage.length_um
+        rig.lift(_LIFTED_S)
         rows = []
         for _ in range(readings):
             at_um = place_um + rng.uniform(-_JITTER_UM, _JITTER_UM)
@@ -204,6 +207,17 @@ def main() -> None:
     parser.add_argument("--average", type=int, default=1, help="samples in a reading (1)")
     parser.add_argument("--forces", type=float, nargs="+", default=FORCES_N, help="forces in N")
     parser.add_argument("--readings", type=int, default=_READINGS, help="readings a place (20)")
+    parser.add_argument(
+        "--leak",
+        type=float,
+        nargs=2,
+        metavar=("PERCENT", "MM"),
+        default=(0.0, 0.0),
+        help="dust that comes after the calibration: per cent of a full contact, and its place",
+    )
+    parser.add_argument(
+        "--by-hand", action="store_true", help="a hand presses after the calibration, no stage"
+    )
     parser.add_argument("--bend", type=float, default=0.0, help="bend after the calibration, deg")
     parser.add_argument("--rezero", type=int, default=0, help="marks of a re-zero: 0, 1 or 3 (0)")
     parser.add_argument("--seed", type=int, default=0, help="random seed (0)")
@@ -226,10 +240,12 @@ def measured(options: argparse.Namespace) -> list[Errors]:
     later = with_keys(
         sensor.unchanged(), {f"change.{key}": v for key, v in _keys(options.later).items()}
     ).change
-    hand = Hand(options.rezero)
+    hand = Hand(options.rezero, by_hand=options.by_hand)
     hand.check()
     with Rig(sensor, options.seed, options.exposure_us, options.average) as rig:
-        rig.stage.held.bend_deg = options.bend
+        held = rig.stage.held
+        held.bend_deg, held.leak_share = options.bend, options.leak[0] / 100
+        held.leak_mm = options.leak[1]
         age(rig, sensor.change + later, hand, options.seed)
         return errors(rig, options.forces, options.seed, options.readings)
 

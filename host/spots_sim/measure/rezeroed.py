@@ -47,12 +47,15 @@ class Hand:
         calibration itself have no position error.
     scale : bool
         Whether a scale shows the force of each press, so that the force is corrected too.
+    by_hand : bool
+        Whether a hand presses the strip after the calibration, and not a stage.
     """
 
     marks: int = 0
     presses: int = 1
     error_um: float = 0.0
     scale: bool = False
+    by_hand: bool = False
 
     def check(self) -> None:
         """Raise SpotsError if `marks` or `error_um` is invalid."""
@@ -131,6 +134,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     """
     if not hand.marks:
         rig.stage.held.changed = change
+        rig.stage.by_hand = hand.by_hand
         return None
     rig.stage.held.tremor = _TREMOR
     presser = _ShakyPresser(rig.stage, hand.error_um, np.random.default_rng((seed, 2)))
@@ -144,6 +148,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
     )
     made = CalibrationFile(date=now(), **rig.conditions._asdict(), lines=rig.lines, marks=marks)
     rig.stage.held.changed = change
+    rig.stage.by_hand = hand.by_hand
     force_mN = FIRM_MN if hand.scale else None
     done = rezero(bench, made, hand.presses, hand.marks == 1, force_mN).rezeros[-1]
     rig.stage.held.tremor = 0.0

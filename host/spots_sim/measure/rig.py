@@ -170,6 +170,12 @@ class Rig:
         self.stage.press(position_um, force_mN)
         return self._held(count)
 
+    def lift(self, seconds: float) -> None:
+        """Lift the indenter, and wait for this time in seconds of the board."""
+        self.stage.release()
+        for _ in self.board.frames(seconds):
+            pass
+
     def turned(self, angle_deg: float, direction: int, count: int):
         """Turn the joint whose indenter presses the strip; return readings as `readings` does.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
 from spots.guarded import Guarded
 
@@ -215,11 +215,11 @@ def follow(held: Held, way: Way) -> None:
 
 def line_of(way: Way) -> str:
     """Return a movement of the finger as a line of text for `follow_pipe`."""
-    rows = [[start_s, end_s, p.position_mm, p.force_mN, p.width_mm] for start_s, end_s, p in way]
+    rows = [[start_s, end_s, *astuple(press)] for start_s, end_s, press in way]
     return json.dumps(rows) + "\n"
 
 
-def follow_pipe(held: Held, pipe: Path) -> None:
+def follow_pipe(held: Held, pipe: Path) -> threading.Thread:
     """Start a thread that reads paths from a named pipe, and moves the simulated finger along them.
 
     Parameters
@@ -228,6 +228,11 @@ def follow_pipe(held: Held, pipe: Path) -> None:
         Scenario of the strip; its finger is moved.
     pipe : Path
         Named pipe with a line for each path, see `line_of`.
+
+    Returns
+    -------
+    threading.Thread
+        The thread; it ends when the pipe is closed.
     """
 
     def take(line: str) -> None:
@@ -241,4 +246,6 @@ def follow_pipe(held: Held, pipe: Path) -> None:
             for line in lines:
                 guarded(line)
 
-    threading.Thread(target=read, daemon=True).start()
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    return thread

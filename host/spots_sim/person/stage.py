@@ -23,6 +23,8 @@ _WIDTH_MM = 4.0
 WARM_S = 120.0  # the LED is warm before the first press
 _OSCILLATOR_S = 30.0  # time in which a board measures its sensor's oscillator to 10 ppm
 _SEARCH_TIMEOUT_S = 600.0
+# A stage waits this many time constants for contact that remains, but at most these seconds.
+_PARTED, _PARTED_S = 5.0, 8.0
 
 
 class Stage:
@@ -40,6 +42,11 @@ class Stage:
         `mains_hz` is set first.
     warm_s : float
         Time in seconds for which the LED has been on when the board boots.
+
+    Attributes
+    ----------
+    by_hand : bool
+        Whether a hand presses the strip instead of the stage, from the next press on.
     """
 
     def __init__(
@@ -47,6 +54,7 @@ class Stage:
     ):
         self.sensor = sensor
         self.held = Held()
+        self.by_hand = False
         self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=warm_s))
         if sensor.led.wired != "ldr":
             self.board.command("set led=" + sensor.led.wired)
@@ -88,6 +96,7 @@ class Stage:
         self.release()
         if exposure_us is not None:
             self.board.command(f"set exposure_us={exposure_us}")
+        self._part()
         self.take_dark()
         self.reader.set_up()
 
@@ -111,7 +120,7 @@ class Stage:
         force_mN : float
             Force of the press in mN.
         """
-        self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM)
+        self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM, hand=self.by_hand)
 
     def turn(self, angle_deg: float, direction: int = 1) -> None:
         """Turn the joint, which bends the strip and slides an indenter along it.
@@ -154,8 +163,17 @@ class Stage:
                 self.press(place_um, force_mN)
                 r = self.reader.read(samples)
                 rows.append((place_um, force_mN, r.counts, r.variance, r.saturated))
+                self._part()
         self.release()
         return Presses(*(np.array(column) for column in zip(*rows)))
+
+    def _part(self) -> None:
+        # Lift, and wait until the guides have parted, so that no press is read with the last one.
+        contact = self.sensor.contact
+        if contact.sticking_percent:
+            self.release()
+            for _ in self.board.frames(min(_PARTED * contact.sticking_s, _PARTED_S)):
+                pass
 
     def along(self, places: int = PLACES, samples: int = 24) -> Presses:
         """Press with the force `FIRM_MN` at positions along the whole strip.

@@ -126,6 +126,13 @@ class ContactFile(toml.Strict):
     mode_percent : float
         Increase m of the path in the dyed guide: a larger contact couples steeper modes. The path
         is multiplied by 1 + m (s - s at 6 N).
+    dust : tuple of tuple
+        Places where the guides always touch, because of dust or a kink: distance from the sensor's
+        end of the unstretched strip in mm, and contact in per cent of a full contact. The light
+        of the dust adds to that of a press.
+    sticking_percent, sticking_s : float
+        Share of the contact that remains where a press has lifted, or from where it has moved; and
+        the time constant of its decay in s.
     """
 
     threshold_mN: NotNegative
@@ -134,6 +141,9 @@ class ContactFile(toml.Strict):
     early_mN: Positive = 50.0
     gap_percent: Shift = 0.0
     mode_percent: Shift = 0.0
+    dust: tuple[tuple[Place, Percent], ...] = ()
+    sticking_percent: Percent = 0.0
+    sticking_s: Positive = 1.0
 
 
 class Converter(toml.Strict):
@@ -178,12 +188,15 @@ class Surroundings(toml.Strict):
         Mean irradiance in uW/cm2.
     flicker_percent, flicker_hz, flicker_phase_deg : float
         Amplitude in per cent of the mean, frequency and phase of the flicker.
+    shaded_percent : float
+        Share of this light that the hand shades while a finger presses.
     """
 
     irradiance_uW_cm2: NotNegative = 0.0
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     flicker_hz: Positive = 100.0
     flicker_phase_deg: Degrees = 0.0
+    shaded_percent: Percent = 0.0
 
 
 JOINT_TRAVEL = (0.1, 0.9)  # ends of the indenter's travel, as shares of the strip's length
@@ -321,12 +334,20 @@ class Ambient(toml.Strict):
         Each step: time in s, and irradiance in uW/cm2 from that time on.
     flicker_percent, flicker_hz, flicker_phase_deg : float
         Amplitude in per cent of the mean, frequency and phase of the flicker.
+    leaves_percent, leaves_hz : float
+        Irregular changes of the light, as of the sun through moving leaves: largest amplitude in
+        per cent of the mean, and the lowest frequency.
+    shaded_percent : float
+        Share of this light that the hand shades while a finger presses.
     """
 
     steps: Annotated[list[tuple[Time, NotNegative]], msgspec.Meta(min_length=1)]
     flicker_percent: Annotated[float, msgspec.Meta(ge=0, le=100)] = 0.0
     flicker_hz: Positive = 100.0
     flicker_phase_deg: Degrees = 0.0
+    leaves_percent: Percent = 0.0
+    leaves_hz: Positive = 1.0
+    shaded_percent: Percent = 0.0
 
     def __post_init__(self):
         times = [step[0] for step in self.steps]

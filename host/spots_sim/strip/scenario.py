@@ -12,11 +12,12 @@ from .change import NONE, Change
 from .files import Ambient, Finger, ScenarioFile, Surroundings
 
 _NEAR_S = 1e-6  # more than the rounding errors of a time
+_LEAVES = 1.0, 2**0.5, 5**0.5  # frequencies of the light through leaves, as multiples; assumed
 _TREMOR_HZ = 9.3  # physiological tremor of fingers: 8 to 12 Hz
 
 
 class Press(msgspec.Struct, frozen=True):
-    """A finger on the strip at one moment.
+    """A finger or an indenter on the strip at one moment.
 
     Attributes
     ----------
@@ -28,12 +29,15 @@ class Press(msgspec.Struct, frozen=True):
         Width along the strip, in mm.
     tilt_percent : float
         Pressure at the finger's far edge minus the mean pressure, in per cent of the mean.
+    hand : bool
+        Whether a hand makes the press, and shades the strip; False for a stage.
     """
 
     position_mm: float
     force_mN: float
     width_mm: float
     tilt_percent: float = 0.0
+    hand: bool = True
 
 
 class Pose(msgspec.Struct, frozen=True):
@@ -143,7 +147,8 @@ class Scenario:
         if ambient is None:
             return 0.0
         level = _step(ambient, start_s % self.file.seconds)
-        return level * flicker(ambient, start_s, end_s)
+        level *= flicker(ambient, start_s, end_s) * unshaded(ambient, self, start_s)
+        return level * _leaves(ambient, start_s, end_s) if ambient.leaves_percent else level
 
     def _pose(self, phase_s: float) -> Pose:
         (percent,) = _on_lines(self._strain, phase_s)
@@ -162,6 +167,8 @@ class Held:
         Elongation divided by the length at rest.
     bend_deg : float
         Bending angle in degrees.
+    leak_share, leak_mm : float
+        Light that couples without a finger, see `Pose`.
     changed : Change
         Change of the sensor since the calibration.
     tremor : float
@@ -179,12 +186,13 @@ class Held:
         self.press: Press | None = None
         self.strain = 0.0
         self.bend_deg = 0.0
+        self.leak_share = self.leak_mm = 0.0
         self.changed = NONE
         self.tremor = 0.0
         self.unplugged = False
 
     def pose(self, time_s: float) -> Pose:
-        return Pose(self.strain, self.bend_deg)
+        return Pose(self.strain, self.bend_deg, self.leak_share, self.leak_mm)
 
     def change(self, time_s: float) -> Change:
         return self.changed
@@ -221,6 +229,36 @@ def flicker(lamp: Ambient | Surroundings, start_s: float, end_s: float) -> float
     omega, phase = 2 * math.pi * lamp.flicker_hz, math.radians(lamp.flicker_phase_deg)
     swing = math.sin(omega * end_s + phase) - math.sin(omega * start_s + phase)
     return 1 + lamp.flicker_percent / 100 * swing / (omega * (end_s - start_s))
+
+
+def unshaded(lamp: Ambient | Surroundings, scenario: Scenario | Held, time_s: float) -> float:
+    """Return the share of a lamp's light that no hand shades.
+
+    Parameters
+    ----------
+    lamp : Ambient or Surroundings
+        Lamp, and how much of it a hand shades.
+    scenario : Scenario or Held
+        Presses on the strip.
+    time_s : float
+        Time in seconds of the scenario.
+
+    Returns
+    -------
+    float
+        1 if no hand presses.
+    """
+    shades = lamp.shaded_percent and any(press.hand for press in scenario.presses(time_s))
+    return 1 - lamp.shaded_percent / 100 if shades else 1.0
+
+
+def _leaves(ambient: Ambient, start_s: float, end_s: float) -> float:
+    # The mean of oscillations whose sum does not repeat.
+    swing = 0.0
+    for ratio in _LEAVES:
+        omega = 2 * math.pi * ratio * ambient.leaves_hz
+        swing += (math.cos(omega * start_s) - math.cos(omega * end_s)) / (omega * (end_s - start_s))
+    return 1 + ambient.leaves_percent / 100 * swing / len(_LEAVES)
 
 
 def _between(touch: Finger, i: int, time_s: float) -> Press:

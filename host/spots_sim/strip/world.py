@@ -10,10 +10,10 @@ import numpy as np
 
 from ..chip.as7341 import AS7341, ChipNoise, Quirks
 from .change import NONE, Change
-from .contact import coupling
+from .contact import Sticking, coupling
 from .files import SensorFile
 from .optics import Optics
-from .scenario import flicker
+from .scenario import flicker, unshaded
 from .silicone import Memory
 
 # Longest time step within one integration; a finger counts as still during a step.
@@ -58,11 +58,13 @@ class World:
         self._optics = self._optics_at(*self._state)
         self._seen: tuple = ()  # what `_parts` is for
         self._parts: list[np.ndarray] = []
+        self._shares: list[float] = []
         self._led_K = 0.0  # at the time `_led_us`
         self._led_us = 0.0
         self._warm_start = warm
         self._pin_on = False
         self._memory = None if sensor.silicone.ideal else Memory(sensor.silicone)
+        self._sticking = Sticking(sensor.contact) if sensor.contact.sticking_percent else None
 
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
         """Return the counts of each diode for an ideal converter at gain 1x.
@@ -92,9 +94,8 @@ class World:
         rates = np.zeros(len(self._optics.names))
         if led_mA > 0:
             level = self._led_level(start_us, duration_us)
-            unloaded = self._memory is None or self._memory.unloaded
             # Most samples of a scenario are without a finger.
-            if not (unloaded and self._scenario.is_dark(start_us * 1e-6, end_us * 1e-6)):
+            if not (self._at_rest() and self._scenario.is_dark(start_us * 1e-6, end_us * 1e-6)):
                 for i in range(steps):
                     for part in self._light((start_us + (i + 0.5) * step_us) * 1e-6):
                         rates += part
@@ -136,8 +137,16 @@ class World:
         around = self._sensor.surroundings
         steady = around.irradiance_uW_cm2
         if steady:
-            steady *= flicker(around, start_s, end_s)
+            steady *= flicker(around, start_s, end_s) * unshaded(around, self._scenario, start_s)
         return steady + self._scenario.ambient_uW_cm2(start_s, end_s)
+
+    def _at_rest(self) -> bool:
+        # Whether no light couples without a finger.
+        return (
+            (self._memory is None or self._memory.unloaded)
+            and (self._sticking is None or self._sticking.free)
+            and not self._sensor.contact.dust
+        )
 
     def _light(self, time_s: float) -> list[np.ndarray]:
         # Return the count rates by each press and by the leak, at one moment.
@@ -146,33 +155,39 @@ class World:
         forces_mN = [press.force_mN for press in presses]
         if self._memory:
             forces_mN = self._memory.effective_mN(presses, time_s)
+        contact = self._sensor.contact
         seen = self._optics, pose, presses, forces_mN
-        if seen == self._seen:  # successive samples of a constant press
+        # Successive samples of a constant press have the same light.
+        if seen != self._seen:
+            self._seen = seen
+            self._shares = [coupling(contact, force_mN) for force_mN in forces_mN]
+            self._parts = [
+                self._part(pose, share, press.position_mm, press.width_mm, press.tilt_percent)
+                for press, share in zip(presses, self._shares)
+                if share > 0
+            ]
+            if pose.leak_share > 0:
+                self._parts.append(self._part(pose, pose.leak_share, pose.leak_mm))
+            for place_mm, percent in contact.dust:
+                place_mm *= 1 + pose.strain
+                self._parts.append(self._part(pose, percent / 100, place_mm))
+        if self._sticking is None:
             return self._parts
-        self._seen, self._parts = seen, []
-        for press, force_mN in zip(presses, forces_mN):
-            share = coupling(self._sensor.contact, force_mN)
-            if share > 0:
-                rates = self._optics.press(
-                    press.position_mm,
-                    press.width_mm,
-                    pose.strain,
-                    pose.bend_deg,
-                    press.tilt_percent,
-                    share if self._optics.coloured else 1.0,
-                )
-                self._parts.append(share * rates)
-        if pose.leak_share > 0:
-            share = pose.leak_share
-            rates = self._optics.press(
-                pose.leak_mm,
-                0.0,
-                pose.strain,
-                pose.bend_deg,
-                share=share if self._optics.coloured else 1.0,
-            )
-            self._parts.append(share * rates)
-        return self._parts
+        left = self._sticking.remaining(presses, self._shares, time_s)
+        return self._parts + [self._part(pose, share, place_mm) for place_mm, share in left]
+
+    def _part(self, pose, share, place_mm, width_mm=0.0, tilt_percent=0.0) -> np.ndarray:
+        # The count rates by a contact share at a place.
+        optics = self._optics
+        rates = optics.press(
+            place_mm,
+            width_mm,
+            pose.strain,
+            pose.bend_deg,
+            tilt_percent,
+            share if optics.coloured else 1.0,
+        )
+        return share * rates
 
     def _warm(self, end_us: float, led_mA: float) -> None:
         # The LED approaches its final temperature at the present current, also between two calls.
