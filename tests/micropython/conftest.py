@@ -33,7 +33,6 @@ from spots_sim.board.vm import micropython_command
 HERE = Path(__file__).parent
 WASM = HERE.parent / "wasm"
 WASM_PACKAGE = WASM / "node_modules" / "@micropython" / "micropython-webassembly-pyscript"
-TIMEOUT_S = 60
 # About the heap of a program on an RP2040; twice as much where words are twice as long. The unix
 # port cannot exceed this size; the heap of WebAssembly starts with it and grows.
 HEAP_32_BYTES = 192 * 1024
@@ -106,6 +105,7 @@ class Machine:
     """
 
     viper = False
+    timeout_s = 60
 
     def __init__(self, folder: Path, compiled):
         folder.mkdir()
@@ -164,7 +164,7 @@ class Machine:
             start_new_session=True,
         )
         try:
-            said, complained = process.communicate(timeout=TIMEOUT_S)
+            said, complained = process.communicate(timeout=self.timeout_s)
         except BaseException:
             # The command starts the interpreter as a child process, so the whole group is killed.
             os.killpg(process.pid, signal.SIGKILL)
@@ -230,11 +230,11 @@ class Wasm32(Machine):
     def execute(self, script: str) -> list[str]:
         request = script, str(self.code(script)), str(self.folder)
         print(json.dumps(request), file=self._node.stdin, flush=True)
-        timer = threading.Timer(TIMEOUT_S, self._node.kill)
+        timer = threading.Timer(self.timeout_s, self._node.kill)
         timer.start()
         answer = self._node.stdout.readline()
         timer.cancel()
-        assert answer, "node has ended, or was killed after a minute"
+        assert answer, "node has ended, or was killed after a timeout"
         said, complained = json.loads(answer)
         if complained is not None:
             raise RuntimeError(complained[-2000:])
