@@ -235,7 +235,6 @@ def wearable() -> Path:
     gestures = Gestures()
     board, _ = open_fast("default", truth, seed=0)
     with board:
-        board.command("set baseline=1")
         board.command("stream touch")
         for frame in board.frames(WORN_S - board.now_s()):
             if isinstance(frame, Touch):

@@ -156,7 +156,6 @@ strip._average = 2
 show("strip.Strip.take, average=2", mean_us(strip.take))
 strip._average = 1
 strip._samples = 0
-show("dark.Baseline.follow", mean_us(lambda: strip.baseline.follow(sensor.counts, 1, 0, False)))
 del framer.touch
 del framer.spectrum
 show("frame.Framer.touch", mean_us(lambda: framer.touch(0, strip.decode.state)))

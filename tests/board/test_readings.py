@@ -102,7 +102,7 @@ def test_steady_light_from_outside_is_subtracted(rig, calibration):
 def test_rest_that_is_asked_for_in_a_dark_window_is_taken_in_full_light(rig, calibration):
     made = rig(calibration=calibration)
     made.held.pose = lambda time_s: Pose(leak_share=0.2, leak_mm=30.0)
-    made.board.command("set baseline=1 exposure_us=2780")
+    made.board.command("set exposure_us=2780")
     made.settle(2.0)
     made.board._link.write(b"dark\nrest\n")
     made.settle(2.0)

@@ -70,6 +70,11 @@ def test_between_two_strains_everything_goes_in_straight_lines():
     assert segments_of(made)[0].offsets.tolist() == [200, 300]
 
 
+def test_the_light_without_a_press_is_optional():
+    assert Calibration(GOOD).rest == ()
+    assert Calibration([*GOOD, "rest 640 0 1 2 3 4194240"]).rest == (640, 0, 1, 2, 3, 4_194_240)
+
+
 @pytest.mark.parametrize("strain_ppm", [-1, 100_001])
 def test_a_strain_beyond_the_known_ones_is_refused(strain_ppm):
     with pytest.raises(CalibrationError, match="strain_ppm from 0 to 100000"):
@@ -83,6 +88,9 @@ def test_a_strain_beyond_the_known_ones_is_refused(strain_ppm):
         ("touch 300 200", "touch 200 300", "begin"),
         ("touch 300 200", "touch 300 0", "begin"),
         ("touch 300 200", "touch 300", "2 integers"),
+        ("touch 300 200", "touch 300 200\nrest 1 2 3 4 5", "6 integers"),
+        ("touch 300 200", "touch 300 200\nrest 1 2 3 4 5 -1", "sums of 'rest' must be from 0"),
+        ("touch 300 200", "touch 300 200\nrest 1 2 3 4 5 4194241", "sums of 'rest' must be from 0"),
         ("touch 300 200", "touch 300 many", "2 integers"),
         ("x 0 0 5 100", "x 0 0 5", "4 integers"),
         ("coarse -4096", "coarse -4095", "add up to 0"),

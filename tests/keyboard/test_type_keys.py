@@ -258,15 +258,11 @@ def test_resting_is_followed_on_the_board_too(board, tmp_path):
     for _ in board.frames(HELD_S + 4 - board.now_s()):
         pass
     assert sum(board.command("get")["rest"]) > 0
-    board.command("set baseline=0")
-    for _ in board.frames(0.1):
-        pass
-    assert sum(board.command("get")["rest"]) == 0
 
 
-def test_rest_is_refused_where_nothing_follows_it(board):
-    with pytest.raises(SpotsError, match="set baseline=1"):
-        board.command("rest")
+def test_the_setting_of_earlier_firmware_is_answered(board):
+    with pytest.raises(SpotsError, match="'baseline' is no longer a setting: the board follows"):
+        board.command("set baseline=1")
 
 
 def test_a_board_without_a_calibration_is_told(sensor):

@@ -248,18 +248,6 @@ def test_accumulate(compare, rng):
     compare("accumulate", cases, width=CHANNELS)
 
 
-def test_follow(compare, rng):
-    cases = []
-    for _ in range(60):
-        samples = rng.choice((1, 2, 64))
-        rest = [rng.choice((0, rng.randint(0, 4 * FULL << 10))) for _ in range(CHANNELS)]
-        sums = [samples * rng.choice((0, FULL, rng.randint(0, FULL))) for _ in range(CHANNELS)]
-        dark = [rng.choice((0, rng.randint(0, 40), 4 * FULL)) << 10 for _ in range(CHANNELS)]
-        shifts = rng.choice(((0, 0), (10, 6)))
-        cases.append((rest, [0] * CHANNELS, sums, dark, samples, rng.randint(6, 10), *shifts))
-    compare("follow", cases, width=2 * CHANNELS)
-
-
 def test_power(compare, rng):
     drawn = [rng.randint(-17 * ONE, 18 * ONE) for _ in range(500)]
     compare("power", [*drawn, *(n * ONE + near for n in range(-9, 19) for near in (-1, 0))])

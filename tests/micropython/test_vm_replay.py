@@ -21,7 +21,7 @@ PLAN = ("F3", "F4", "F5", "F6", "F7", "F8")
 PARTS = [
     ["touch"],
     ["touch", "contact", "keys=1"],
-    ["touch", "contact", "spectrum", "average=2", "baseline=1"],
+    ["touch", "contact", "spectrum", "average=2"],
     ["touch", "contact", "average=1", "dark_every=50"],
     ["touch", "keys=0", "gamepad=1"],
 ]

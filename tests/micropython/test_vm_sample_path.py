@@ -88,18 +88,28 @@ SCENES = {
         TOUCHING, NEAR, average=64, lasts_ms=_DARK_EVERY_US // 1000 + 1000
     ),
     "the dark window when it lifts": scene(
-        TOO_DARK, DARK, lasts_ms=IDLE_US // 1000 + DARK_WINDOW_MS, dark=NONE
+        # With the lit samples after the window, which end the baseline of an object.
+        TOO_DARK,
+        DARK,
+        lasts_ms=IDLE_US // 1000 + DARK_WINDOW_MS + 80,
+        dark=NONE,
     ),
     "a finger after that": scene(TOUCHING, NEAR),
-    "the least table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN, LEAST),
-    "the largest table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN[::-1], LARGEST),
+    "nobody after that": scene(TOO_DARK, DARK, dark=NONE),
+    "the least table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN, LEAST, dark=NONE, lasts_ms=400),
+    "the largest table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN[::-1], LARGEST, dark=NONE),
     "the largest table, averaged": scene(
-        TOUCHING | SATURATED | MISFIT, UNEVEN, LARGEST, average=64, lasts_ms=1500
+        TOUCHING | SATURATED | MISFIT, UNEVEN, LARGEST, average=64, lasts_ms=1500, dark=NONE
     ),
     "creep of a held finger": scene(TOUCHING, NEAR, SOFT, lasts_ms=100),
     "hysteresis of a weaker finger": scene(TOUCHING, [n * 3 // 4 for n in NEAR], SOFT),
 }
-WITH_DARK_WINDOW = {"a dark frame on request", "the dark window when it lifts", "nobody for long"}
+WITH_DARK_WINDOW = {
+    "a dark frame on request",
+    "the dark window when it lifts",
+    "the least table",
+    "nobody for long",
+}
 AFTER_A_GAP = {
     "a port that takes again",
     "a stall of minutes",
@@ -200,7 +210,7 @@ def expected_long(cpython, given_long):
 
 @pytest.fixture(scope="module")
 def given_uses(given):
-    return {**given, "uses": ["keys=1", "gamepad=1", "baseline=1"], "layout": LAYOUT}
+    return {**given, "uses": ["keys=1", "gamepad=1"], "layout": LAYOUT}
 
 
 @pytest.fixture(scope="module")

@@ -286,7 +286,6 @@ def test_gestures_of_one_finger_do_not_change():
         board, _ = open_fast("default", Scenario(load(ScenarioFile, name)), 1)
         one, both = Gestures(), Gestures(85_000, board.info.get("decay"))
         with board:
-            board.command("set baseline=1")
             found = [
                 (one.take(touch, board.now_s()), both.take(touch, board.now_s()))
                 for touch in board.touches(25.0)

@@ -396,7 +396,7 @@ class BoardApp:
                 from .light import NO_DARK
 
                 found, why_not = None, NO_DARK
-        self.strip.decode.calibration = found
+        self.strip.use_calibration(found)
         self._time.update()
         self.uses.apply(found)
         self.strip.configure()
@@ -487,7 +487,7 @@ class BoardApp:
 
     def _load(self):
         """Load saved settings, calibration and layout; return the lines of the layout."""
-        self._load_lines("settings", self.settings.change)
+        self._load_lines("settings", self.settings.restore)
         self._load_lines("calibration", self.calibration.use)
         return self._load_lines("layout", check_layout)
 

@@ -194,7 +194,7 @@ class Commands:
       hello               board, firmware, id, settings, calibration
       get                 settings, dark frame, faults, counters of missed samples
       set NAME=VALUE ...  exposure_us, gain, led_mA, average, plan, strain_ppm,
-                          baseline, dark_every, mains_hz, keys, gamepad, watchdog, led
+                          dark_every, mains_hz, keys, gamepad, watchdog, led
       set keys=1          touches press keys; with 'set gamepad=1', they move a gamepad
       auto                find gain and LED current while you press firmly
       dark                take a dark frame; if led=always, unplug the LED, then send
@@ -306,8 +306,6 @@ class Commands:
         self._replies.finish("dark", {"dark": app.strip.dark_frame()})
 
     def _rest(self, words):
-        if not self._app.settings.values["baseline"]:
-            raise ValueError("the baseline is off: send 'set baseline=1'")
         self._app.strip.request_rest()
         return {}
 

@@ -27,18 +27,18 @@ LIMITS = {
     "led_mA": (0, LED_MAX_MA, DEFAULT_LED_MA),
     "average": (1, AVERAGE_MAX, 1),
     "strain_ppm": (0, STRAIN_MAX_PPM, 0),
-    "baseline": (0, 1, 0),
     "dark_every": (0, 10_000, 0),  # samples between two dark samples, even during a touch; 0: off
     "mains_hz": (0, 60, 0),  # mains frequency of the lamps, 50 or 60; 0: no such lamps
     "keys": (0, 1, 0),
     "gamepad": (0, 1, 0),
     "watchdog": (0, 1, 0),
 }
+# Settings of earlier firmware, and why they are gone.
+_REMOVED = {"baseline": "the board follows the light of the untouched strip by itself"}
 # Settings that can change without a restart of the sensor.
 _AFTER_THE_SENSOR = (
     "average",
     "strain_ppm",
-    "baseline",
     "dark_every",
     "keys",
     "gamepad",
@@ -107,6 +107,10 @@ class BoardSettings:
                 checked[name] = text
             elif name in LIMITS:
                 checked[name] = self._number(name, text)
+            elif name in _REMOVED:
+                raise ValueError(
+                    "'%s' is no longer a setting: %s; leave it out" % (name, _REMOVED[name])
+                )
             else:
                 raise ValueError(
                     "no setting is called '%s'; use one of %s"
@@ -126,6 +130,10 @@ class BoardSettings:
             settle(checked, self.values, self._board)
         self.values.update(checked)
         return bool(set(checked).difference(_AFTER_THE_SENSOR))
+
+    def restore(self, lines):
+        """Change settings as `change` does; ignore settings that only earlier firmware had."""
+        self.change([line for line in lines if line.partition("=")[0] not in _REMOVED])
 
     def reply(self):
         """Return the settings except ``dark`` as a dict for a reply; ``plan`` is a list."""

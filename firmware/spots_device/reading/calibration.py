@@ -11,6 +11,8 @@ with examples of their values::
     touch 300 200              force in mN at which a touch begins and ends
     relative                   forces have no unit, because no weighing scale was used; optional
     coarse 1 -2 ...            six weights, sum 0: the coarse contrast, which selects the segment
+    rest 640 12 ...            light of the untouched strip without the dark frame: six sums of
+                               counts over 64 samples; optional
     fit 1 -2 ...               six weights, sum 0: the misfit, which shows how far the spectrum is
                                from that of a single press
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
@@ -33,7 +35,7 @@ from array import array
 from collections import namedtuple
 
 from ..sensor.smux import CHANNELS, PIXELS
-from .decode import BOUNDS, FORCES, SEGMENTS, WEIGHTS, columns_of
+from .decode import BOUNDS, DARK_SAMPLES, FORCES, SEGMENTS, WEIGHTS, columns_of
 
 ONE_Q13 = 1 << 13
 # Limit of the sum of absolute weights, so that each weighted sum of `kernel.estimate` fits 31 bits.
@@ -41,12 +43,14 @@ WEIGHT_SUM_MAX = 8 * ONE_Q13
 KNOTS_MAX = 128
 STRAIN_MAX_PPM = 500_000
 FORCE_MAX_MN = 65_535
+_REST_MAX = 65_535 * DARK_SAMPLES
 # Limit of every logarithm and contrast; the difference of two still fits 31 bits.
 _LOG_MAX = 1 << 28
 _STRAIN_Q = 12
 
 # Name of a statement: number of its integers.
-_ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6, "silicone": 13}
+_ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6, "rest": 6, "silicone": 13}
+_OPTIONAL = "rest", "silicone"
 _MANY = {"segment": 12, "f": 3}
 
 
@@ -82,6 +86,9 @@ class Calibration:
     relative_force : bool
         Whether forces have no unit: 3000 then means the mean light of the calibration's presses,
         and 6000 twice that light.
+    rest : tuple of int
+        Light of the untouched strip without the dark frame: six sums of counts over
+        `decode.DARK_SAMPLES` samples, with the settings of `conditions`; empty if it is unknown.
     compensation : silicone.Compensation or None
         Corrects the force for hysteresis and creep; None if these were not calibrated.
     tables : array of int
@@ -106,7 +113,7 @@ class Calibration:
             if words:
                 _take(line, words, seen, strains)
         for name in ("board", "plan") + tuple(_ONCE):
-            if name not in seen and name != "silicone":
+            if name not in seen and name not in _OPTIONAL:
                 raise CalibrationError("the line '%s' is missing" % name)
         self.relative_force = "relative" in seen
         self.conditions = Conditions(seen["board"], seen["plan"], *seen["made"])
@@ -115,6 +122,9 @@ class Calibration:
             raise CalibrationError("'touch' needs two forces, 0 < end <= begin")
         _weights("coarse", seen["coarse"], 0)
         _weights("fit", seen["fit"], 0)
+        self.rest = seen.get("rest", ())
+        if self.rest and not 0 <= min(self.rest) <= max(self.rest) <= _REST_MAX:
+            raise CalibrationError("the sums of 'rest' must be from 0 to %d" % _REST_MAX)
         forces = seen["f"]
         _check_table("f", forces)
         if not 0 <= forces[0][1] < forces[-1][1] <= FORCE_MAX_MN:

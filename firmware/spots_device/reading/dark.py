@@ -1,13 +1,18 @@
 """Dark frame and baseline, which are subtracted from each reading.
 
 The dark frame is the count of each channel while the LED is off. The baseline is the count of the
-untouched strip while the LED is on, minus the dark frame.
+untouched strip while the LED is on, minus the dark frame: light that crosses between the guides
+without a press, for example at dust.
 
 A dark window is four samples with the LED off. Counts are integers, and their rounding error is up
 to three times the noise of the light. So the first 16 windows are averaged; then each new window
 has the weight 1/8. This average has the noise and the delay of a mean over 16 windows, but needs no
 memory for windows. If a window deviates too much from the mean, the ambient light has changed, and
 the mean restarts.
+
+The baseline starts with the value of the calibration. It follows the difference between a dark
+window and the lit samples directly before and after it. Ambient light, and a shadow on it, is the
+same in all of these samples, so it never enters the baseline.
 """
 
 from array import array
@@ -37,6 +42,11 @@ _POOL_SAMPLES = const(64)  # samples of 16 windows
 _POOL_SHIFT = const(_Q - 6)  # from Q12 to sums over this number of samples
 # Limit of the samples of a reading times the samples of the dark frame, for `kernel.estimate`.
 _PRODUCT_MAX = const(256)
+# The baseline changes if the chi-squared of the mean difference is above `_JUMP`. So noise never
+# changes it, and a strip without such light gets none.
+_SETTLED_US = const(200_000)  # time without a touch before the baseline may follow
+_FAR = const(1 << 20)  # largest summand of a chi-squared, Q4
+_LEVEL_MAX = const(65_535 << _Q)
 
 
 class Dark:
@@ -55,12 +65,14 @@ class Dark:
     ----------
     mean : memoryview of int
         Mean dark counts of the six channels, Q12; a part of `state`.
+    window : array of int
+        Sums of the present dark window, or of the last one, over four samples.
     """
 
     def __init__(self, state):
         self.state = state
         self.mean = memoryview(state)[d.DARK : d.DARK + CHANNELS]
-        self._window = array("i", bytes(4 * CHANNELS))
+        self.window = array("i", bytes(4 * CHANNELS))
         self._count = 0  # windows in the mean
         self._taken = 0  # samples in the window
         self._left = 0  # samples until the LED is switched on again
@@ -133,7 +145,7 @@ class Dark:
     def add(self, counts):
         """Add a dark sample (six counts); return whether the series of `begin` is complete."""
         for i in range(CHANNELS):
-            self._window[i] = counts[i] + (self._window[i] if self._taken else 0)
+            self.window[i] = counts[i] + (self.window[i] if self._taken else 0)
         self._taken += 1
         if self._taken == _WINDOW_SAMPLES:
             self._taken = 0
@@ -160,7 +172,7 @@ class Dark:
         score = 0
         for i in range(CHANNELS):
             expected = self.mean[i] >> 10
-            off = abs(self._window[i] - expected)
+            off = abs(self.window[i] - expected)
             if off < _JUMP_MAX:
                 score += (off * off << 4) // (expected + 4)
                 if score * count <= (_JUMP << 4) * (count + 1):
@@ -173,7 +185,7 @@ class Dark:
             weight = count
         self._count = count
         for i in range(CHANNELS):
-            gap = (self._window[i] << 10) - self.mean[i]
+            gap = (self.window[i] << 10) - self.mean[i]
             self.mean[i] += (gap + (weight >> 1)) // weight
 
 
@@ -191,6 +203,8 @@ class Baseline:
         Sum of dark frame and baseline, as six sums of counts; subtracted from each reading.
     samples : int
         Samples in each reading from which `floor` is subtracted; limits the scale of `floor`.
+    left : int
+        Lit samples that `after` still needs; 0 if it must not be called.
     """
 
     def __init__(self, dark):
@@ -201,6 +215,12 @@ class Baseline:
         self.floor = view[d.FLOOR : d.FLOOR + CHANNELS]
         self._state[d.SHIFT] = _Q
         self.samples = 0
+        self.left = 0
+        # All sums are over four samples, as those of a dark window.
+        self._before = array("i", bytes(4 * CHANNELS))
+        self._after = array("i", bytes(4 * CHANNELS))
+        self._gap = array("i", bytes(4 * CHANNELS))  # mean of lit minus floor, Q8
+        self._count = 0  # windows in this mean
 
     def sums(self):
         """Return the baseline: for each channel a sum over `decode.DARK_SAMPLES` samples."""
@@ -222,22 +242,26 @@ class Baseline:
         self.update()
         return dark_samples
 
-    def track(self, on):
-        """Set whether readings change the baseline; if not, the baseline is 0."""
-        state = self._state
-        if not on:
-            state[d.FOLLOWS] = 0
-            if state[d.FOLLOWED]:
-                self.forget()
-        elif not state[d.FOLLOWS]:
-            state[d.FOLLOWS] = 1
+    def start(self, calibration, exposure_us):
+        """Start with the baseline of a `calibration.Calibration`, or with 0 for None.
 
-    def forget(self):
-        """Set the baseline to 0."""
-        self._state[d.FOLLOWED] = 0
+        The line ``rest`` of the calibration is scaled to the exposure `exposure_us`.
+        """
         for i in range(CHANNELS):
-            self._level[i] = 0
-        self.update()
+            level = 0
+            if calibration is not None and calibration.rest:
+                ratio = exposure_us / calibration.conditions.exposure_us
+                level = min(int(calibration.rest[i] * ratio), _LEVEL_MAX >> _POOL_SHIFT)
+            self._level[i] = level << _POOL_SHIFT
+        self._restart()
+
+    def take(self):
+        """Use the light of the present reading as the baseline."""
+        state = self._state
+        for i in range(CHANNELS):
+            level = (state[d.SUMS + i] * 4 // state[d.SAMPLES] << 10) - self._dark.mean[i]
+            self._level[i] = max(level, 0)
+        self._restart()
 
     def update(self):
         """Compute `floor` again; must be called after a change of dark frame or baseline."""
@@ -245,3 +269,101 @@ class Baseline:
         half = 1 << shift >> 1
         for i in range(CHANNELS):
             self.floor[i] = self._dark.mean[i] + self._level[i] + half >> shift
+
+    # The three methods below allocate nothing.
+
+    def before(self):
+        """Store the light before a dark window, if the strip has not been touched for a while."""
+        state = self._state
+        self.left = 0
+        if (
+            state[d.AGE_STEP_US]  # else a person switches the LED
+            and state[d.IDLE_US] >= _SETTLED_US
+            and not state[d.TAKEN]
+            and not state[d.FLAGS] & (d.SATURATED | d.NOT_CALIBRATED | d.LED_OFF)
+        ):
+            for i in range(CHANNELS):
+                self._before[i] = state[d.SUMS + i] * 4 // state[d.SAMPLES]
+                self._after[i] = 0
+            self.left = _WINDOW_SAMPLES
+
+    def after(self, counts, complete):
+        """Add a lit sample after a dark window; return whether no further sample is needed.
+
+        Parameters
+        ----------
+        counts : sequence of int
+            Six counts.
+        complete : bool
+            Whether the sample has completed a reading; only its flags show a touch.
+        """
+        if complete and self._state[d.FLAGS] & (d.TOUCHING | d.SATURATED):
+            self.left = 0
+            return True
+        if self.left == 1 and not complete:
+            return False
+        for i in range(CHANNELS):
+            self._after[i] += counts[i]
+        self.left -= 1
+        if self.left:
+            return False
+        if self._is_steady():
+            self._follow()
+        return True
+
+    def _is_steady(self):
+        # The ambient light must not have changed during the window.
+        score = 0
+        for i in range(CHANNELS):
+            after = self._after[i]
+            score += _score(self._before[i] - after << 8, 5 * _variance(after))
+        return score <= _JUMP << 4
+
+    def _follow(self):
+        count = self._count
+        fits = differs = 0
+        for i in range(CHANNELS):
+            fits += _score(self._off(i) - self._gap[i], self._spread(i))
+        if fits * count > (_JUMP << 4) * (count + 1):
+            count = 0
+        if count < _WINDOWS:
+            count += 1
+        self._count = count
+        for i in range(CHANNELS):
+            gap = self._gap[i] if count > 1 else 0
+            self._gap[i] = gap + (self._off(i) - gap) // count
+            differs += _score(self._gap[i], self._spread(i))
+        if differs * count > _JUMP << 4:
+            for i in range(CHANNELS):
+                level = self._level[i] + (self._gap[i] << 2)
+                self._level[i] = min(max(level, 0), _LEVEL_MAX)
+            self._restart()
+
+    def _off(self, i):
+        lit = self._before[i] + self._after[i] << 7
+        return lit - (self._dark.window[i] << 8) - (self._level[i] >> 2)
+
+    def _spread(self, i):
+        # The light before the window is that of a single sample, times four.
+        return (9 * _variance(self._after[i]) >> 2) + 1
+
+    def _restart(self):
+        self.left = self._count = 0
+        self.update()
+
+
+def _variance(total):
+    # Assumed variance of a sum of counts over four samples: converter, rounding, light.
+    return (total >> 4) + 4
+
+
+def _score(off, variance):
+    """Return ``off**2 / variance``, Q4, at most `_FAR`; `off` is Q8."""
+    off = abs(off)
+    if off < 1 << 14:
+        off >>= 4
+        return (off * off << 4) // (variance << 8)
+    off >>= 8
+    if off >= _JUMP_MAX:
+        return _FAR
+    return min((off * off << 4) // variance, _FAR)

@@ -58,7 +58,7 @@ TOLERANCE_Q12 = 16  # Q12: tolerance of this misfit
 FOUND = 17  # up to three values that `kernel.look_up` returns
 IDLE_US = 20  # us: time without a touch
 # Change of the ambient light, see dark.py.
-LEVEL = 21  # counts + 1: light without a touch; 0 from a dark window until it is measured
+LEVEL = 21  # counts + 1: sum of the floor; 0 from a dark window until a reading without a touch
 ODD_US = 22  # us: duration
 # Dark frame.
 AGE_US = 23  # us: its age
@@ -72,12 +72,10 @@ EXPOSURE_US = 29  # us
 MISSING = 30  # `DROPPED` if samples are missing before the reading
 DUE = 31  # bool: a dark window must begin, see `kernel.process`
 STREAMED = 32  # byte 0 of its TOUCH frame; 0 if it is not streamed
-# Baseline.
-FOLLOWS = 33  # whether it is tracked: 0, 1, or 2 if the next reading becomes the baseline
+# Subtracted light.
 AVERAGE = 34  # samples of a complete reading
 IDLE_MIN_US = 35  # us: least time without a touch before a dark frame
 SHIFT = 36  # right shift from Q12 to the floor
-FOLLOWED = 37  # bool: the baseline has been measured
 # Sums of weights times logarithms, Q20 of log2: four elements, only in machine code.
 COARSE_SUM = 38
 MISFIT_SUM = 39
@@ -96,15 +94,11 @@ CHECK = 2  # value of `WANTED`: a dark window for the present mean
 # Limits of `kernel.process`.
 IDLE_US_MAX = 1_000_000  # us: largest stored time without a touch
 # The ambient light has changed if one of two things lasts for `ODD_US_MAX`: a touch does not fit
-# one press, or the sum of the counts without a touch differs by more than `ODD_COUNTS` from its
-# value after the last dark frame.
+# one press, or the sum of the counts without a touch differs by more than `ODD_COUNTS` from that of
+# dark frame and baseline.
 ODD_US_MAX = 300_000  # us
 ODD_COUNTS = 24  # counts
 ODD_EVERY_US = 2_000_000  # us: least age of a dark frame that is taken again for this reason
-SETTLED_US = 200_000  # us: time after a touch before the baseline is tracked again
-# log2 of the time constants, in readings, with which the baseline follows the light.
-GROWS_LOG2 = 10  # growing light may be a slow finger
-FADES_LOG2 = 6
 
 # Indices of the array `head`, the header of a frame.
 KIND = 0  # kind and sensor

@@ -108,8 +108,6 @@ def _follow_light(state, flags, two):
         # Readings of two fingers look like ambient light. They have less weight in the detection,
         # because a dark frame costs readings.
         _odd_light(state, flags, lasted_us >> 3 if two else lasted_us)
-    if state[d.FOLLOWS] and not flags & d.LED_OFF:
-        _follow(state)
     aged = state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]
     state[d.DUE] = 1 if state[d.WANTED] or aged else 0
 
@@ -121,7 +119,7 @@ def _odd_light(state, flags, lasted_us):
     else:
         level = state[d.LIGHT] // state[d.SAMPLES] + 1
         if not state[d.LEVEL]:
-            state[d.LEVEL] = level
+            _expect(state)
         odd = abs(level - state[d.LEVEL]) > d.ODD_COUNTS
     if not odd:
         state[d.ODD_US] = 0
@@ -131,25 +129,12 @@ def _odd_light(state, flags, lasted_us):
         state[d.WANTED] = 1 if state[d.AGE_STEP_US] else 0
 
 
-def _follow(state):
-    # Move the baseline towards the reading. Growing light may be a slow finger, so the baseline
-    # follows it more slowly than fading light.
-    up = down = 0
-    if state[d.FOLLOWS] > 1:
-        state[d.FOLLOWS] = 1
-    elif state[d.IDLE_US] >= d.SETTLED_US:
-        up = d.GROWS_LOG2
-        down = d.FADES_LOG2
-    else:
-        return
-    state[d.FOLLOWED] = 1
-    half = 1 << state[d.SHIFT] >> 1
-    for i in range(CHANNELS):
-        rest = state[d.REST + i]
-        gap = (state[d.SUMS + i] * 4 // state[d.SAMPLES] << 10) - state[d.DARK + i] - rest
-        rest = max(rest + (gap >> (up if gap > 0 else down)), 0)
-        state[d.REST + i] = rest
-        state[d.FLOOR + i] = state[d.DARK + i] + rest + half >> state[d.SHIFT]
+def _expect(state):
+    # A function of its own, because `_odd_light` would need more than 11 words with these lines.
+    floor = 0
+    for i in range(d.FLOOR, d.FLOOR + CHANNELS):
+        floor += state[i]
+    state[d.LEVEL] = floor // state[d.FLOOR_SAMPLES] + 1
 
 
 def estimate(state, tables, flags):

@@ -220,7 +220,10 @@ def process(work, flags: int) -> int:
         else:
             n = state[d.LIGHT] // state[d.SAMPLES] + 1
             if state[d.LEVEL] == 0:
-                state[d.LEVEL] = n
+                at = 0
+                for i in range(CHANNELS):
+                    at += state[d.FLOOR + i]
+                state[d.LEVEL] = at // state[d.FLOOR_SAMPLES] + 1
             n -= state[d.LEVEL]
             step = 0
             if n > d.ODD_COUNTS or n + d.ODD_COUNTS < 0:
@@ -235,30 +238,6 @@ def process(work, flags: int) -> int:
             elif state[d.AGE_US] >= d.ODD_EVERY_US:
                 state[d.WANTED] = 1 if state[d.AGE_STEP_US] else 0
         state[d.ODD_US] = n
-    n = state[d.FOLLOWS]
-    if n and flags & d.LED_OFF == 0:
-        low = 0
-        if n == 1 and state[d.IDLE_US] >= d.SETTLED_US:
-            low = d.FADES_LOG2
-        if n > 1 or low:
-            state[d.FOLLOWS] = 1
-            state[d.FOLLOWED] = 1
-            step = state[d.SHIFT]
-            half = (1 << step) >> 1
-            for i in range(CHANNELS):
-                at = state[d.DARK + i]
-                rest = state[d.REST + i]
-                n = state[d.SUMS + i] * 4
-                if state[d.SAMPLES] > 1:
-                    n = n // state[d.SAMPLES]
-                n = (n << 10) - at - rest
-                if low:
-                    n >>= d.GROWS_LOG2 if n > 0 else d.FADES_LOG2
-                n += rest
-                if n < 0:
-                    n = 0
-                state[d.REST + i] = n
-                state[d.FLOOR + i] = (at + n + half) >> step
     n = state[d.WANTED]
     if state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]:
         n = 1

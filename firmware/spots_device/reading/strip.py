@@ -85,6 +85,9 @@ class Strip:
         self._diff = clock.ticks_diff
         self._search = None
         self._on_dark = self._on_search = None
+        self._rest_wanted = False
+        # Calibration and conditions for which the baseline was started.
+        self._rest_of = self._rest_at = None
         self._state = _UNKNOWN
         self.lit_flags = 0
 
@@ -145,7 +148,6 @@ class Strip:
             state[d.TAKEN] = state[d.PENDING] = 0
             self.decode.scale(average, self.baseline.rescale(average))
         self._mains_hz = values["mains_hz"]
-        self.baseline.track(values["baseline"])
         if values["led"] == "always":
             self._dark.schedule(0, 0)
         else:
@@ -198,7 +200,18 @@ class Strip:
 
     def request_rest(self):
         """Use the next reading as the baseline."""
-        self._reading[d.FOLLOWS] = 2
+        self._rest_wanted = self._rare = True
+
+    def use_calibration(self, calibration):
+        """Decode readings with a `calibration.Calibration`, or with None.
+
+        The baseline restarts with that of the calibration, unless only the sensor has restarted.
+        """
+        self.decode.calibration = calibration
+        if calibration is not self._rest_of or self.conditions != self._rest_at:
+            self._rest_of = calibration
+            self._rest_at = self.conditions
+            self.baseline.start(calibration, self.sensor.exposure_us)
 
     def forget_requests(self):
         """Cancel the requested dark frame and the requested search for settings."""
@@ -244,7 +257,13 @@ class Strip:
         used = self._uses.active or decode.compensation
         self._work[d.USE] = self._use_reading if used else None
         self._lit = self.lit_flags if self.sensor.led_on else d.LED_OFF
-        self._rare = bool(self._state != _LIT or self._search is not None or self._mains_hz)
+        self._rare = bool(
+            self._state != _LIT
+            or self._search is not None
+            or self._mains_hz
+            or self.baseline.left
+            or self._rest_wanted
+        )
 
     def _judge(self, sensor):
         # Return the flags of a sample that is not simply lit, or `_UNUSED`.
@@ -273,18 +292,32 @@ class Strip:
         if not uses.active:
             return False
         uses.take(self.index, self._reading)
-        if uses.rests and self._reading[d.FOLLOWS]:
-            self._reading[d.FOLLOWS] = 2
+        if uses.rests:
+            self.request_rest()
         return uses.two
 
     def _finish(self, sensor):
         if self._state == _BLINKING:
             if sensor.steady and self._dark.add(sensor.counts):
                 self._end_blink(sensor)
-        elif self._reading[d.DUE] and self._state == _LIT:
+            return
+        if self._state == _LIT and (self._rest_wanted or self.baseline.left):
+            self._follow(sensor)
+        if self._reading[d.DUE] and self._state == _LIT:
             self._start_blink(sensor)
         elif self._mains_hz:
             self._correct_drift(sensor)
+
+    def _follow(self, sensor):
+        # The baseline needs this lit sample.
+        complete = not self._reading[d.TAKEN]
+        if not self._rest_wanted:
+            if self.baseline.after(sensor.counts, complete):
+                self._choose()
+        elif complete:
+            self._rest_wanted = False
+            self.baseline.take()
+            self._choose()
 
     def _send_spectrum(self):
         state = self._reading
@@ -324,7 +357,7 @@ class Strip:
             stored = values["dark"]
             if not self._dark.use(stored[:2] == [gain, sensor.exposure_us] and stored[2:]):
                 self.lit_flags = 0
-        self.baseline.forget()
+        self.baseline.update()
         self._reading[d.TAKEN] = self._reading[d.PENDING] = 0
         self._choose()
 
@@ -339,6 +372,7 @@ class Strip:
 
     def _start_blink(self, sensor):
         sensor.switch_led(False)
+        self.baseline.before()
         self._reading[d.TAKEN] = self._reading[d.PENDING] = 0
         self._dark.begin(sensor.exposure_us)
         self._state = _BLINKING

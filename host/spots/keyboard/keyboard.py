@@ -41,8 +41,7 @@ def type_on(
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. Unless the board is read-only, this function switches its
-        ``baseline`` setting on: the board then follows slow changes of the untouched strip's light.
+        Board with a calibrated strip.
     layout : KeyLayout
         Keys of the strip.
     keyboard : Keyboard

@@ -33,9 +33,7 @@ def show(name: str) -> None:
 
 
 def push(board: Board, layout: KeyLayout) -> str | None:
-    """Upload a layout to a board, switch on keys and baseline tracking, and store all on the board.
-
-    Baseline tracking follows slow changes of the untouched strip's light.
+    """Upload a layout to a board, switch on keys, and store both on the board.
 
     Parameters
     ----------
@@ -55,7 +53,7 @@ def push(board: Board, layout: KeyLayout) -> str | None:
         If the board refuses the layout or a command.
     """
     upload_lines(board, "layout", layout.lines)
-    note = ensured(board, "set keys=1 baseline=1").get("note")
+    note = ensured(board, "set keys=1").get("note")
     ensured(board, "save")
     return note and note.replace("save and reboot", "reboot")
 

@@ -14,10 +14,7 @@ from .board import Board
 from .board_errors import in_words
 from .frames import Touch
 from .replies import Hello
-from .timeouts import ANSWER_S
 from .untrusted import Untrusted
-
-_FOLLOW = "set baseline=1"  # turns on the board's baseline tracking
 
 
 def hello_calibrated(board: Board) -> Hello:
@@ -91,11 +88,10 @@ def fed(
 ) -> Iterator[tuple[Touch | None, Any]]:
     """Feed the readings of a board to an engine, such as a `KeyEngine`; yield its results.
 
-    The baseline is the light of the untouched strip. This function makes the board track slow
-    changes of the baseline, also after a restart of the board. If the engine detects an object that
-    is not a finger, the light at that moment becomes the board's baseline. When this process is
-    resumed after Ctrl-Z, stale readings are dropped, and ``engine.release()`` is called. When all
-    readings become untrusted, the cause is printed on stderr.
+    If the engine detects an object that is not a finger, the light at that moment becomes the
+    board's baseline, which is subtracted from the light of a touch. When this process is resumed
+    after Ctrl-Z, stale readings are dropped, and ``engine.release()`` is called. When all readings
+    become untrusted, the cause is printed on stderr.
 
     Parameters
     ----------
@@ -118,18 +114,10 @@ def fed(
     result : object
         What the engine returned for the reading or the tick.
     """
-    restarts = board.stats.restarts
-    if not board.read_only:
-        board.command(_FOLLOW)
     board.command("stream touch")
     end_s = None if seconds is None else board.now_s() + seconds
     since_s, untrusted = -math.inf, Untrusted()
     while not board.ended and (end_s is None or board.now_s() < end_s):
-        if board.stats.restarts != restarts and not board.read_only:
-            before = board.stats.restarts
-            with contextlib.suppress(SpotsError):  # no answer: try again at the next tick
-                board.command(_FOLLOW, ANSWER_S)
-                restarts = before
         if resumed():
             engine.release()
             since_s = board.now_s()

@@ -132,8 +132,7 @@ def play(
     Parameters
     ----------
     board : Board
-        Board with a calibrated strip. Unless the board is read-only, this function switches its
-        ``baseline`` setting on: the board then follows slow changes of the untouched strip's light.
+        Board with a calibrated strip.
     on_gesture : callable
         ``on_gesture(gesture)`` is called with each gesture.
     seconds : float or None

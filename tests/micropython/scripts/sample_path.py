@@ -81,7 +81,7 @@ def play(scenes, ends):
     for i in range(len(scenes)):
         scene = scenes[i]
         if strip.decode.calibration is not calibrations[scene["calibration"]]:
-            strip.decode.calibration = calibrations[scene["calibration"]]
+            strip.use_calibration(calibrations[scene["calibration"]])
             app.uses.apply(strip.decode.calibration)
         strip.settings.values["average"] = scene["average"]
         strip.configure()
@@ -113,7 +113,9 @@ def allocated_by(scenes, ends):
     else:
         gc.disable()
         play(scenes, ends)
-    return count() - before
+    allocated = count() - before
+    gc.enable()  # what follows prints the frames
+    return allocated
 
 
 with open("given.json") as file:

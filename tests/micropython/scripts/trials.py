@@ -261,30 +261,6 @@ def keypad(cases, results):
         pad.release()
 
 
-def prepare_follow(cases):
-    prepared = []
-    for rest, floor, sums, dark, samples, shift, up, _ in cases:
-        state = Decode().state
-        for at, values in ((d.REST, rest), (d.FLOOR, floor), (d.DARK, dark)):
-            for i in range(6):
-                state[at + i] = values[i]
-        state[d.SAMPLES] = samples
-        state[d.SHIFT] = shift
-        state[d.IDLE_US] = 300_000
-        state[d.FOLLOWS] = 1 if up else 2
-        prepared.append((state, array("i", sums)))
-    return prepared
-
-
-def follow(cases, results):
-    for i in range(len(cases)):
-        state, sums = cases[i]
-        _process(state, _decode.tables, sums, 0)
-        for j in range(6):
-            results[12 * i + j] = state[d.REST + j]
-            results[12 * i + 6 + j] = state[d.FLOOR + j]
-
-
 def _keep(size, at, results):
     results[at] = size
     for j in range(size):
