@@ -55,7 +55,9 @@ def push(board: Board, layout: KeyLayout) -> str | None:
     upload_lines(board, "layout", layout.lines)
     note = ensured(board, "set keys=1").get("note")
     ensured(board, "save")
-    return note and note.replace("save and reboot", "reboot")
+    if not note or "save and reboot" not in note:
+        return note
+    return note.replace("save and reboot", "reboot").replace("; keys are", "; until then, keys are")
 
 
 def picture(layout: KeyLayout) -> Panel:
