@@ -284,6 +284,7 @@ def design_command(options: argparse.Namespace) -> None:
     recipe = recipes.checked(options.strips)
     if out is not None:
         figures.require()
+        figures.check_folder(out)
         if dims.has_moulds(options.length_mm):
             mould.require()
             shape = StripShape(options.length_mm, options.breakout)

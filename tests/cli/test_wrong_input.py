@@ -20,6 +20,7 @@ WRONG = {
     "characterize --mark-error-um nan": "argument --mark-error-um: 'nan' is not a finite number",
     "characterize --mark-error-um=-inf": "argument --mark-error-um: '-inf' is not a finite number",
     f"{DESIGN} inf --rate-hz 10": "argument --length-mm: 'inf' is not a finite number",
+    f"{DESIGN} 85 --rate-hz 10 --out {__file__}": "is a file: name a folder",
     "characterize --average x": "argument --average: 'x' is not a whole number",
     "calibrate positon": "argument KIND: there is no 'positon': did you mean position?",
     "keys shwo mini": "argument ACTION: there is no 'shwo': did you mean show?",

@@ -145,9 +145,6 @@ def serve_command(options: argparse.Namespace) -> None:
     for name in KINDS:
         if (path := getattr(options, f"edit_{name}")) is not None:
             orders[name] = SettingsEditor(name, Path(path), state)
-    for order in orders.values():
-        if isinstance(order, FileEditor) and not order.file.path.exists():
-            print(f"{printable(str(order.file.path))} is a new file: the first change writes it")
     if orders:
         orders["strip"] = StripChoice()
     if orders and (options.linkage is not None or any(map(is_recording, ports))):
@@ -179,6 +176,9 @@ def serve_command(options: argparse.Namespace) -> None:
         readers = driven_readers(machine, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)
+    for order in orders.values():
+        if isinstance(order, FileEditor) and not order.file.path.exists():
+            print(f"{printable(str(order.file.path))} is a new file: the first change writes it")
     hosts = options.host or ()
     serve(state, options.address, options.http_port, readers, orders=orders, hosts=hosts)
 

@@ -43,6 +43,12 @@ def folder(path: str | Path) -> Path:
     return path
 
 
+def check_folder(path: str | Path) -> None:
+    """Raise SpotsError if a path is a file, so that `folder` could not create a folder there."""
+    if Path(path).is_file():
+        raise SpotsError(f"{path} is a file: name a folder")
+
+
 def draw(run, responses: dict, out: Path) -> list[Path]:
     """Draw all figures of a characterisation as PNG files.
 
