@@ -158,7 +158,7 @@ def main(sensor_name: str, scenario_name: str, seed: int, strips: int) -> None:
         bus, port = FaultyBus(bus, faults), NoisyPort(port, faults, clock)
     board_faults = BoardFaults(faults) if faults else None
     with contextlib.closing(
-        CPythonBoard(board_id(sensor), bus, UsbHost(), port, board_faults, second=second)
+        CPythonBoard(board_id(sensor, seed), bus, UsbHost(), port, board_faults, second=second)
     ) as board:
         report({"port": outer.name, "console": outer.name, "started_s": clock.started_s})
         while not ended.is_set():

@@ -1,4 +1,4 @@
-"""The unique id of a virtual board: a hash of its sensor file without the table ``[change]``."""
+"""The unique id of a virtual board: a hash of its sensor file, without ``[change]``."""
 
 from __future__ import annotations
 
@@ -28,10 +28,19 @@ _LATER = {
 }
 
 
-def board_id(sensor: SensorFile) -> str:
-    """Return the id of a sensor's virtual board: 8 bytes in hexadecimal.
+def board_id(sensor: SensorFile, number: int = 0) -> str:
+    """Return the id of a virtual board: 8 bytes in hexadecimal.
 
-    The table ``[change]`` of the sensor file does not affect the id.
+    Parameters
+    ----------
+    sensor : SensorFile
+        Sensor file of the board's strip; the table ``[change]`` does not affect the id.
+    number : int
+        Number that distinguishes boards with the same sensor file, such as the seed.
+
+    Returns
+    -------
+    str
     """
     keys = msgspec.to_builtins(sensor)
     del keys["change"]
@@ -39,4 +48,6 @@ def board_id(sensor: SensorFile) -> str:
         within, name = (keys, table) if key is None else (keys[table], key)
         if within[name] == default:
             del within[name]
+    if number:
+        keys["number"] = number
     return hashlib.sha256(msgspec.json.encode(keys)).hexdigest()[:16]

@@ -55,6 +55,8 @@ class LockstepLink:
         default, only transfers and sleeps take time.
     second : tuple, optional
         Scenario and seed of a second strip on this board. Both strips have the same sensor file.
+    number : int
+        Number of the board, see `identity.board_id`.
 
     Attributes
     ----------
@@ -77,6 +79,7 @@ class LockstepLink:
         warm: bool = False,
         cpu: str | None = None,
         second: tuple | None = None,
+        number: int = 0,
     ):
         slow = load_cpu(cpu, board) if cpu else None
         self.clock = SimulatedClock(1e6 * started_s)
@@ -88,7 +91,7 @@ class LockstepLink:
         board_faults = BoardFaults(faults) if faults else None
         self.usb = UsbHost()
         other = I2CBus(chip(sensor, *second, warm), self.clock, call_us=call_us) if second else None
-        parts = board_id(sensor), bus, self.usb, board_faults, folder
+        parts = board_id(sensor, number), bus, self.usb, board_faults, folder
         self._is_open = True
         self._board = (
             InProcessBoard(*parts, slow, other)

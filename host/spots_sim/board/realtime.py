@@ -181,7 +181,7 @@ def main(
         bus = FaultyBus(bus, faults)
     frames_out = noise.board_out if noise else (data or console).board_end
     machine = MicroPythonProcess(
-        board_id(sensor),
+        board_id(sensor, seed),
         False,
         console.board_in,
         console.board_end if data else frames_out,

@@ -36,7 +36,7 @@ from ..board.starting import end as end_process
 from ..board.vm import micropython_command
 from ..person.person import follow_pipe
 from ..person.practice import practice as begin_practice
-from ..person.stage import Stage, calibrate, set_as_calibrated
+from ..person.stage import Stage, board_lines, calibrate, set_as_calibrated
 from ..person.stage_presser import StagePresser
 from ..strip.files import ScenarioFile, SensorFile, load
 from .linkage_demo import endless, run
@@ -130,7 +130,7 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     """
     sensor = load(SensorFile, options.sensor)
     scenario = load(ScenarioFile, options.scenario)
-    stage = Stage(sensor, options.seed)
+    stage = Stage(sensor, options.seed, number=options.seed)
     # The stage replaces the fingers; only the bend of the scenario is used.
     stage.held.bend_deg = scenario.bend_deg
     # A virtual board loses its settings when it ends: restore the settings of the calibration.
@@ -240,7 +240,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
     board.when_closed(weakref.finalize(board, end))  # or when the program drops it
     try:
         set_as_calibrated(board, file)
-        prepare(board, calibration)
+        prepare(board, board_lines(calibration, board.info["id"]))
     except BaseException:
         board.close()
         raise

@@ -22,6 +22,7 @@ from spots.linkage.fivebar import Linkage
 from spots.linkage.twin_points import LASTS_S
 from spots_device.reading import decode
 
+from ..board.identity import board_id
 from ..board.lockstep import LockstepLink
 from ..board.paced import PacedLink
 from ..person.kept import kept
@@ -32,7 +33,7 @@ from ..person.mechanism import (
     dwelling,
     guided,
 )
-from ..person.stage import WARM_S, set_as_calibrated, strip_lines
+from ..person.stage import WARM_S, board_lines, set_as_calibrated, strip_lines
 from ..person.stage_presser import StagePresser
 from ..strip.files import LinkageFile, PathFile, SensorFile
 from .rezeroed import silent_bench
@@ -174,14 +175,24 @@ class Simulation:
         self._misfits = decode.MISFIT if misfits else 0
         scenarios = self.mechanism.drive(motion)
         noise = _seeds(seed, run + 1)
-        self.strips = _strips(sensor, seed, exposure_us, rezeroed)
+        numbers = _seeds(seed, 0)
+        if one_board:
+            numbers = numbers[:1] * 2
+        self.strips = _strips(sensor, seed, exposure_us, numbers, rezeroed)
         on_s = start_s(sensor) - START_S
         self._sensors = (0, 1) if one_board else (0, 0)
         with ExitStack() as opened:
             self.boards: list[Board] = []
             if one_board:
                 second = scenarios[1], noise[1]
-                link = LockstepLink(sensor, scenarios[0], noise[0], started_s=on_s, second=second)
+                link = LockstepLink(
+                    sensor,
+                    scenarios[0],
+                    noise[0],
+                    started_s=on_s,
+                    second=second,
+                    number=numbers[0],
+                )
                 self.boards = [opened.enter_context(Board(link))] * 2
                 self.strips[1] = moved(self.strips[1], 1)
                 for i, strip in enumerate(self.strips):
@@ -191,7 +202,7 @@ class Simulation:
             for i, (strip, scenario, s) in enumerate(zip(self.strips, scenarios, noise)):
                 # Real boards do not start at the same moment, so their exposures are shifted.
                 started_s = on_s + _APART * i * exposure_us * 1e-6
-                link = LockstepLink(sensor, scenario, s, started_s=started_s)
+                link = LockstepLink(sensor, scenario, s, started_s=started_s, number=numbers[i])
                 self.boards.append(opened.enter_context(Board(link)))
                 set_as_calibrated(self.boards[-1], sensor)
                 prepare(self.boards[-1], strip.lines)
@@ -258,7 +269,8 @@ class Endless:
         self._mechanism = Mechanism(linkage, sensor)
         self._sensor, self._seed = sensor, seed
         self._scenarios = self._mechanism.drive(guided(closed(path), START_S), again=True)
-        self._strips = _strips(sensor, seed, exposure_us)
+        self._numbers = _seeds(seed, 0)
+        self._strips = _strips(sensor, seed, exposure_us, self._numbers)
         self._epoch_s = time.monotonic()
         self.linkage = Linkage(self._mechanism.bar_mm, self._mechanism.base_mm)
 
@@ -274,6 +286,7 @@ class Endless:
             self._scenarios[joint],
             _seeds(self._seed, 1)[joint],
             started_s=time.monotonic() - self._epoch_s,
+            number=self._numbers[joint],
         )
         board = Board(PacedLink(link, self._epoch_s))
         try:
@@ -309,9 +322,15 @@ def moved(strip: CalibrationFile, number: int) -> CalibrationFile:
 
 
 def _strips(
-    sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
+    sensor: SensorFile, seed: int, exposure_us: int, numbers: list[int], rezeroed: bool = False
 ) -> list[CalibrationFile]:
-    return [calibrated(sensor, s, exposure_us, rezeroed) for s in _seeds(seed, 0)]
+    """Return the calibration of each strip, for the boards with these numbers."""
+    found = []
+    for s, number in zip(_seeds(seed, 0), numbers):
+        made, board = calibrated(sensor, s, exposure_us, rezeroed), board_id(sensor, number)
+        lines, original = (tuple(board_lines(one, board)) for one in (made.lines, made.original))
+        found.append(msgspec.structs.replace(made, board=board, lines=lines, original=original))
+    return found
 
 
 def _seeds(seed: int, what: int) -> list[int]:

@@ -42,6 +42,8 @@ class Stage:
         `mains_hz` is set first.
     warm_s : float
         Time in seconds for which the LED has been on when the board boots.
+    number : int
+        Number of the board, see `board.identity.board_id`.
 
     Attributes
     ----------
@@ -50,12 +52,18 @@ class Stage:
     """
 
     def __init__(
-        self, sensor: SensorFile, seed: int = 0, settings: str = "", warm_s: float = WARM_S
+        self,
+        sensor: SensorFile,
+        seed: int = 0,
+        settings: str = "",
+        warm_s: float = WARM_S,
+        number: int = 0,
     ):
         self.sensor = sensor
         self.held = Held()
         self.by_hand = False
-        self.board = Board(LockstepLink(sensor.unchanged(), self.held, seed, started_s=warm_s))
+        link = LockstepLink(sensor.unchanged(), self.held, seed, started_s=warm_s, number=number)
+        self.board = Board(link)
         if sensor.led.wired != "ldr":
             self.board.command("set led=" + sensor.led.wired)
         if sensor.mains_hz:
@@ -283,6 +291,23 @@ def check_light(along: Presses, pressed: Presses) -> None:
         if bad.any():
             where_mm = presses.position_um[bad][0] / 1000
             raise SpotsError(f"the press at {where_mm:g} mm is {trouble}")
+
+
+def board_lines(lines, board_id: str) -> list[str]:
+    """Return calibration lines, changed so that they are valid for another board.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Calibration lines.
+    board_id : str
+        Id of the other board.
+
+    Returns
+    -------
+    list of str
+    """
+    return [f"board {board_id}" if line.startswith("board ") else line for line in lines]
 
 
 def set_as_calibrated(board: Board, sensor: SensorFile, number: int = 0) -> None:
