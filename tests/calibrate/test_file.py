@@ -113,7 +113,7 @@ def test_a_file_made_by_hand_is_checked_as_a_calibration(path, old, new, says):
 def test_no_file_says_how_to_make_one(tmp_path):
     with pytest.raises(SpotsError, match="make it with 'spots calibrate'"):
         file.load(tmp_path / "none.toml")
-    with pytest.raises(SpotsError, match="cannot read"):
+    with pytest.raises(SpotsError, match="is a folder, not a calibration file"):
         file.load(tmp_path)
 
 

@@ -138,7 +138,8 @@ def test_the_latest_reading_is_what_is_there_and_costs_no_time():
     assert first.position_um == 42_000
     link.read = lambda timeout_s: b""
     assert board.latest() is first
-    assert board.latest(sensor=1) is None
+    with pytest.raises(SpotsError, match="the board has no strip 1: its strips are 0"):
+        board.latest(sensor=1)
     board._loss.expect(link.now_s() - 10)  # no reading for ten seconds
     assert board.latest() is None
 

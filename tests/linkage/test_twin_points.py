@@ -53,6 +53,19 @@ def calibrate(folder, *arguments):
     )
 
 
+def test_points_in_metres_are_refused(files, capsys):
+    path = files / "points.csv"
+    with open(path, newline="") as file:
+        head, *rows = csv.reader(file)
+    for row in rows:
+        row[1:3] = [str(float(cell) / 1000) for cell in row[1:3]]
+    with open(path, "w", newline="") as file:
+        csv.writer(file).writerows([head, *rows])
+    assert calibrate(files, "--out", str(files / "arm.toml")) == 2
+    assert "give the positions in mm, not in metres" in capsys.readouterr().err
+    assert not (files / "arm.toml").exists()
+
+
 def test_points_become_a_linkage_file(files, capsys):
     (files / "found").mkdir()
     out = files / "found" / "arm.toml"

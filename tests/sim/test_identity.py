@@ -23,7 +23,8 @@ def test_virtual_boards_with_different_seeds_are_different_boards(runtime, monke
         monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", runtime)
     with spots.open("virtual") as first, spots.open("virtual", seed=3) as second:
         assert first.info["id"] != second.info["id"]
-        assert first.info["calibration"] and second.info["calibration"]
+        assert first.info["calibration"]
+        assert second.info["calibration"]
         assert f"board {second.info['id']}" in second.calibration
 
 
@@ -31,7 +32,8 @@ def test_the_boards_of_a_simulated_linkage_are_different_boards():
     machine = endless("default")
     with machine.open(0) as first, machine.open(1) as second:
         assert first.info["id"] != second.info["id"]
-        assert first.calibration and second.calibration
+        assert first.calibration
+        assert second.calibration
 
 
 def test_a_calibration_belongs_to_the_virtual_board_of_its_seed(tmp_path, capsys):

@@ -48,15 +48,15 @@ def test_a_wrong_argument_is_named(name):
         call()
 
 
-@pytest.mark.parametrize("seconds", [math.nan, -1, -math.inf, "x", [1]])
+@pytest.mark.parametrize("seconds", [math.nan, "x", [1]])
 @pytest.mark.parametrize("name", ["touches", "spectra", "keys", "contacts", "frames"])
 def test_a_wrong_duration_is_named(name, seconds):
     board = spots.open_recording(RUN, math.inf)
-    with pytest.raises(spots.SpotsError, match="seconds must be a number of seconds, 0 or more"):
+    with pytest.raises(spots.SpotsError, match="seconds must be a number of seconds, not"):
         getattr(board, name)(seconds)
-    with pytest.raises(spots.SpotsError, match="timeout_s must be a number of seconds, 0 or more"):
+    with pytest.raises(spots.SpotsError, match="timeout_s must be a number of seconds, not"):
         board.read_latest(seconds)
-    with pytest.raises(spots.SpotsError, match="timeout_s must be a number of seconds, 0 or more"):
+    with pytest.raises(spots.SpotsError, match="timeout_s must be a number of seconds, not"):
         board.command("hello", seconds)
 
 
@@ -72,4 +72,4 @@ def test_wrong_arguments_of_a_board_are_named():
     ):
         with pytest.raises(spots.SpotsError, match=says):
             call()
-    assert len([*board.touches(seconds=0)]) == 0
+    assert [*board.touches(seconds=0), *board.touches(seconds=-1)] == []

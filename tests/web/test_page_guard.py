@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import aiohttp
@@ -16,8 +17,10 @@ from yarl import URL
 
 from serving import Serving, apart, run
 from spots.cli import main
+from spots.errors import SpotsError
 from spots.keyboard.layout import FOLDER as LAYOUTS
 from spots.web import app
+from spots.web.serve import _announced
 from spots.web.state import PageState
 from spots_sim.strip.scenario import Held
 
@@ -415,6 +418,22 @@ def test_the_end_is_quiet(number):
     waits = "spots: waiting for a board: there is no port /dev/nowhere: "
     assert program.returncode == 0
     assert [line.startswith(waits) for line in error.splitlines()] in ([], [True])
+
+
+def test_why_there_is_no_board_is_printed_once_for_each_reason(capsys):
+    reasons = iter(["no port", "no port", "busy", "", "busy"])
+
+    def open_board(board_id):
+        if reason := next(reasons):
+            raise SpotsError(reason)
+        return board_id
+
+    opened = _announced(open_board)
+    for attempt in range(5):
+        with suppress(SpotsError):
+            assert opened(f"board {attempt}") == "board 3"
+    waits = [f"spots: waiting for a board: {reason}" for reason in ("no port", "busy", "busy")]
+    assert capsys.readouterr().err.splitlines() == waits
 
 
 @pytest.mark.parametrize("package", ["aiohttp", "tomlkit"])

@@ -173,7 +173,7 @@ def test_boards_with_named_ports_are_found_again_by_their_ids(machine, monkeypat
         (["--linkage", "nope.toml"], "cannot read the linkage file nope.toml"),
         (
             ["--linkage", "nope", "--port", "virtual"],
-            "cannot read the linkage file nope (No such file or directory): give the path",
+            "cannot read the linkage file nope, because there is no such file: give the path",
         ),
     ],
 )

@@ -256,7 +256,10 @@ def load(path: Path) -> CalibrationFile:
         text = read_text(path)
     except FileNotFoundError:
         raise SpotsError(f"there is no file {path}: make it with 'spots calibrate'") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        kinds.check(path, error.object, "a calibration file")
+        raise SpotsError(f"{path} is damaged: {_AGAIN}") from None
+    except OSError as error:
         raise kinds.not_read(path, error, "a calibration file") from None
     version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
     if version and version[1] != str(VERSION):

@@ -77,13 +77,16 @@ _UPLOADED = re.compile(r"(cal|layout) (?!(begin|clear)\b)")
 
 
 def _duration_s(value: object, name: str) -> float:
-    """Return the argument `name` of a function, a duration in seconds; validate it."""
+    """Return the argument `name` of a function, a duration in seconds; validate it.
+
+    A negative duration is valid: a program may compute it as the rest of a time that has passed.
+    """
     try:
         found = float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError):
         found = math.nan
-    if not found >= 0:
-        raise SpotsError(f"{name} must be a number of seconds, 0 or more, not {value!r}")
+    if math.isnan(found):
+        raise SpotsError(f"{name} must be a number of seconds, not {value!r}")
     return found
 
 
@@ -443,6 +446,7 @@ class Board(AbstractContextManager["Board"]):
         ----------
         seconds : float, optional
             Duration of the iteration, in seconds by the clock of `now_s`; no limit if not given.
+            With 0 or less, the iteration ends immediately.
 
         Returns
         -------

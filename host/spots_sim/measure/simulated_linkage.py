@@ -178,7 +178,10 @@ class Simulation:
         numbers = _seeds(seed, 0)
         if one_board:
             numbers = numbers[:1] * 2
-        self.strips = _strips(sensor, seed, exposure_us, numbers, rezeroed)
+        self.strips = [
+            of_board(strip, board_id(sensor, number))
+            for strip, number in zip(_strips(sensor, seed, exposure_us, rezeroed), numbers)
+        ]
         on_s = start_s(sensor) - START_S
         self._sensors = (0, 1) if one_board else (0, 0)
         with ExitStack() as opened:
@@ -270,7 +273,10 @@ class Endless:
         self._sensor, self._seed = sensor, seed
         self._scenarios = self._mechanism.drive(guided(closed(path), START_S), again=True)
         self._numbers = _seeds(seed, 0)
-        self._strips = _strips(sensor, seed, exposure_us, self._numbers)
+        self._strips = [
+            of_board(strip, board_id(sensor, number))
+            for strip, number in zip(_strips(sensor, seed, exposure_us), self._numbers)
+        ]
         self._epoch_s = time.monotonic()
         self.linkage = Linkage(self._mechanism.bar_mm, self._mechanism.base_mm)
 
@@ -321,16 +327,28 @@ def moved(strip: CalibrationFile, number: int) -> CalibrationFile:
     return msgspec.structs.replace(strip, board=f"{strip.board}-{number}", lines=lines)
 
 
+def of_board(strip: CalibrationFile, board: str) -> CalibrationFile:
+    """Return a copy of a calibration that is valid for another board.
+
+    Parameters
+    ----------
+    strip : CalibrationFile
+        Calibration of a strip.
+    board : str
+        Id of the other board.
+
+    Returns
+    -------
+    CalibrationFile
+    """
+    lines, original = (tuple(board_lines(one, board)) for one in (strip.lines, strip.original))
+    return msgspec.structs.replace(strip, board=board, lines=lines, original=original)
+
+
 def _strips(
-    sensor: SensorFile, seed: int, exposure_us: int, numbers: list[int], rezeroed: bool = False
+    sensor: SensorFile, seed: int, exposure_us: int, rezeroed: bool = False
 ) -> list[CalibrationFile]:
-    """Return the calibration of each strip, for the boards with these numbers."""
-    found = []
-    for s, number in zip(_seeds(seed, 0), numbers):
-        made, board = calibrated(sensor, s, exposure_us, rezeroed), board_id(sensor, number)
-        lines, original = (tuple(board_lines(one, board)) for one in (made.lines, made.original))
-        found.append(msgspec.structs.replace(made, board=board, lines=lines, original=original))
-    return found
+    return [calibrated(sensor, s, exposure_us, rezeroed) for s in _seeds(seed, 0)]
 
 
 def _seeds(seed: int, what: int) -> list[int]:
