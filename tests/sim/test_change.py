@@ -87,7 +87,7 @@ def test_a_kelvin_becomes_the_others_and_length(sensor):
     per = sensor.temperature
     assert per.length_ppm_per_K > 0
     assert per.bands_nm_per_K > 0
-    keys = {k: 10 * getattr(per, f"{k}_per_K") for k in NAMES if k != "temperature_K"}
+    keys = {k: 10 * getattr(per, f"{k}_per_K", 0.0) for k in NAMES if k != "temperature_K"}
     grown = (1 + 10e-6 * per.length_ppm_per_K) ** 3
     thin = with_(sensor, dye={"strength_per_mm": sensor.dye.strength_per_mm / grown})
     assert logs(sensor, Change(temperature_K=10)) == pytest.approx(logs(thin, Change(**keys)))

@@ -5,8 +5,10 @@ import json
 import msgspec
 import numpy as np
 import pytest
+from colour.colorimetry.datasets.illuminants import SDS_ILLUMINANTS
 from sensors import replaced
 
+from spots.errors import SpotsError
 from spots_sim.board.identity import board_id
 from spots_sim.measure.bound import Bound
 from spots_sim.measure.effects import errors, main, with_keys
@@ -15,8 +17,9 @@ from spots_sim.person.person import follow_pipe, line_of
 from spots_sim.person.stage import Stage
 from spots_sim.strip.change import Change
 from spots_sim.strip.contact import coupling
-from spots_sim.strip.files import ScenarioFile
-from spots_sim.strip.optics import WAVELENGTH_NM, Optics, decay_per_mm
+from spots_sim.strip.files import ScenarioFile, SensorFile, load, to_toml
+from spots_sim.strip.optics import WAVELENGTH_NM, Optics, decay_per_mm, led_spectrum
+from spots_sim.strip.path import DyedPath
 from spots_sim.strip.scenario import Held, Press, Scenario
 from spots_sim.strip.world import World
 
@@ -95,6 +98,167 @@ def test_the_colour_follows_the_contact_share_of_the_force(sensor):
 def test_a_key_with_its_default_keeps_the_board(sensor):
     assert board_id(sensor) == "fb74ec41e54f2790"
     assert board_id(quiet(sensor, contact__gap_percent=1.0)) != board_id(quiet(sensor))
+
+
+def test_skin_reflects_red_light_of_a_finger_and_not_of_an_indenter(sensor):
+    skinny = quiet(sensor, contact__skin_percent=3.0)
+    added = spectrum(skinny, skin=True) / spectrum(sensor) - 1
+    assert (np.diff(added) > -1e-12).all()
+    assert added[-1] == pytest.approx(0.03)
+    assert 0.009 < added[0] < 0.018
+    assert (spectrum(skinny) == spectrum(sensor)).all()
+    finger, stage = (
+        collected(held_world(skinny, 40.0, 3000.0, 4.0, 0.0, skin, skin)[1])
+        for skin in (True, False)
+    )
+    ratio = finger / stage
+    assert 1.012 < ratio[Optics.names.index("F3")] < 1.014 < 1.027 < ratio[7] < 1.03
+
+
+def narrow(sensor, *places, **press):
+    """Return the optical depth of the dye, in mm of evenly dyed guide, of presses without width."""
+    k = (decay_per_mm(sensor.dye) - sensor.dye.clear_per_mm)[0]
+    clear = replaced(sensor, dye={"strength_per_mm": 0.0})
+    depths = []
+    for place in places:
+        at = {"position_mm": place, "width_mm": 0.0} | press
+        depths.append(np.log(spectrum(clear, **at)[0] / spectrum(sensor, **at)[0]) / k)
+    return np.array(depths)
+
+
+def test_uneven_dye_lengthens_and_shortens_the_path_along_the_strip(sensor):
+    places = np.linspace(0, 85, 12)
+    assert narrow(sensor, *places) == pytest.approx(places)
+    uneven = {"uneven_percent": 10.0, "uneven_mm": 30.0, "uneven_phase_deg": 40.0}
+    fine = np.linspace(0, 85, 85_001)
+    strength = 1 + 0.1 * np.sin(2 * np.pi * fine / 30 + np.radians(40))
+    integral = np.concatenate([[0], np.cumsum((strength[1:] + strength[:-1]) / 2 * 0.001)])
+    expected = np.interp(places, fine, integral)
+    assert narrow(replaced(sensor, dye=uneven), *places) == pytest.approx(expected, abs=1e-4)
+    # The dye moves with the material, and is diluted.
+    stretched = narrow(replaced(sensor, dye=uneven), *(1.2 * places), strain=0.2)
+    assert stretched == pytest.approx(
+        expected * 1.2 ** (2 * sensor.stretch.poisson_ratio), abs=1e-4
+    )
+
+
+def test_a_bend_lengthens_the_path_of_its_piece(sensor):
+    bent = replaced(
+        sensor, stretch={"bend_path_percent": 5.0, "bend_mm": 20.0, "bend_at_percent": 40.0}
+    )
+    places = 10.0, 24.0, 34.0, 44.0, 85.0  # the bent piece is from 24 to 44 mm
+    assert narrow(bent, *places) == pytest.approx(places)
+    longer = narrow(bent, *places, bend_deg=45.0) - places
+    assert longer == pytest.approx([0, 0, 0.25, 0.5, 0.5], abs=1e-9)
+
+
+def test_dye_changes_in_each_third(sensor):
+    now = Change(dye_near_percent=-5.0, dye_middle_percent=10.0, dye_far_percent=-1.0)
+    path = DyedPath(sensor, now)
+    third = sensor.length_mm / 3
+    expected = third * np.cumsum([0.95, 1.10, 0.99])
+    assert [path.at(n * third, 0.0)[0] for n in (1, 2, 3)] == pytest.approx(expected)
+    assert path.at(1.5 * third, 0.0)[1] == pytest.approx(1.10)
+    rates = [Optics(sensor, change).press(85.0, 0.0) for change in (Change(), now)]
+    assert (rates[1] < rates[0]).all()  # the whole path is longer
+
+
+def test_a_wide_press_on_uneven_dye_is_the_mean_of_narrow_ones(sensor):
+    uneven = replaced(sensor, dye={"uneven_percent": 10.0, "far_end_percent": 4.0})
+    optics = Optics(uneven)
+    parts = np.mean([optics.press(at, 0.0) for at in np.linspace(35, 45, 1001)], axis=0)
+    assert optics.press(40.0, 10.0) == pytest.approx(parts, rel=1e-3)
+
+
+def test_the_far_end_reflects_light_that_returns_by_the_whole_guide(sensor):
+    shiny = replaced(sensor, dye={"far_end_percent": 4.0})
+    for optics in (Optics(shiny), Optics(sensor, Change(far_end_percent=4.0))):
+        optics._lit = np.eye(len(WAVELENGTH_NM))
+        there = optics.press(60.0, 0.0)
+        direct, mirrored = (
+            spectrum(sensor, position_mm=at, width_mm=0.0) for at in (60.0, 2 * 85.0 - 60.0)
+        )
+        assert there == pytest.approx(direct + 0.04 * mirrored)
+
+
+def table(path, nm, values, head="nm,value\n", between=","):
+    path.write_text(head + "".join(f"{a:g}{between}{b:g}\n" for a, b in zip(nm, values)))
+
+
+def with_spectra(tmp_path, sensor, **names):
+    """Return a sensor whose LED or dye has the spectrum of a file, as read from a sensor file."""
+    for part, name in names.items():
+        sensor = replaced(sensor, **{part: {"spectrum": name}})
+    (tmp_path / "my.toml").write_text(to_toml(sensor))
+    return load(SensorFile, tmp_path / "my.toml")
+
+
+def test_spectra_come_from_the_files_of_a_spectrometer(tmp_path, sensor):
+    nm = np.arange(900.0, 300.0, -1.0)  # some spectrometers write the longest wavelength first
+    led = np.interp(nm, WAVELENGTH_NM, led_spectrum(sensor.led))
+    dye = np.interp(nm, WAVELENGTH_NM, decay_per_mm(sensor.dye) - sensor.dye.clear_per_mm)
+    table(tmp_path / "led.csv", nm, 1e4 * led)
+    table(tmp_path / "dye.txt", nm, 0.7 * dye, "# A dye\nnm;A\n", ";")
+    found = with_spectra(tmp_path, sensor, led="led.csv", dye="dye.txt")
+    assert Optics(found).press(40.0, 4.0) == pytest.approx(
+        Optics(sensor).press(40.0, 4.0), rel=1e-3
+    )
+    # It goes through a file without the tables, and is another board.
+    (tmp_path / "copy.toml").write_text(to_toml(found))
+    assert load(SensorFile, tmp_path / "copy.toml") == found
+    assert board_id(found) != board_id(sensor)
+    # It changes as the peaks do.
+    change = Change(phosphor_nm=1.0)
+    ratio = Optics(found, change).press(40.0, 4.0) / Optics(found).press(40.0, 4.0)
+    model = Optics(sensor, change).press(40.0, 4.0) / Optics(sensor).press(40.0, 4.0)
+    assert ratio == pytest.approx(model, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (None, "cannot read the spectrum .*led.csv"),
+        ("nm,value\n", "lines such as 450,0.83 from 430 nm"),
+        ("500,1\n900,1\n", "from 430 nm or less"),
+        ("400,1\n600,1\n", "to 670 nm or more"),
+        ("400,1\n500,red\n900,1\n", "line 2 of the spectrum .* must be a wavelength"),
+        ("400,1\n500\n900,1\n", "line 2 of the spectrum .* must be a wavelength"),
+        ("400,1\n500,nan\n900,1\n", "line 2 of the spectrum .* must be a wavelength"),
+        ("400,1\n400,2\n900,1\n", "line 2 of the spectrum .* repeats 400 nm"),
+        ("400,-1\n900,0\n", "no value above 0"),
+    ],
+)
+def test_a_mistake_in_a_spectrum_is_one_sentence_with_its_place(tmp_path, sensor, text, says):
+    if text is not None:
+        (tmp_path / "led.csv").write_text(text)
+    with pytest.raises(SpotsError, match=says) as caught:
+        with_spectra(tmp_path, sensor, led="led.csv")
+    assert str(tmp_path / "led.csv") in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["LED-B1", "LED-B3", "LED-BH1", "LED-V2"])
+def test_a_strip_under_a_published_led_spectrum_calibrates(tmp_path, sensor, name):
+    published = SDS_ILLUMINANTS[name]
+    table(tmp_path / "led.csv", published.wavelengths, published.values)
+    found = with_spectra(tmp_path, sensor, led="led.csv")
+    inside = (WAVELENGTH_NM <= 780) & (WAVELENGTH_NM % 5 == 0)
+    share = led_spectrum(found.led)[inside] / led_spectrum(found.led).sum()
+    values = np.array([published[nm] for nm in WAVELENGTH_NM[inside]])
+    assert share == pytest.approx(values * share.sum() / values.sum())
+    with Rig(found, 0, 10_000, 1) as rig:
+        (firm,) = errors(rig, (3.0,), readings=8, places=(0.1, 0.3, 0.5, 0.7, 0.9))
+    assert firm.error_mm < 0.15
+    assert firm.missing_percent == 0
+
+
+def test_the_default_led_is_between_published_ones_of_its_colour(sensor):
+    # 4000 K: LED-B3 has 4103 K, LED-B4 has 5109 K.
+    blue = [led_spectrum(sensor.led)[WAVELENGTH_NM < 500].sum()]
+    for name in ("LED-B3", "LED-B4"):
+        published = SDS_ILLUMINANTS[name]
+        blue.append(published.values[published.wavelengths < 500].sum() / published.values.sum())
+    assert blue[1] < blue[0] < blue[2]
 
 
 def test_a_stage_waits_until_its_last_press_has_parted(sensor):

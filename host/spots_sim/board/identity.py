@@ -24,6 +24,16 @@ _LATER = {
     ("contact", "dust"): (),
     ("contact", "sticking_percent"): 0.0,
     ("contact", "sticking_s"): 1.0,
+    ("contact", "skin_percent"): 0.0,
+    ("led", "spectrum"): (),
+    ("dye", "spectrum"): (),
+    ("dye", "uneven_percent"): 0.0,
+    ("dye", "uneven_mm"): 30.0,
+    ("dye", "uneven_phase_deg"): 0.0,
+    ("dye", "far_end_percent"): 0.0,
+    ("stretch", "bend_path_percent"): 0.0,
+    ("stretch", "bend_mm"): 20.0,
+    ("stretch", "bend_at_percent"): 50.0,
     ("surroundings", "shaded_percent"): 0.0,
 }
 

@@ -224,7 +224,7 @@ class JointScenario:
     def presses(self, time_s: float) -> list[Press]:
         """Return a list of one press: that of the joint's indenter at `time_s` seconds."""
         place_mm = float(self._at(time_s, self._place_mm))
-        return [Press(place_mm, self._force_mN, _WIDTH_MM, hand=False)]
+        return [Press(place_mm, self._force_mN, _WIDTH_MM, hand=False, skin=False)]
 
     def _at(self, time_s: float, values: np.ndarray) -> float:
         since_s = time_s - self._time_s[0]

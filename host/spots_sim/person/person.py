@@ -106,20 +106,20 @@ class Person:
                 if firm
                 else 1000 * float(newtons)
             )
-            width_mm = self._habits.width_mm if firm else _INDENTER_MM
-            self._press(float(place_mm), force_mN, width_mm)
+            self._press(float(place_mm), force_mN, is_finger=bool(firm))
         elif found := _CHANGE.search(text):
             self._change(_GRAM_MN * float(found[1]))
         elif text.startswith("release"):
             self._move([])
 
-    def _press(self, asked_mm: float, asked_mN: float, width_mm: float) -> None:
+    def _press(self, asked_mm: float, asked_mN: float, is_finger: bool) -> None:
         rng, habits = self._rng, self._habits
         self.presses += 1
         # Position and force differ from those asked for; the person reads them off with an error.
         at_mm = np.clip(asked_mm + rng.uniform(-2, 2), 0, self._length_mm)
         force_mN = asked_mN * rng.uniform(0.85, 1.15)
-        press = Press(float(at_mm), float(force_mN), width_mm)
+        width_mm = habits.width_mm if is_finger else _INDENTER_MM
+        press = Press(float(at_mm), float(force_mN), width_mm, skin=is_finger)
         self._shown = (
             float(np.clip(at_mm + habits.place_mm * rng.uniform(-1, 1), 0, self._length_mm)),
             float(force_mN * (1 + habits.force_share * rng.uniform(-1, 1))),

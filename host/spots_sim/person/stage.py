@@ -20,6 +20,7 @@ PLACES = 33  # default number of positions in `Stage.along`
 FORCES = 30  # number of forces in `Stage.pressed`
 NEAR_UM = 2000.0  # brightest position at which the whole finger is on the strip
 _WIDTH_MM = 4.0
+_UNTOUCHED = 16  # samples of the light that dust couples without a press
 WARM_S = 120.0  # the LED is warm before the first press
 _OSCILLATOR_S = 30.0  # time in which a board measures its sensor's oscillator to 10 ppm
 _SEARCH_TIMEOUT_S = 600.0
@@ -48,7 +49,7 @@ class Stage:
     Attributes
     ----------
     by_hand : bool
-        Whether a hand presses the strip instead of the stage, from the next press on.
+        Whether a finger presses the strip instead of the stage, from the next press on.
     """
 
     def __init__(
@@ -128,7 +129,9 @@ class Stage:
         force_mN : float
             Force of the press in mN.
         """
-        self.held.press = Press(position_um / 1000, force_mN, _WIDTH_MM, hand=self.by_hand)
+        self.held.press = Press(
+            position_um / 1000, force_mN, _WIDTH_MM, hand=self.by_hand, skin=self.by_hand
+        )
 
     def turn(self, angle_deg: float, direction: int = 1) -> None:
         """Turn the joint, which bends the strip and slides an indenter along it.
@@ -213,12 +216,14 @@ class Stage:
         return self.read(places_um, forces_mN, samples)
 
     def _least_mN(self, place_um: float) -> float:
-        # Bisection for the smallest force with light in every channel.
+        # Bisection for the smallest force with light in every channel, beside that of dust.
         low_mN, high_mN = 1.0, FULL_MN
+        self.release()
+        untouched = self.reader.read(_UNTOUCHED).counts if self.sensor.contact.dust else 0.0
         while high_mN > 1.02 * low_mN:
             middle_mN = (low_mN * high_mN) ** 0.5
             self.press(place_um, middle_mN)
-            if self.reader.read(4).dark:
+            if (self.reader.read(4).counts - untouched < 1).any():
                 low_mN = middle_mN
             else:
                 high_mN = middle_mN

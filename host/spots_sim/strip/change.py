@@ -32,6 +32,12 @@ class Change(msgspec.Struct, **_Struct):
     light_percent, dye_percent, clear_percent : float
         Relative changes of the coupled light, of the dye's strength, and of the loss in the clear
         material, in per cent.
+    dye_near_percent, dye_middle_percent, dye_far_percent : float
+        Relative changes of the dye's strength in the third of the strip at the sensor, in the
+        middle third, and in the far third.
+    far_end_percent : float
+        Change of the share of the light that the far end of the dyed guide reflects, in percentage
+        points.
     tilt_percent : float
         Change of the light at 680 nm relative to the light at 415 nm, in per cent. Between these
         wavelengths the change is linear.
@@ -47,6 +53,10 @@ class Change(msgspec.Struct, **_Struct):
     light_percent: _Relative = 0.0
     dye_percent: _Relative = 0.0
     clear_percent: _Relative = 0.0
+    dye_near_percent: _Relative = 0.0
+    dye_middle_percent: _Relative = 0.0
+    dye_far_percent: _Relative = 0.0
+    far_end_percent: _Shift = 0.0
     tilt_percent: _Shift = 0.0
     temperature_K: _within(-100, 100) = 0.0
 
@@ -120,8 +130,7 @@ class Temperature(msgspec.Struct, **_Struct):
             **{
                 name: getattr(self, f"{name}_per_K")
                 * (change.temperature_K + (led_K if name in _OF_LED else 0.0))
-                for name in NAMES
-                if name != "temperature_K"
+                for name in _BY_TEMPERATURE
             }
         )
 
@@ -130,4 +139,5 @@ class Temperature(msgspec.Struct, **_Struct):
         return (1 + 1e-6 * self.length_ppm_per_K * change.temperature_K) ** 3
 
 
+_BY_TEMPERATURE = [name for name in NAMES if f"{name}_per_K" in Temperature.__struct_fields__]
 _OF_LED = ("die_nm", "phosphor_nm", "phosphor_fwhm_nm", "blue_share_percent", "light_percent")

@@ -21,6 +21,7 @@ import msgspec
 
 from spots import toml
 
+from . import spectrum
 from .change import Change, ChangeInTime, Temperature
 from .silicone import Silicone
 
@@ -40,6 +41,7 @@ PercentOff = Annotated[float, msgspec.Meta(ge=-10, le=10)]
 Degrees = Annotated[float, msgspec.Meta(ge=-360, le=360)]
 Coordinate = Annotated[float, msgspec.Meta(ge=-10_000, le=10_000)]
 Wavelength = Annotated[float, msgspec.Meta(ge=350, le=1000)]
+Spectrum = str | tuple[tuple[Wavelength, NotNegative], ...]
 
 
 class Led(toml.Strict):
@@ -63,6 +65,10 @@ class Led(toml.Strict):
         Relative standard deviation of the light in an exposure of 10 ms.
     warm_up_percent, warm_up_s : float
         Additional light at power-on in per cent, and the time constant of its decay in s.
+    spectrum : str or tuple of tuple
+        Measured spectrum in place of the two peaks: a CSV file, its path relative to the sensor
+        file; or its rows, wavelength in nm and power in any unit. The peaks then only describe
+        how `change.Change` changes this spectrum.
     """
 
     blue_nm: Wavelength
@@ -79,6 +85,7 @@ class Led(toml.Strict):
     # for the others, the current is `fixed_mA`.
     wired: Literal["ldr", "gpio", "always"] = "ldr"
     fixed_mA: Positive = 20.0
+    spectrum: Spectrum = ()
 
     def current_mA(self, driver_mA: float) -> float:
         """Return the current of a lit LED: `driver_mA` if the chip sets it, else `fixed_mA`."""
@@ -96,12 +103,26 @@ class Dye(toml.Strict):
         Wavelength and width of the absorption edge; above the edge, the dye is clear.
     clear_per_mm : float
         Decay coefficient of the clear material at every wavelength.
+    spectrum : str or tuple of tuple
+        Measured absorbance in place of the edge: a CSV file, its path relative to the sensor file;
+        or its rows, wavelength in nm and absorbance in any unit. `strength_per_mm` is the decay
+        coefficient at its maximum.
+    uneven_percent, uneven_mm, uneven_phase_deg : float
+        Dye that was there at the calibration already, but is uneven along the strip: amplitude in
+        per cent of the strength, length of a period, and its phase at the sensor's end.
+    far_end_percent : float
+        Share of the light that the far end of the dyed guide reflects, in per cent.
     """
 
     strength_per_mm: NotNegative
     edge_nm: Wavelength
     edge_width_nm: Positive
     clear_per_mm: NotNegative
+    spectrum: Spectrum = ()
+    uneven_percent: Shift = 0.0
+    uneven_mm: Positive = 30.0
+    uneven_phase_deg: Degrees = 0.0
+    far_end_percent: Percent = 0.0
 
 
 class ContactFile(toml.Strict):
@@ -133,6 +154,9 @@ class ContactFile(toml.Strict):
     sticking_percent, sticking_s : float
         Share of the contact that remains where a press has lifted, or from where it has moved; and
         the time constant of its decay in s.
+    skin_percent : float
+        Red light that the skin of a finger reflects back into the strip, in per cent of the light
+        of the press; an indenter is black. Skin reflects less green and blue light.
     """
 
     threshold_mN: NotNegative
@@ -144,6 +168,7 @@ class ContactFile(toml.Strict):
     dust: tuple[tuple[Place, Percent], ...] = ()
     sticking_percent: Percent = 0.0
     sticking_s: Positive = 1.0
+    skin_percent: Percent = 0.0
 
 
 class Converter(toml.Strict):
@@ -173,10 +198,16 @@ class Stretch(toml.Strict):
         Poisson's ratio of the material.
     bend_loss_percent : float
         Loss of light at a bend of 180 degrees, in per cent.
+    bend_path_percent, bend_mm, bend_at_percent : float
+        Increase of the path in the dyed guide at a bend of 90 degrees, in per cent; length of the
+        bent piece in mm; and its middle, in per cent of the strip's length.
     """
 
     poisson_ratio: Annotated[float, msgspec.Meta(ge=0, le=0.5)] = 0.45
     bend_loss_percent: Annotated[float, msgspec.Meta(ge=0, lt=100)] = 5.0
+    bend_path_percent: Shift = 0.0
+    bend_mm: Positive = 20.0
+    bend_at_percent: Percent = 50.0
 
 
 class Surroundings(toml.Strict):
@@ -673,4 +704,15 @@ def load(kind: type[_File], name: str | Path) -> _File:
     """
     what = _KINDS[kind]
     path, text = toml.find(name, DATA / f"{what}s", what)
-    return toml.checked(text, kind, f"{what} file {path}")
+    file = toml.checked(text, kind, f"{what} file {path}")
+    return _with_spectra(file, path.parent) if isinstance(file, SensorFile) else file
+
+
+def _with_spectra(sensor: SensorFile, folder: Path) -> SensorFile:
+    for name in ("led", "dye"):
+        table = getattr(sensor, name)
+        if isinstance(table.spectrum, str):
+            rows = spectrum.read(folder / table.spectrum)
+            table = msgspec.structs.replace(table, spectrum=rows)
+            sensor = msgspec.structs.replace(sensor, **{name: table})
+    return sensor

@@ -13,9 +13,11 @@ from functools import lru_cache
 import numpy as np
 from msgspec import structs
 
+from . import spectrum
 from .change import NONE, Change
 from .contact import coupling
 from .files import Dye, Led, SensorFile
+from .path import DyedPath
 
 WAVELENGTH_NM = np.arange(380.0, 1000.0, 4.0)
 
@@ -41,7 +43,22 @@ def _normalised(spectrum: np.ndarray) -> np.ndarray:
 
 
 def led_spectrum(led: Led) -> np.ndarray:
-    """Return the share of the LED's power in each bin of `WAVELENGTH_NM`."""
+    """Return the share of the LED's power in each bin of `WAVELENGTH_NM`.
+
+    A measured spectrum is 0 outside of its table.
+    """
+    if led.spectrum:
+        return _normalised(_measured(led.spectrum))
+    return _peaks(led)
+
+
+def _measured(table) -> np.ndarray:
+    nm = WAVELENGTH_NM
+    (first_nm, _), (last_nm, _) = table[0], table[-1]
+    return np.where((nm >= first_nm) & (nm <= last_nm), spectrum.at(table, nm), 0.0)
+
+
+def _peaks(led: Led) -> np.ndarray:
     blue = _normalised(_bell(led.blue_nm, led.blue_fwhm_nm))
     phosphor = _normalised(_bell(led.phosphor_nm, led.phosphor_fwhm_nm))
     return led.blue_share * blue + (1 - led.blue_share) * phosphor
@@ -49,7 +66,11 @@ def led_spectrum(led: Led) -> np.ndarray:
 
 def decay_per_mm(dye: Dye) -> np.ndarray:
     """Return the decay coefficient k (paper, Eq. 1) per mm in each bin of `WAVELENGTH_NM`."""
-    edge = 1 / (1 + np.exp((WAVELENGTH_NM - dye.edge_nm) / dye.edge_width_nm))
+    if dye.spectrum:
+        edge = spectrum.at(dye.spectrum, WAVELENGTH_NM)
+        edge = edge / max(value for _, value in dye.spectrum)
+    else:
+        edge = 1 / (1 + np.exp((WAVELENGTH_NM - dye.edge_nm) / dye.edge_width_nm))
     return dye.clear_per_mm + dye.strength_per_mm * edge
 
 
@@ -69,6 +90,15 @@ def _scale(percent):
     return 1 + percent / 100
 
 
+def _spectrum_now(led: Led, now: Change) -> np.ndarray:
+    if not led.spectrum:
+        return _peaks(_led_now(led, now))
+    # A measured spectrum changes as the two peaks do.
+    before, after = _peaks(led), _peaks(_led_now(led, now))
+    factor = np.divide(after, before, out=np.ones_like(before), where=before > 0)
+    return _normalised(led_spectrum(led) * factor)
+
+
 def _led_now(led: Led, now: Change) -> Led:
     return structs.replace(
         led,
@@ -80,6 +110,9 @@ def _led_now(led: Led, now: Change) -> Led:
 
 
 _BLUEST_NM, _REDDEST_NM = 415.0, 680.0
+# Reflectance of skin relative to that of red light, with the rise of haemoglobin at 590 nm. Shape
+# after Cooksey, Allen and Tsai, J. Res. NIST 122, 26 (2017), doi 10.6028/jres.122.026.
+_SKIN = 0.4 + 0.6 / (1 + np.exp((595.0 - WAVELENGTH_NM) / 12.0))
 _GAP_NM = 565.0  # assumed: `gap_percent` does not change the light at this wavelength
 _MODE_MN = 6000.0  # assumed: `mode_percent` does not change the path at this force
 _KEPT = 256  # number of presses whose light is cached
@@ -118,8 +151,8 @@ class Optics:
         self._clear = sensor.dye.clear_per_mm * _scale(now.clear_percent)
         sensitivity = _sensitivity(now.bands_nm)
         tilted = (WAVELENGTH_NM - _BLUEST_NM) / (_REDDEST_NM - _BLUEST_NM)
-        spectrum = led_spectrum(_led_now(sensor.led, now)) * _scale(now.tilt_percent * tilted)
-        self._lit = sensitivity * spectrum
+        source = _spectrum_now(sensor.led, now) * _scale(now.tilt_percent * tilted)
+        self._lit = sensitivity * source
         self._flat = sensitivity.mean(axis=1)
         self._light = _scale(now.light_percent)
         contact = sensor.contact
@@ -127,6 +160,10 @@ class Optics:
         self._gap = contact.gap_percent / 100 * (WAVELENGTH_NM - _GAP_NM) / _GAP_NM
         self._mode = contact.mode_percent / 100
         self._mode_share = coupling(contact, _MODE_MN)
+        self._skin = 1 + contact.skin_percent / 100 * _SKIN if contact.skin_percent else None
+        self._path = DyedPath(sensor, now)
+        self._length_mm = sensor.length_mm
+        self._far_end = (sensor.dye.far_end_percent + now.far_end_percent) / 100
         # Successive presses often have the same arguments, or at least the same width.
         self.press = lru_cache(_KEPT)(self._press)
         self._spread = lru_cache(_KEPT)(self._spread)
@@ -139,6 +176,7 @@ class Optics:
         bend_deg: float = 0.0,
         tilt_percent: float = 0.0,
         share: float = 1.0,
+        skin: bool = False,
     ) -> np.ndarray:
         """Return each diode's count rate for a full contact and an LED irradiance of 1 uW/cm2.
 
@@ -161,13 +199,39 @@ class Optics:
         share : float
             Contact share, which changes the colour only if `coloured` is true. Leave it out
             otherwise, because each value takes a place in the cache.
+        skin : bool
+            Whether skin touches the strip, and not a black indenter.
         """
-        decay, spread = self._spread(width_mm, strain, tilt_percent, self._steepness(share))
+        steepness = self._steepness(share)
         kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
-        guided = np.exp(-decay * position_mm) * spread
+        if self._path.is_even and not self._far_end:
+            decay, spread = self._spread(width_mm, strain, tilt_percent, steepness)
+            guided = np.exp(-decay * position_mm) * spread
+        else:
+            guided = self._uneven(position_mm, width_mm, strain, bend_deg, tilt_percent, steepness)
         if self.coloured:
             guided *= 1 + (1 - share) * self._gap
+        if skin and self._skin is not None:
+            guided *= self._skin
         return kept * (self._lit @ guided)
+
+    def _uneven(self, position_mm, width_mm, strain, bend_deg, tilt_percent, steepness):
+        # The dye moves with the stretched material.
+        path_mm, slope = self._path.at(position_mm / (1 + strain), bend_deg)
+        _, spread = self._spread(width_mm, strain, tilt_percent, steepness * slope)
+        decay, _ = self._spread(0.0, strain, 0.0, steepness)
+        dyed = decay - self._clear
+        path_mm *= 1 + strain
+        guided = np.exp(-self._clear * position_mm - dyed * path_mm) * spread
+        if self._far_end:
+            # Light that starts towards the far end returns by the whole guide.
+            end_mm = self._length_mm * (1 + strain)
+            end_path_mm = (1 + strain) * self._path.at(self._length_mm, bend_deg)[0]
+            back = np.exp(
+                -self._clear * (2 * end_mm - position_mm) - dyed * (2 * end_path_mm - path_mm)
+            )
+            guided += self._far_end * back * spread
+        return guided
 
     def _steepness(self, share: float) -> float:
         # The path in the dyed guide, divided by the distance along the strip.

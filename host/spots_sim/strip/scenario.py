@@ -31,6 +31,8 @@ class Press(msgspec.Struct, frozen=True):
         Pressure at the finger's far edge minus the mean pressure, in per cent of the mean.
     hand : bool
         Whether a hand makes the press, and shades the strip; False for a stage.
+    skin : bool
+        Whether skin touches the strip, and reflects light; False for an indenter.
     """
 
     position_mm: float
@@ -38,6 +40,7 @@ class Press(msgspec.Struct, frozen=True):
     width_mm: float
     tilt_percent: float = 0.0
     hand: bool = True
+    skin: bool = True
 
 
 class Pose(msgspec.Struct, frozen=True):

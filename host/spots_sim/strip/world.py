@@ -162,7 +162,9 @@ class World:
             self._seen = seen
             self._shares = [coupling(contact, force_mN) for force_mN in forces_mN]
             self._parts = [
-                self._part(pose, share, press.position_mm, press.width_mm, press.tilt_percent)
+                self._part(
+                    pose, share, press.position_mm, press.width_mm, press.tilt_percent, press.skin
+                )
                 for press, share in zip(presses, self._shares)
                 if share > 0
             ]
@@ -176,7 +178,7 @@ class World:
         left = self._sticking.remaining(presses, self._shares, time_s)
         return self._parts + [self._part(pose, share, place_mm) for place_mm, share in left]
 
-    def _part(self, pose, share, place_mm, width_mm=0.0, tilt_percent=0.0) -> np.ndarray:
+    def _part(self, pose, share, place_mm, width_mm=0.0, tilt_percent=0.0, skin=False):
         # The count rates by a contact share at a place.
         optics = self._optics
         rates = optics.press(
@@ -186,6 +188,7 @@ class World:
             pose.bend_deg,
             tilt_percent,
             share if optics.coloured else 1.0,
+            skin,
         )
         return share * rates
 
