@@ -1,11 +1,11 @@
 """Effects of imperfect strips: each has the size and the sign of its keys, and none by default."""
 
 import json
+from importlib import import_module
 
 import msgspec
 import numpy as np
 import pytest
-from colour.colorimetry.datasets.illuminants import SDS_ILLUMINANTS
 from sensors import replaced
 
 from spots.errors import SpotsError
@@ -237,9 +237,14 @@ def test_a_mistake_in_a_spectrum_is_one_sentence_with_its_place(tmp_path, sensor
     assert "\n" not in str(caught.value)
 
 
+@pytest.fixture(scope="module")
+def published_leds():
+    return import_module("colour.colorimetry.datasets.illuminants").SDS_ILLUMINANTS
+
+
 @pytest.mark.parametrize("name", ["LED-B1", "LED-B3", "LED-BH1", "LED-V2"])
-def test_a_strip_under_a_published_led_spectrum_calibrates(tmp_path, sensor, name):
-    published = SDS_ILLUMINANTS[name]
+def test_a_strip_under_a_published_led_spectrum_calibrates(tmp_path, sensor, published_leds, name):
+    published = published_leds[name]
     table(tmp_path / "led.csv", published.wavelengths, published.values)
     found = with_spectra(tmp_path, sensor, led="led.csv")
     inside = (WAVELENGTH_NM <= 780) & (WAVELENGTH_NM % 5 == 0)
@@ -252,11 +257,11 @@ def test_a_strip_under_a_published_led_spectrum_calibrates(tmp_path, sensor, nam
     assert firm.missing_percent == 0
 
 
-def test_the_default_led_is_between_published_ones_of_its_colour(sensor):
+def test_the_default_led_is_between_published_ones_of_its_colour(sensor, published_leds):
     # 4000 K: LED-B3 has 4103 K, LED-B4 has 5109 K.
     blue = [led_spectrum(sensor.led)[WAVELENGTH_NM < 500].sum()]
     for name in ("LED-B3", "LED-B4"):
-        published = SDS_ILLUMINANTS[name]
+        published = published_leds[name]
         blue.append(published.values[published.wavelengths < 500].sum() / published.values.sum())
     assert blue[1] < blue[0] < blue[2]
 
