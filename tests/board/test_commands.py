@@ -3,6 +3,7 @@
 import pytest
 
 from spots import SpotsError
+from spots.errors import CommandError
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots_device.board.settings import checksum
@@ -204,6 +205,21 @@ def test_a_calibration_for_something_else_is_refused_with_what_to_do(rig, calibr
         upload(made.board, foreign)
     made.board.command("set gain=8")
     with pytest.raises(SpotsError, match="made at gain=9 led_mA=20"):
+        upload(made.board, calibration)
+    assert made.board.command("hello")["calibration"] is None
+
+
+def test_a_calibration_that_is_too_new_for_the_firmware_says_flash(rig, calibration, monkeypatch):
+    made = rig()
+    command = made.board.command
+
+    def of_earlier_firmware(line, **options):
+        if line.startswith("cal end"):
+            raise CommandError("'x 1 2 3 4 5 6' needs 4 integers up to 2**28")
+        return command(line, **options)
+
+    monkeypatch.setattr(made.board, "command", of_earlier_firmware)
+    with pytest.raises(SpotsError, match=r"needs 4 integers.*run 'spots flash'"):
         upload(made.board, calibration)
     assert made.board.command("hello")["calibration"] is None
 

@@ -59,7 +59,7 @@ def tables(draw):
 
 def looked_up(knots, values, at):
     state = [None] * decode.STATE_SIZE
-    kernel.look_up([0, SmallInt(len(knots)), *knots, *values], 1, at, state, 1)
+    kernel.look_up([0, 0, 0, SmallInt(len(knots)), *knots, *values], 3, at, state, 1)
     return state[decode.FOUND]
 
 

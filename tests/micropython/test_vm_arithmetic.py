@@ -44,12 +44,12 @@ from spots_device.reading.calibration import (
 )
 from spots_device.reading.decode import (
     CRC_SIZE,
+    CROSS_UM,
     DARK_SUBTRACTED,
     HEADER_SIZE,
     LED_OFF,
     MISFIT,
     SATURATED,
-    TOLERANCE_Q12,
     TOUCH_SIZE,
 )
 from spots_device.reading.frame import TEXT_MAX
@@ -186,22 +186,26 @@ def a_calibration(rng):
     The five results are the arguments of `calibration.pack`.
     """
     weights, tables = [], []
+    cross = rng.randint(0, 1)
+    largest = rng.choice((100, 1 << 17))  # of the sizes of the cross-sensitivity
     for knots in rng.sample(range(2, 40), rng.randint(1, 5)):
         contrasts, positions = a_table(rng, knots)
-        fits, offsets = (a_column(rng, contrasts, -5000, 5000) for _ in range(2))
+        columns = [a_column(rng, contrasts, -5000, 5000) for _ in range(2)]
+        columns += [a_column(rng, contrasts, -largest, largest) for _ in range(2 * cross)]
         weights.append(weights_of(rng, 0) + weights_of(rng, ONE_Q13))
-        tables.append(list(zip(contrasts, positions, fits, offsets)))
+        tables.append(list(zip(contrasts, positions, *columns)))
     brightnesses, forces = a_table(rng, rng.randint(2, 40))
     forces = [force - min(forces) for force in forces]
     tolerances = a_column(rng, brightnesses, 0, rng.choice((1 << 10, 1 << 27)))
+    shares = [a_column(rng, brightnesses, -(1 << 12), 1 << 12) for _ in range(cross)]
     bounds = sorted(rng.sample(range(-(1 << 26), 1 << 26), len(weights)))
     whole = weights_of(rng, 0) + weights_of(rng, 0)
-    return whole, bounds, weights, tables, list(zip(brightnesses, forces, tolerances))
+    return whole, bounds, weights, tables, list(zip(brightnesses, forces, tolerances, *shares))
 
 
 def some_limits(rng, tables):
     """Return random limits: forces at which a touch begins and ends, and largest drift (Q12)."""
-    off, on = sorted(rng.sample(range(1, max(3, *(force for _, force, _ in tables[-1]))), 2))
+    off, on = sorted(rng.sample(range(1, max(3, *(knot[1] for knot in tables[-1]))), 2))
     return on, off, rng.choice((0, 1 << 12, 1 << 27))
 
 
@@ -225,14 +229,14 @@ def test_estimate(compare, rng):
     for i in range(6):
         tables = a_calibration(rng)
         held = a_reading(rng)  # repeated often, so that the drift is computed from it
-        readings = [rng.choice((held, held, a_reading(rng))) for _ in range(40)]
+        readings = [rng.choice((held, held, a_reading(rng))) for _ in range(30)]
         # With small limits, light that fits no press is checked before it begins a touch.
         limits = some_limits(rng, tables) if i < 3 else (2, 1, 0)
         checked = rng.choice((0, 1)), rng.choice((0, 10_000))
         if i > 3:
             checked = 1, 10_000
         cases.append((tables, limits, checked, readings))
-    compare("estimate", cases, width=(TOLERANCE_Q12 + 2) * 40)
+    compare("estimate", cases, width=(CROSS_UM + 2) * 30)
 
 
 def test_unpack(compare, rng):

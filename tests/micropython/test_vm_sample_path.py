@@ -141,8 +141,8 @@ SILICONE = "silicone 4200 300 1000 3000 500 100 80 40 400 40000 200 80 20"
 def farthest(calibration, largest):
     """Return a calibration with the largest valid weights and numbers.
 
-    If `largest` is true, the arguments of its tables are as large as possible, else as small as
-    possible.
+    If `largest` is true, the arguments of its tables are as large as possible, and it has a
+    cross-sensitivity; else they are as small as possible.
     """
     kept = [line for line in calibration if line.split()[0] in ("board", "plan", "made", "touch")]
     kept += ["coarse 32768 -32768 0 0 0 0", "fit -32768 32768 0 0 0 0"]
@@ -154,6 +154,9 @@ def farthest(calibration, largest):
             ends = [~ends[1], ~ends[0]]
         tables += ["from %d" % ends[0]]
         tables += ["x %d %d %d %d" % (end, end, ~end, -abs(end)) for end in ends]
+        if largest:
+            cross = {"f ": " -4096", "x ": " -131072 131072"}
+            tables = [line + cross.get(line[:2], "") for line in tables]
         try:
             Calibration(kept + tables)
         except CalibrationError:

@@ -17,7 +17,8 @@ with examples of their values::
                                from that of a single press
     segment 1 -2 ... 3 4 ...   twelve weights of one segment of the strip: six for the position
                                (sum 0), six for the force (sum 8192); one line for each segment
-    f 123456 1000 900          knot: brightness, force in mN, tolerance of the misfit (Q12)
+    f 123456 1000 900          knot: brightness, force in mN, tolerance of the misfit (Q12);
+                               optional: share of the cross-sensitivity (Q12)
     silicone 4200 300 1000 ... compensation of hysteresis and creep: factor of the force (Q12);
                                half widths in mN of three play operators, their three weights
                                (Q12); three time constants in ms, their three shares of the force
@@ -25,7 +26,12 @@ with examples of their values::
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
     from -99999                coarse contrast at which a segment begins; its lines 'x' follow
     x -123456 85000 77 -5      knot of the segment: contrast, position in um, expected misfit of a
-                               single press (Q12), correction that is subtracted from the brightness
+                               single press (Q12), correction that is subtracted from the
+                               brightness; optional: two sizes of the cross-sensitivity
+
+The spectrum of a press can depend on its force (cross-sensitivity). The share at the force, times
+the first size at the position, in um, is added to the position; times the second size, in Q12, it
+is added to the expected misfit. Either all lines 'f' and 'x' have these values, or none has.
 
 Strains ascend from 0. All strains have the same number of knots, so that the board can
 interpolate linearly between two strains. Segments are in the order of ascending coarse contrast.
@@ -35,7 +41,7 @@ from array import array
 from collections import namedtuple
 
 from ..sensor.smux import CHANNELS, PIXELS
-from .decode import BOUNDS, DARK_SAMPLES, FORCES, SEGMENTS, WEIGHTS, columns_of
+from .decode import BOUNDS, CROSS, DARK_SAMPLES, FORCES, SEGMENTS, WEIGHTS, columns_of
 
 ONE_Q13 = 1 << 13
 # Limit of the sum of absolute weights, so that each weighted sum of `kernel.estimate` fits 31 bits.
@@ -47,11 +53,16 @@ _REST_MAX = 65_535 * DARK_SAMPLES
 # Limit of every logarithm and contrast; the difference of two still fits 31 bits.
 _LOG_MAX = 1 << 28
 _STRAIN_Q = 12
+# Limits of the values of the cross-sensitivity, so that their products fit 31 bits.
+_SHARE_MAX = 1 << 12
+_SIZE_MAX = 1 << 17
 
 # Name of a statement: number of its integers.
 _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6, "rest": 6, "silicone": 13}
 _OPTIONAL = "rest", "silicone"
 _MANY = {"segment": 12, "f": 3}
+# Further integers of a line, all or none, for the cross-sensitivity.
+_CROSS = {"f": 1, "x": 2}
 
 
 # Settings of a reading, for which a calibration is valid: unique id of the board (str), diodes of
@@ -126,6 +137,7 @@ class Calibration:
         if self.rest and not 0 <= min(self.rest) <= max(self.rest) <= _REST_MAX:
             raise CalibrationError("the sums of 'rest' must be from 0 to %d" % _REST_MAX)
         forces = seen["f"]
+        _check_cross(forces, strains)
         _check_table("f", forces)
         if not 0 <= forces[0][1] < forces[-1][1] <= FORCE_MAX_MN:
             raise CalibrationError(
@@ -193,9 +205,9 @@ def _room(lines):
     for line in lines:
         name = line.split(" ")[0]
         if name in counts:
-            counts[name] += 1
-    size = BOUNDS + 15 * counts["segment"] + 1 + 3 * counts["f"]
-    return array("i", range(size + 4 * counts["x"] // max(1, counts["strain"])))
+            counts[name] += line.count(" ") if name in _CROSS else 1
+    size = BOUNDS + 15 * counts["segment"] + 1 + counts["f"]
+    return array("i", range(size + counts["x"] // max(1, counts["strain"])))
 
 
 def pack(weights, bounds, segments, tables, forces, room=()):
@@ -210,18 +222,21 @@ def pack(weights, bounds, segments, tables, forces, room=()):
     segments : sequence of sequence of int
         Twelve weights for each segment.
     tables : sequence of sequence of sequence of int
-        Knots of each segment; a knot has four values.
+        Knots of each segment; a knot has four values, or six with the cross-sensitivity.
     forces : sequence of sequence of int
-        Knots of the table of forces; a knot has three values.
+        Knots of the table of forces; a knot has three values, or four with the cross-sensitivity.
     room : array of int
         Array that is filled and returned if it is long enough; else a new array is allocated.
     """
     ends = BOUNDS + 2 * len(bounds)
-    size = ends + 2 * CHANNELS * len(bounds) + 4 * sum(map(len, tables)) + len(tables)
-    needed = size + 1 + 3 * len(forces)
+    cross = len(forces[0]) - _MANY["f"]
+    knots = (4 + cross * _CROSS["x"]) * sum(map(len, tables))
+    size = ends + 2 * CHANNELS * len(bounds) + knots + len(tables)
+    needed = size + 1 + len(forces[0]) * len(forces)
     packed = room if len(room) >= needed else array("i", range(needed))
     packed[SEGMENTS] = len(bounds)
     packed[FORCES] = size
+    packed[CROSS] = cross
     for i in range(2 * CHANNELS):
         packed[WEIGHTS + i] = weights[i]
     place = ends
@@ -312,7 +327,7 @@ class CalibrationSlot:
 def _take(line, words, seen, strains):
     name = words[0]
     if name in _MANY:
-        values = _integers(line, _MANY[name])
+        values = _integers(line, _MANY[name], _CROSS.get(name, 0))
         if name == "segment":
             _weights("segment", values[:CHANNELS], 0)
             _weights("segment", values[CHANNELS:], ONE_Q13)
@@ -329,7 +344,7 @@ def _take(line, words, seen, strains):
         elif not tables:
             raise CalibrationError("'x' must follow a line 'from'")
         else:
-            tables[-1].append(_integers(line, 4))
+            tables[-1].append(_integers(line, 4, _CROSS[name]))
     elif name in seen:
         raise CalibrationError("the line '%s' appears twice" % name)
     elif name == "board" and len(words) == 2:
@@ -346,13 +361,15 @@ def _take(line, words, seen, strains):
         raise CalibrationError("'%s' is not a line of a calibration: remove it" % line[:40])
 
 
-def _integers(line, count):
+def _integers(line, count, more=0):
+    # The line has `count` or `count + more` integers.
     try:
         values = tuple(map(int, line.split()[1:]))
     except ValueError:
         values = ()
-    if len(values) != count or max(map(abs, values)) > _LOG_MAX:
-        raise CalibrationError("'%s' needs %d integers up to 2**28" % (line[:40], count))
+    if len(values) not in (count, count + more) or max(map(abs, values)) > _LOG_MAX:
+        needed = "%d or %d" % (count, count + more) if more else count
+        raise CalibrationError("'%s' needs %s integers up to 2**28" % (line[:40], needed))
     return values
 
 
@@ -376,6 +393,17 @@ def _check_table(name, knots):
             raise CalibrationError("the table of '%s' is not monotone" % name)
         if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
             raise CalibrationError("the knots of '%s' lie too far apart: add knots" % name)
+
+
+def _check_cross(forces, strains):
+    knots = [knot for _, _, tables in strains for table in tables for knot in table]
+    if len(set(map(len, forces))) > 1 or {len(knot) - 4 for knot in knots} > {
+        2 * (len(force) - 3) for force in forces
+    }:
+        raise CalibrationError("all lines 'f' and 'x' need the cross-sensitivity, or none")
+    for rows, first, limit in ((forces, 3, _SHARE_MAX), (knots, 4, _SIZE_MAX)):
+        if any(abs(value) > limit for row in rows for value in row[first:]):
+            raise CalibrationError("a value of the cross-sensitivity is above %d" % limit)
 
 
 def _check_strains(strains, segments):

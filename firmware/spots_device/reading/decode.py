@@ -8,6 +8,10 @@ the brightness. The best weights change along the strip, so a coarse contrast se
 its own weights. The misfit is another weighted sum: it shows how far the spectrum is from that of a
 single press. All integers fit 31 bits; nothing is allocated.
 
+The spectrum of a press can also depend on its force (cross-sensitivity). The calibration of such a
+strip has two values for each position, and one for each force. The products of this value with
+those two correct the position and the misfit.
+
 This module defines the layout of the arrays that the functions of kernel.py read and write.
 """
 
@@ -33,8 +37,9 @@ LED_OFF = 1 << 7
 # then its other columns.
 SEGMENTS = 0  # number of segments
 FORCES = 1  # index of the table of forces
-WEIGHTS = 2  # Q13: six weights of the coarse contrast, then six of the misfit
-BOUNDS = 14
+CROSS = 2  # 1 if the tables have the columns of the cross-sensitivity, else 0
+WEIGHTS = 3  # Q13: six weights of the coarse contrast, then six of the misfit
+BOUNDS = 15
 
 # Indices of the array `state` of a strip. First the fields of a TOUCH frame; unknown values are 0.
 # Machine code for an element up to 31 is shorter.
@@ -55,7 +60,7 @@ SEEN = 13  # Q12: drift that the last touch gave
 LIGHT = 14  # counts: sum of the six sums
 MISFIT_Q12 = 15  # Q12: misfit to one press, if the position is known
 TOLERANCE_Q12 = 16  # Q12: tolerance of this misfit
-FOUND = 17  # up to three values that `kernel.look_up` returns
+CROSS_UM = 17  # um: correction for the cross-sensitivity, which `POSITION_UM` contains
 IDLE_US = 20  # us: time without a touch
 # Change of the ambient light, see dark.py.
 LEVEL = 21  # counts + 1: sum of the floor; 0 from a dark window until a reading without a touch
@@ -87,7 +92,11 @@ SUMS = 48  # counts: sums over `SAMPLES`
 FLOOR = 54  # counts: dark frame and baseline, as sums over `FLOOR_SAMPLES`
 REST = 60  # counts in Q12: baseline
 DARK = 66  # counts in Q12: mean of the dark frame
-STATE_SIZE = 72
+# Up to five values that `kernel.look_up` returns: position, expected misfit, offset of the
+# brightness, and two sizes of the cross-sensitivity. The second look-up replaces the first three by
+# force, tolerance, and share of the cross-sensitivity.
+FOUND = 72
+STATE_SIZE = 77
 
 CHECK = 2  # value of `WANTED`: a dark window for the present mean
 
@@ -157,6 +166,7 @@ class Decode:
     def calibration(self, calibration):
         self._calibration = calibration
         self.tables = _NO_TABLES
+        self.state[CROSS_UM] = 0
         self.compensation = None
         if calibration is not None:
             self.compensation = calibration.compensation

@@ -222,7 +222,8 @@ def _locate(state, tables):
     place = tables[place + 1]
     _dots(tables, place, state)
     brightness = state[d.FOUND + 1] - state[d.LOG_SAMPLES]
-    look_up(tables, place + 2 * CHANNELS, state[d.FOUND], state, 3)
+    place += 2 * CHANNELS
+    look_up(tables, place, state[d.FOUND], state, 3)
     brightness -= state[d.FOUND + 2]
     state[d.BRIGHTNESS] = brightness
     if brightness < tables[tables[d.FORCES] + 1]:
@@ -232,7 +233,29 @@ def _locate(state, tables):
     look_up(tables, tables[d.FORCES], brightness, state, 2)
     state[d.FORCE_MN] = state[d.FOUND]
     state[d.TOLERANCE_Q12] = state[d.FOUND + 1]
+    if tables[d.CROSS]:
+        _cross(tables, place, state)
     return True
+
+
+def _cross(tables, place, state):
+    # Correct position and misfit for the cross-sensitivity. `place` is the index of the table of
+    # positions. The corrected position is within this table.
+    share = state[d.FOUND + 2]
+    state[d.MISFIT_Q12] -= state[d.FOUND + 4] * share >> 12
+    before = state[d.POSITION_UM]
+    at = before + (state[d.FOUND + 3] * share >> 12)
+    size = tables[place]
+    low = tables[place + 1 + size]
+    high = tables[place + 2 * size]
+    if low > high:
+        low, high = high, low
+    if at < low:
+        at = low
+    elif at > high:
+        at = high
+    state[d.POSITION_UM] = at
+    state[d.CROSS_UM] = at - before
 
 
 def _judge(state, touching):
@@ -314,7 +337,7 @@ def look_up(tables, place, at, state, columns):
     state : sequence of int
         Output: one rounded value for each column, from index `FOUND` on.
     columns : int
-        Number of columns.
+        Number of columns without those of the cross-sensitivity: 3 for positions, 2 for forces.
     """
     size = tables[place]
     low = place + 1
@@ -332,6 +355,8 @@ def look_up(tables, place, at, state, columns):
     elif at > width:
         at = width
     half = width >> 1
+    if tables[d.CROSS]:
+        columns += columns - 1
     for column in range(d.FOUND, d.FOUND + columns):
         low += size
         middle = tables[low]

@@ -138,7 +138,11 @@ def process(work, flags: int) -> int:
             if at > width:
                 at = width
             half = width >> 1
-            for i in range(3 - row):
+            cross = tables[d.CROSS]
+            if row == 0:
+                place = first
+                cross *= 2
+            for i in range(3 - row + cross):
                 low += knots
                 n = tables[low]
                 state[d.FOUND + i] = tables[low + 1] - n
@@ -160,6 +164,28 @@ def process(work, flags: int) -> int:
         state[d.FORCE_MN] = state[d.FOUND]
         tolerance = (state[d.FOUND + 1] ^ sign) - sign
         state[d.TOLERANCE_Q12] = tolerance
+        if cross:
+            n = (state[d.FOUND + 2] ^ sign) - sign
+            at = (state[d.FOUND + 4] ^ sign) - sign
+            state[d.MISFIT_Q12] = state[d.MISFIT_Q12] - ((at * n) >> 12)
+            at = (state[d.FOUND + 3] ^ sign) - sign
+            at = (at * n) >> 12
+            n = (state[d.POSITION_UM] ^ sign) - sign
+            at += n
+            # The position is within the table.
+            knots = tables[place]
+            low = (tables[place + 1 + knots] ^ sign) - sign
+            high = (tables[place + 2 * knots] ^ sign) - sign
+            if low > high:
+                width = low
+                low = high
+                high = width
+            if at < low:
+                at = low
+            if at > high:
+                at = high
+            state[d.POSITION_UM] = at
+            state[d.CROSS_UM] = at - n
 
         misfit = (state[d.MISFIT_Q12] ^ sign) - sign
         # A number n is within the tolerance if n + tolerance, unsigned, is at most twice it.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import (
     BOUNDS,
+    CROSS,
     FLOOR,
     FLOOR_SAMPLES,
     SAMPLES,
@@ -39,13 +40,16 @@ class Segment:
         Columns of the table of knots (points between which the board interpolates): contrast,
         position, expected misfit of a single press, and correction that is subtracted from the
         brightness.
+    cross : list of memoryview of int
+        Two further columns if the calibration has the cross-sensitivity, else empty: size of the
+        correction of the position in um, and size of that of the expected misfit.
     """
 
     def __init__(self, tables, place):
         self.position = tables[place : place + CHANNELS]
         self.force = tables[place + CHANNELS : place + 2 * CHANNELS]
-        columns = columns_of(tables, place + 2 * CHANNELS, 4)
-        self.contrasts, self.positions_um, self.fits, self.offsets = columns
+        columns = columns_of(tables, place + 2 * CHANNELS, 4 + 2 * tables[CROSS])
+        self.contrasts, self.positions_um, self.fits, self.offsets, *self.cross = columns
 
 
 def coarse_of(calibration: Calibration) -> memoryview:

@@ -10,6 +10,8 @@ format of the board: an integer that is the value times 2**n.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.polynomial import Chebyshev
 
@@ -17,6 +19,7 @@ from spots_device.reading.calibration import ONE_Q13, WEIGHT_SUM_MAX, Conditions
 from spots_device.reading.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
+from .cross import Change, change
 from .monotone import monotone
 from .presses import Noise, Presses
 
@@ -42,6 +45,8 @@ _PRODUCT_MAX = 2.0**28  # a quarter of the limit of 31 bits; the margin is for b
 # upper limit is too dim to show a second press.
 _TOLERANCE_MIN = 12
 _TOLERANCE_MAX = 600
+_CROSS_UM = 20.0  # least correction for the cross-sensitivity, in um
+_NEWTON = 4  # iterations that find the position of a contrast
 _Q13_TO_Q20 = ONE_Q20 / ONE_Q13
 ONE_Q12 = 1 << 12  # the number 1 in Q12
 
@@ -117,12 +122,15 @@ def fit(
     off = np.abs(misfit @ test).max() / ONE_Q13
     tolerances = 1 + (off + _MISFIT_SIGMAS * sigma_misfit) * ONE_Q12
     tolerances = tolerances.clip(_TOLERANCE_MIN, _TOLERANCE_MAX)
-    lines += [_statement("f", knot) for knot in zip(brightnesses, forces, tolerances)]
+    sure = forces >= end
+    cross = _cross(rest, parts, test, pressed, noise, dimmer, sure, sigma_um, sigma_misfit)
+    shares = [np.round(cross.shares * ONE_Q12)] if cross else []
+    lines += [_statement("f", knot) for knot in zip(brightnesses, forces, tolerances, *shares)]
     for strain, curve in curves.items():
         lines.append(f"strain {strain}")
         for (position, force), part in zip(parts, _parts(curve)):
             lines.append(f"from {round(float(curve.logs(part[0]) @ coarse) * _Q13_TO_Q20)}")
-            lines += _knots(curve, part, position, force, test, firm)
+            lines += _knots(curve, part, position, force, test, firm, cross)
     return lines
 
 
@@ -260,9 +268,15 @@ def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray
     return sigma_um.max(axis=1), sigma_misfit.max(axis=1)
 
 
-def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]:
+def _places(curve: Curves, part) -> np.ndarray:
     reach = _OVERLAP * np.ptp(part)
-    x = np.linspace(*np.clip([part[0] - reach, part[1] + reach], *curve.ends_um), _KNOTS)
+    return np.linspace(*np.clip([part[0] - reach, part[1] + reach], *curve.ends_um), _KNOTS)
+
+
+def _knots(
+    curve: Curves, part, position, force, test, firm: float, cross: _Cross | None
+) -> list[str]:
+    x = _places(curve, part)
     logs = curve.logs(x)
     contrast, fits = logs @ position * _Q13_TO_Q20, logs @ test * (ONE_Q12 / ONE_Q13)
     offset = logs @ force * _Q13_TO_Q20 - firm
@@ -273,8 +287,107 @@ def _knots(curve: Curves, part, position, force, test, firm: float) -> list[str]
             "strip: check the positions of the presses there, and that the dye suits the strip's "
             "length"
         )
-    rows = np.stack([contrast, x, fits, offset], axis=1)[order]
+    sizes = cross.sizes(curve, x, position, test) if cross else ()
+    rows = np.stack([contrast, x, fits, offset, *sizes], axis=1)[order]
     return [_statement("x", row) for row in rows]
+
+
+@dataclass(frozen=True)
+class _Cross:
+    """The cross-sensitivity as the board corrects it: products of a share and two sizes.
+
+    Attributes
+    ----------
+    change : Change
+        How the spectrum depends on the force.
+    lights : numpy.ndarray, shape (n,)
+        Brightness of the knots of the table of forces, in log2 units; that of a firm press is 0.
+    shares : numpy.ndarray, shape (n,)
+        Share at each of these knots; the largest absolute value is 1.
+    ends_um : numpy.ndarray, shape (2,)
+        Ends of the strip at rest, in um.
+    weights : numpy.ndarray, shape (n,)
+        Weights of these knots.
+    """
+
+    change: Change
+    lights: np.ndarray
+    shares: np.ndarray
+    weights: np.ndarray
+    ends_um: np.ndarray
+
+    def sizes(self, curve: Curves, x_um, position, test) -> list[np.ndarray]:
+        """Return the sizes of the corrections of position (um) and expected misfit (Q12) at knots.
+
+        `curve` has log2 of the counts along the strip at some strain. `position` contains the
+        weights of the contrast, `test` those of the misfit.
+        """
+        weights = self.weights * self.shares
+        weights = weights / (weights @ self.shares)
+        off = _off(curve, self.change, self.ends_um, x_um, self.lights, position, test)
+        return [errors @ weights for errors in off]
+
+
+def _cross(
+    rest: Curves, parts, test, pressed: Presses, noise: Noise, dimmer, sure, sigma_um, sigma_misfit
+) -> _Cross | None:
+    """Return the correction for the cross-sensitivity, or None if it is not needed.
+
+    `dimmer` and `sure` are the brightnesses of the table of forces, and whether a press with this
+    brightness is a touch. `sigma_um` and `sigma_misfit` are the noise there. The other arguments
+    are those of `_sigmas` and `_force_table`.
+    """
+    lit = pressed.lit_everywhere()
+    off = lit.logs - rest.logs(lit.position_um)
+    weights = np.array([_part_at(rest, parts, x)[1] for x in lit.position_um]) / ONE_Q13
+    light = (off * weights).sum(axis=1)
+    firm = light >= dimmer[sure][0]
+    lit, off, light = lit.keep(firm), off[firm], light[firm]
+    found = change(lit, off, light, rest.slopes(lit.position_um), noise, rest.ends_um)
+    if found is None:
+        return None
+    # The corrections at all positions and forces are a matrix; its first singular vectors are the
+    # best approximation by products. Below the weakest sure force, the share does not change.
+    errors = [
+        _off(rest, found, rest.ends_um, _places(rest, part), dimmer[sure], position, test)
+        for (position, _), part in zip(parts, _parts(rest))
+    ]
+    errors_um, errors_q12 = (np.concatenate(column) for column in zip(*errors))
+    scaled = np.concatenate(
+        [errors_um / sigma_um[sure], errors_q12 / (sigma_misfit[sure] * ONE_Q12)]
+    )
+    _, _, forces = np.linalg.svd(scaled, full_matrices=False)
+    shares = forces[0] * sigma_um[sure]
+    shares /= np.abs(shares).max()
+    shares = np.concatenate([np.full(len(sure) - sure.sum(), shares[0]), shares])
+    cross = _Cross(found, dimmer, shares, np.where(sure, sigma_um**-2.0, 0.0), rest.ends_um)
+    sizes_um = [
+        cross.sizes(rest, _places(rest, part), position, test)[0]
+        for (position, _), part in zip(parts, _parts(rest))
+    ]
+    # Weaker presses are too noisy for this decision.
+    clear = sigma_um <= sigma_um[sure][0] / 2
+    return cross if np.abs(sizes_um).max() * np.abs(shares[clear]).max() > _CROSS_UM else None
+
+
+def _off(curve: Curves, change: Change, ends_um, x_um, lights, position, test):
+    """Return how far positions (um) and misfits (Q12) are wrong without a correction, negated.
+
+    The contrasts are those of firm presses at the n positions `x_um` on the strip of `curve`. Both
+    results have the shape (n, m): m brightnesses `lights` would have these contrasts elsewhere.
+    """
+    stretch = curve.ends_um[1] / ends_um[1]
+    firm = curve.logs(x_um)
+    at_um = np.repeat(x_um[:, None], len(lights), axis=1)
+    for _ in range(_NEWTON):
+        inside_um = at_um.clip(*curve.ends_um)
+        logs = curve.logs(inside_um) + change.logs(
+            inside_um / stretch, np.broadcast_to(lights, at_um.shape)
+        )
+        slopes = curve.slopes(inside_um)
+        logs += slopes * (at_um - inside_um)[:, :, None]
+        at_um = at_um - ((logs - firm[:, None]) @ position) / (slopes @ position)
+    return at_um - x_um[:, None], ((logs - firm[:, None]) @ test) * (ONE_Q12 / ONE_Q13)
 
 
 def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ from typing import Any
 from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
-from ..errors import NoReplyError, SpotsError, path_text
+from ..errors import CommandError, NoReplyError, SpotsError, path_text
 from .board import Board, of_sensor
 from .ports import known, scheme, scheme_name
 from .serial_link import SerialLink, usb_boards, usb_ports
@@ -240,7 +240,13 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     reason = made.mismatch(now)
     if reason is not None:
         raise SpotsError(reason)
-    name = upload_lines(board, "cal", calibration, sensor)
+    try:
+        name = upload_lines(board, "cal", calibration, sensor)
+    except CommandError as error:
+        raise SpotsError(
+            f"the board refuses a calibration that is valid here ({error}): if the board has an "
+            "older firmware, run 'spots flash', then upload the calibration again"
+        ) from None
     if sensor:
         return
     board.calibration = list(calibration)

@@ -27,7 +27,7 @@ _BURST_US = 390
 _CLEAR_US = 73
 
 _encoded = bytearray(880)
-_COMPARED = 17  # elements of a state, up to the tolerance of the misfit
+_COMPARED = 18  # elements of a state, up to the correction of the position
 _decode = Decode()
 _decode.scale(1, 4)
 _head = array("i", bytes(4 * d.HEAD_SIZE))
@@ -148,7 +148,7 @@ def table(cases, results):
     place = 0
     for i in range(len(cases)):
         tables, size, readings = cases[i]
-        first = tables[15] + 13
+        first = tables[d.BOUNDS + 1] + 13
         moved = 0
         for j in range(len(readings)):
             for k in range(size):

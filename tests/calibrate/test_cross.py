@@ -1,0 +1,200 @@
+"""Strips whose colour depends on the force: positions are as good as those of an ideal strip."""
+
+import numpy as np
+import pytest
+
+from spots.calibrate.decoded import Decoded
+from spots.calibrate.fit import fit
+from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
+from spots_device.reading.calibration import Calibration, Conditions
+from spots_device.reading.decode import MISFIT_Q12, TOLERANCE_Q12, TOUCHING
+from spots_sim.measure.bound import Bound
+from spots_sim.measure.effects import errors, with_keys
+from spots_sim.measure.rig import Rig
+from spots_sim.strip.files import SensorFile, load
+
+PLAN = "F3", "F4", "F5", "F6", "F7", "F8"
+FORCES_MN = 600.0, 1100.0, 2700.0, 9000.0
+ALONG, PRESSED = 24, 8  # samples in a reading of a stage
+OFF_CENTRE = np.linspace(0.06, 0.94, 12)  # places that no press of the calibration had
+
+
+class Strip:
+    """Presses of a simulated strip with the noise of its sensor, without a board."""
+
+    def __init__(self, name="default", exposure_us=100_000, seed=0, **contact):
+        keys = {f"contact.{key}": value for key, value in contact.items()}
+        self.sensor = with_keys(load(SensorFile, name), keys)
+        self.conditions = Conditions("ab", PLAN, 9, exposure_us, 20)
+        self.bound = Bound(self.sensor, PLAN, 9, exposure_us, 20)
+        self.length_um = 1000 * self.sensor.length_mm
+        self.rng = np.random.default_rng(seed)
+
+    def variance(self, counts):
+        converter = self.sensor.converter
+        shot = (counts + self.bound._pedestal) / self.bound._electrons
+        return converter.read_noise_counts**2 + 1 / 12 + shot
+
+    def counts(self, place_um, force_mN, samples):
+        """Return the mean of dark-subtracted samples, which are rounded as a sensor rounds them."""
+        lit = self.bound.counts(place_um, force_mN)
+        noise = np.sqrt(self.variance(lit) - 1 / 12) * self.rng.standard_normal((samples, 6))
+        raw = np.round(lit + self.bound._pedestal + noise)
+        return np.maximum(raw - self.bound._pedestal, 0.1).mean(axis=0)
+
+    def presses(self, places_um, forces_mN, samples, slip_um=0.0):
+        at = [(x, f) for f in forces_mN for x in places_um]
+        slips = slip_um * self.rng.standard_normal(len(at))
+        counts = np.array([self.counts(x + s, f, samples) for (x, f), s in zip(at, slips)])
+        x_um, force_mN = np.array(at).T
+        return Presses(x_um, force_mN, counts, self.variance(counts), np.zeros(len(at), bool))
+
+    def lines(self, slip_um=0.0):
+        """Return the calibration from a stage whose positions have an error of `slip_um`."""
+        along = self.presses(np.linspace(0, self.length_um, 33), [FIRM_MN], ALONG)
+        forces_mN = np.geomspace(self.least_mN(), FULL_MN, 30)
+        places_um = np.array(FORCE_PLACES) * self.length_um
+        pressed = self.presses(places_um, forces_mN, PRESSED, slip_um)
+        return fit({0: along}, pressed, Noise.of(along, pressed), self.conditions)
+
+    def least_mN(self):
+        far_um = max(FORCE_PLACES) * self.length_um
+        forces_mN = np.geomspace(100, 1000, 60)
+        return next(f for f in forces_mN if self.bound.counts(far_um, f).min() > 1.5)
+
+    def errors_mm(self, lines, force_mN, readings=6):
+        """Return the mean absolute error in mm, and the largest mean error at a place."""
+        decode = Decoded()
+        decode.calibration = Calibration(lines)
+        off = []
+        for share in OFF_CENTRE:
+            for _ in range(readings):
+                x_um = share * self.length_um
+                decode.update_mean(self.counts(x_um, force_mN, 1))
+                assert decode.flags & TOUCHING
+                off.append((decode.position_um - x_um) / 1000)
+        off = np.array(off).reshape(len(OFF_CENTRE), readings)
+        return np.abs(off).mean(), np.abs(off.mean(axis=1)).max()
+
+
+def has_cross(lines):
+    return {len(line.split()) - 1 for line in lines if line.startswith("x ")} == {6}
+
+
+# Half effects of equal and of opposite signs, and others than those with which the fit was tuned.
+COLOURED = [
+    {"gap_percent": 8.0},
+    {"gap_percent": -11.0},
+    {"mode_percent": 4.5},
+    {"mode_percent": -5.5},
+    {"gap_percent": 6.0, "mode_percent": 2.0},
+    {"gap_percent": -4.0, "mode_percent": 3.0},
+]
+
+
+@pytest.mark.parametrize("contact", COLOURED)
+def test_a_colour_that_depends_on_the_force_does_not_move_the_position(contact):
+    strip = Strip(seed=4, **contact)
+    lines = strip.lines()
+    assert has_cross(lines)
+    found = [strip.errors_mm(lines, force_mN) for force_mN in FORCES_MN]
+    assert np.mean([mean for mean, _ in found]) <= 0.03
+    assert max(worst for _, worst in found) <= 0.12
+
+
+def test_without_the_correction_the_error_is_large():
+    strip = Strip(gap_percent=10.0)
+    plain = [
+        " ".join(line.split()[: 4 if line[0] == "f" else 5]) if line[:2] in ("f ", "x ") else line
+        for line in strip.lines()
+    ]
+    mean, _ = strip.errors_mm(plain, 1000.0)
+    assert mean > 0.4
+
+
+def test_a_strong_effect_is_corrected_too():
+    strip = Strip(seed=2, gap_percent=30.0)
+    lines = strip.lines()
+    assert np.mean([strip.errors_mm(lines, f)[0] for f in FORCES_MN]) <= 0.05
+
+
+@pytest.mark.parametrize("contact", [{"gap_percent": -9.0}, {"mode_percent": 5.0}])
+def test_at_10_ms_the_noise_is_that_of_an_ideal_strip(contact):
+    def mean_mm(**contact):
+        strip = Strip(exposure_us=10_000, seed=8, **contact)
+        lines = strip.lines()
+        return [strip.errors_mm(lines, force_mN, readings=20)[0] for force_mN in FORCES_MN]
+
+    assert np.mean(mean_mm(**contact)) <= 1.25 * np.mean(mean_mm())
+
+
+@pytest.mark.parametrize("name", ["default", "short_30mm", "long_200mm", "noisy", "weak_dye"])
+@pytest.mark.parametrize("exposure_us", [10_000, 60_000])
+def test_an_ideal_strip_gets_no_correction(name, exposure_us):
+    for seed in range(3):
+        assert not has_cross(Strip(name, exposure_us, seed).lines())
+
+
+def test_a_correction_below_20_um_is_not_written():
+    strip = Strip(seed=1, gap_percent=0.08)
+    assert not has_cross(strip.lines())
+    assert has_cross(Strip(seed=1, gap_percent=1.5).lines())
+
+
+def test_positions_that_a_person_misses_do_not_look_like_a_colour():
+    # The errors of the presses are much larger than the noise, and each has its own.
+    for seed in range(4):
+        assert not has_cross(Strip(exposure_us=60_000, seed=seed).lines(slip_um=300.0))
+    strip = Strip(seed=3, gap_percent=10.0)
+    lines = strip.lines(slip_um=300.0)
+    assert has_cross(lines)
+    assert strip.errors_mm(lines, 1000.0)[1] < 0.35
+
+
+def test_the_expected_misfit_follows_the_force():
+    strip = Strip(seed=6, mode_percent=-5.0)
+    decode = Decoded()
+    decode.calibration = Calibration(strip.lines())
+    for force_mN in FORCES_MN:
+        misfits = []
+        for share in OFF_CENTRE:
+            decode.update_mean(strip.counts(share * strip.length_um, force_mN, 8))
+            misfits.append(decode.state[MISFIT_Q12])
+        assert abs(np.mean(misfits)) < decode.state[TOLERANCE_Q12] / 4
+
+
+def test_the_share_of_a_force_below_all_touches_is_that_of_the_weakest_touch():
+    lines = Strip(seed=5, gap_percent=10.0).lines()
+    end_mN = next(int(line.split()[2]) for line in lines if line.startswith("touch "))
+    knots = [tuple(map(int, line.split()[1:])) for line in lines if line.startswith("f ")]
+    weak = [share for _, force_mN, _, share in knots if force_mN < end_mN]
+    assert len(weak) > 1
+    assert len(set(weak)) == 1
+    firm = min(knots, key=lambda knot: abs(knot[1] - FIRM_MN))
+    assert abs(firm[3]) < 100 < max(abs(knot[3]) for knot in knots)
+
+
+def test_a_stretched_strip_has_the_correction_too():
+    strip = Strip(seed=7, mode_percent=5.0)
+    along = strip.presses(np.linspace(0, strip.length_um, 33), [FIRM_MN], ALONG)
+    places_um = np.array(FORCE_PLACES) * strip.length_um
+    pressed = strip.presses(places_um, np.geomspace(strip.least_mN(), FULL_MN, 30), PRESSED)
+    longer = Presses(1.1 * along.position_um, *list(vars(along).values())[1:])
+    noise = Noise.of(along, pressed)
+    lines = fit({0: along, 100_000: longer}, pressed, noise, strip.conditions)
+    decode = Decoded()
+    decode.calibration = Calibration(lines, 100_000)
+    for share in OFF_CENTRE:
+        decode.update_mean(strip.counts(share * strip.length_um, 1000.0, 8))
+        assert decode.position_um == pytest.approx(1.1 * share * strip.length_um, abs=150)
+
+
+@pytest.mark.parametrize("keys", [{"gap_percent": -7.0}, {"mode_percent": 6.0}])
+def test_the_firmware_corrects_a_coloured_strip(sensor, keys):
+    coloured = with_keys(sensor, {f"contact.{key}": value for key, value in keys.items()})
+    with Rig(coloured, 5, 100_000, 1) as rig:
+        assert has_cross(rig.lines)
+        rows = errors(rig, (0.6, 2.0, 9.0), readings=2, places=OFF_CENTRE)
+        assert np.mean([row.error_mm for row in rows]) <= 0.03
+        assert max(row.worst_error_mm for row in rows) <= 0.12
+        assert not any(row.untrusted_percent or row.missing_percent for row in rows)
