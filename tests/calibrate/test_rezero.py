@@ -445,7 +445,10 @@ def test_a_joint_uses_its_stops(full, sensor, tmp_path, monkeypatch):
     monkeypatch.setattr(
         SpectrumReader,
         "set_up",
-        lambda reader, line="", dark_s=0.0: (darks.append(dark_s), set_up(reader, line, dark_s)),
+        lambda reader, line="", dark_s=0.0, **more: (
+            darks.append(dark_s),
+            set_up(reader, line, dark_s, **more),
+        ),
     )
     path = tmp_path / "strip.jsonl"
     path.write_bytes(full.read_bytes())

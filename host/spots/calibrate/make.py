@@ -12,6 +12,7 @@ from spots_device.reading.calibration import Calibration, CalibrationError
 
 from ..errors import SpotsError
 from . import calibration_file as file
+from . import rest
 from .fit import PLACES_MIN, fit
 from .hand import material
 from .joint import fit_joint, joint_marks
@@ -75,6 +76,9 @@ def _made(session: Session, say: Callable[[str], None]) -> file.CalibrationFile:
             along[strain_ppm] = presses(at_strain)
     noise = noise or Noise.of(*along.values(), pressed)
     lines = fit(along, pressed, noise, session.conditions, misfit)
+    if light := session.rest:
+        say(rest.described(light, firm))
+        lines += rest.line(light)
     _validate(lines)
     if surface and not surface.taken.force_mN.any():
         lines.append("relative")

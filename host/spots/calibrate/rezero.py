@@ -21,6 +21,7 @@ from ..atomic import check_writable
 from ..errors import SpotsError
 from ..signals import stop_explained
 from . import calibration_file as file
+from . import rest
 from .bench import Bench
 from .calibrate import opened
 from .drift import described
@@ -91,8 +92,11 @@ def rezero(
     reason = table.mismatch(reader.conditions)
     if reason is not None:
         raise SpotsError(f"{bench.path}: {reason}")
+    longer = reader.conditions.exposure_us / table.conditions.exposure_us
     bench.guide.say("taking dark frames: touch nothing")
-    reader.set_up(dark_s=DARK_S)
+    reader.set_up(dark_s=DARK_S, untouched=not joint)
+    if joint:  # the indenter always presses the strip
+        reader.use_rest(made.lines)
     at = slice(1, 2) if quick else slice(None)
     place_um, logs = marks.place_um[at], np.array(marks.logs)
     bench.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, bench.length_um)
@@ -108,7 +112,6 @@ def rezero(
     else:
         then_now_mN = [marks.force_mN, force_mN]
         then, now = np.interp(then_now_mN, table.forces_mN, table.brightnesses) / ONE_Q20
-        longer = reader.conditions.exposure_us / table.conditions.exposure_us
         shifts -= now - then + np.log2(longer)
         _check_light(shifts.mean(axis=1), place_um, force_mN)
     if angles_deg[0] is None and len(shifts) == len(marks.logs):
@@ -120,7 +123,7 @@ def rezero(
         drift=described(place_um, logs[at], shifts, table.conditions.plan),
     )
     original = made.original or made.lines
-    lines = tuple(shifted(original, place_um, shifts))
+    lines = tuple(rest.replaced(shifted(original, place_um, shifts), reader.rest / longer))
     return replace(made, lines=lines, original=original, rezeros=[*made.rezeros, done])
 
 

@@ -48,6 +48,7 @@ _Count = Annotated[float, _ranged(-1e6, 1e6)]
 _Number = Annotated[float, _ranged(-1e12, 1e12)]
 _Counts = Annotated[tuple[_Count, ...], msgspec.Meta(min_length=6, max_length=6)]
 _Six = Annotated[tuple[_Number, ...], msgspec.Meta(min_length=6, max_length=6)]
+_Rest = Annotated[tuple[_Number, ...], msgspec.Meta(max_length=6)]
 _Seven = Annotated[tuple[_Number, ...], msgspec.Meta(min_length=7, max_length=7)]
 Plan = Annotated[tuple[str, ...], msgspec.Meta(min_length=6, max_length=6)]
 Gain = Annotated[int, _ranged(0, 10)]
@@ -123,6 +124,9 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
         then the six counts.
     holds : tuple of (float, float)
         Start and end of the time in which each force was steady, in s by the same clock.
+    rest : tuple of float
+        Light of the untouched strip in counts of a sample, which was subtracted from `counts`;
+        empty if the strip had no such light.
     """
 
     counts: _Counts
@@ -139,6 +143,7 @@ class Point(Wanted, frozen=True, kw_only=True, forbid_unknown_fields=True):
     time: str
     trace: tuple[_Seven, ...] = ()
     holds: tuple[tuple[Seconds, Seconds], ...] = ()
+    rest: _Rest = ()
 
     def __post_init__(self):
         # msgspec reports a ValueError as a wrong value of the file.
@@ -183,6 +188,7 @@ def point(wanted: Wanted, reading: Reading, conditions: Conditions, **measured) 
         counts=tuple(reading.counts.tolist()),
         variance=tuple(reading.variance.tolist()),
         saturated=reading.saturated,
+        rest=tuple(reading.rest.round(4).tolist()) if reading.rest.any() else (),
         time=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         **measured,
     )
@@ -423,6 +429,12 @@ class Session:
         # presses, of which the last one is at the strip's end.
         whole = self.of("position") if self.of("force") else []
         return max((p.place_um for p in whole), default=None)
+
+    @property
+    def rest(self) -> tuple[float, ...]:
+        """Light of the untouched strip that the last press was taken with, see `Point`."""
+        fixed = [p for p in self.points if p.kind not in ("choose", "strain", "joint")]
+        return fixed[-1].rest if fixed else ()
 
     @property
     def conditions(self) -> Conditions | None:

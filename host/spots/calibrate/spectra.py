@@ -1,19 +1,22 @@
 """Reads the dark-subtracted counts of a steady press from a board.
 
 Dark-subtracted counts are counts minus those of the dark frame, which is taken with the LED off.
+Light that crosses between the guides without a press (*rest*, for example at dust) is subtracted,
+too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
 
-from spots_device.reading.calibration import Conditions
+from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.decode import DARK_SAMPLES, LED_OFF, SATURATED
+from spots_device.sensor.smux import CHANNELS
 
 from ..errors import SpotsError
 from ..link.board import Board
@@ -22,6 +25,12 @@ from .presses import own_variance
 
 _CHANNELS_MIN = 3  # with fewer channels, the noise that all channels share cannot be separated
 _TIMEOUT_S = 10.0  # more than any dark frame takes
+# Light of the untouched strip: duration of the lit samples before and after a dark frame, and their
+# least number; and how many standard deviations it must have, so that noise is not subtracted.
+_REST_S = 0.32
+_REST_SAMPLES = 8
+_REST_SIGMAS = 5.0
+_REST_VARIANCE = 0.25  # counts**2: assumed least variance of a sample, with its rounding error
 
 
 @dataclass(frozen=True)
@@ -40,12 +49,15 @@ class Reading:
         Change of the brightness from the first half of the samples to the second, in log2 units.
     saturated : bool
         Whether at least one channel was saturated.
+    rest : numpy.ndarray, shape (6,)
+        Light of the untouched strip that was subtracted from `counts`, see `SpectrumReader`.
     """
 
     counts: np.ndarray
     variance: np.ndarray
     drift: float
     saturated: bool
+    rest: np.ndarray = field(default_factory=lambda: np.zeros(CHANNELS))
 
     @property
     def dark(self) -> bool:
@@ -68,6 +80,7 @@ def mean(readings: list[Reading]) -> Reading:
         np.mean([r.variance for r in readings], axis=0),
         readings[-1].drift,
         any(r.saturated for r in readings),
+        readings[-1].rest,
     )
 
 
@@ -80,12 +93,20 @@ class SpectrumReader:
     Parameters
     ----------
     board : Board
-        The board. Its strip should not be pressed during `set_up`, which the constructor calls.
+        The board.
+
+    Attributes
+    ----------
+    rest : numpy.ndarray, shape (6,)
+        Light of the untouched strip in counts of a sample, without the dark frame; subtracted from
+        all samples. 0 if it was not measured, or if noise alone can cause it.
     """
 
     def __init__(self, board: Board):
         self.board = board
+        self.rest = np.zeros(CHANNELS)
         self._average = 1
+        self._rests: dict[Conditions, np.ndarray] = {}
         self.set_up()
 
     def __enter__(self) -> SpectrumReader:
@@ -94,8 +115,10 @@ class SpectrumReader:
     def __exit__(self, *exception) -> None:
         self.restore()
 
-    def set_up(self, line: str = "", dark_s: float = 0.0) -> None:
+    def set_up(self, line: str = "", dark_s: float = 0.0, untouched: bool = False) -> None:
         """Change settings of the board, then read all its settings and take the dark frame.
+
+        `rest` becomes what was last measured at these settings.
 
         Parameters
         ----------
@@ -103,6 +126,8 @@ class SpectrumReader:
             Arguments of the board's command ``set``, for example ``gain=9``; empty for no change.
         dark_s : float
             Total exposure of the dark frames to average, in s; at least one frame is taken.
+        untouched : bool
+            Whether nothing presses the strip, so that `rest` can be measured.
 
         Raises
         ------
@@ -117,9 +142,58 @@ class SpectrumReader:
             self.board.command("set average=1")
             self.info = self.board.command("hello")
         darks = max(1, round(1e6 * dark_s / (DARK_SAMPLES * self.info["exposure_us"])))
-        dark = [self.board.command("dark", timeout_s=30)["dark"] for _ in range(darks)]
-        self._dark = np.mean(dark, axis=0) / DARK_SAMPLES
+        self.rest = self._rests.get(self.conditions, np.zeros(CHANNELS))
         self.board.command("stream spectrum")
+        if untouched:
+            self._measure_rest(darks)
+        else:
+            self._dark = np.mean([self._dark_frame() for _ in range(darks)], axis=0)
+
+    def use_rest(self, lines: Iterable[str]) -> None:
+        """Use the light of the untouched strip in a calibration, at the present exposure.
+
+        Parameters
+        ----------
+        lines : iterable of str
+            Lines of the calibration, see `spots_device.reading.calibration`.
+        """
+        made = Calibration(lines)
+        longer = self.conditions.exposure_us / made.conditions.exposure_us
+        self.rest = np.array(made.rest or [0] * CHANNELS) / DARK_SAMPLES * longer
+        self._rests[self.conditions] = self.rest
+
+    def _dark_frame(self) -> np.ndarray:
+        return np.array(self.board.command("dark", timeout_s=30)["dark"]) / DARK_SAMPLES
+
+    def _measure_rest(self, darks: int) -> None:
+        """Take `darks` dark frames, and lit samples before and after each.
+
+        Ambient light is equal before and after a frame, or its change is included in the error.
+        """
+        count = max(_REST_SAMPLES, round(_REST_S * 1e6 / self.info["exposure_us"]))
+        self.rest = self._dark = np.zeros(CHANNELS)
+        rows = []
+        for _ in range(darks):
+            before, _ = self.samples(count)
+            dark = self._dark_frame()
+            after, _ = self.samples(count)
+            rows.append((before.mean(axis=0), dark, after.mean(axis=0), before.var(axis=0, ddof=1)))
+        before, dark, after, variance = np.array(rows).transpose(1, 0, 2)
+        self._dark = dark.mean(axis=0)
+        found = ((before + after) / 2 - dark).mean(axis=0)
+        noise = np.maximum(variance.mean(axis=0), _REST_VARIANCE).sum()
+        shares = 1 / (2 * count) + 1 / self._dark_samples
+        moved = ((after - before).sum(axis=1) / 2) ** 2
+        sigma = np.sqrt((noise * shares + moved.mean()) / darks)
+        if found.sum() > _REST_SIGMAS * sigma:
+            self.rest = found.clip(0)
+        self._rests[self.conditions] = self.rest
+
+    @property
+    def _dark_samples(self) -> int:
+        # Samples in a dark frame: 64, or as many as fit in 2 s, see `dark.Dark.request_pool`.
+        windows = int(2e6 // (4 * self.info["exposure_us"]))
+        return 4 * min(max(windows, 1), DARK_SAMPLES // 4)
 
     def restore(self) -> None:
         """Reset the board's ``average`` to its earlier value, unless the board is disconnected."""
@@ -148,7 +222,8 @@ class SpectrumReader:
                 "the board sends too few spectra: 'spots command get' shows its faults"
             )
         saturated = any(frame.flags & SATURATED for frame in frames)
-        return np.array([frame.counts for frame in frames], dtype=float) - self._dark, saturated
+        counts = np.array([frame.counts for frame in frames], dtype=float)
+        return counts - self._dark - self.rest, saturated
 
     def positions_um(self, count: int, timeout_s: float) -> np.ndarray:
         """Return new positions that a calibrated board reports; the board must stream touches.
@@ -197,7 +272,7 @@ class SpectrumReader:
         variance = np.zeros_like(mean)
         if lit.sum() >= _CHANNELS_MIN:
             variance[lit] = own_variance(samples[:, lit])
-        return Reading(mean, variance, float(drift), clipped)
+        return Reading(mean, variance, float(drift), clipped, self.rest)
 
 
 def _is_lit(frame: Frame) -> bool:

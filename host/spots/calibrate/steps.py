@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import msgspec
@@ -119,7 +119,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
         steps.places("strain", count, round(10_000 * strain_percent))
         bench.presser.stretch(0, bench.length_um)
     else:
-        bench.reader.set_up(dark_s=DARK_S)
+        steps.untouched(DARK_S)
         by_hand(bench, session, count, COUNTS[kind][1], kind == "rough")
         return steps.finish()
     if missing := missing_step(session):
@@ -147,6 +147,20 @@ class _Steps:
 
     bench: Bench
     session: Session
+
+    def untouched(self, dark_s: float = 0.0) -> None:
+        """Measure the dark frame and the light of the untouched strip.
+
+        `dark_s` is that of `SpectrumReader.set_up`.
+        """
+        reader, guide = self.bench.reader, self.bench.guide
+        guide.say("taking dark frames: touch nothing")
+        reader.set_up(dark_s=dark_s, untouched=True)
+        if reader.rest.any():
+            guide.say(
+                f"light without a press, up to {reader.rest.max():.1f} counts: dust, or the guides "
+                "touch; it is subtracted"
+            )
 
     def settle(self, options: argparse.Namespace, kind: str) -> None:
         """Choose gain, LED current and channels, unless earlier presses of the session fix them.
@@ -185,6 +199,7 @@ class _Steps:
 
     def _auto(self, force_mN: float) -> None:
         bench = self.bench
+        self.untouched()
         self._begin("exposure", 1)
         bench.take(Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=force_mN))
         found = bench.reader.board.command("auto", timeout_s=60)
@@ -203,7 +218,8 @@ class _Steps:
     def _exposed(self) -> None:
         """Read the same press once more, at the settings that `_auto` found.
 
-        The person then types the true position, and the press is stored as a press by hand.
+        The light of the untouched strip is measured after the release, and then subtracted. The
+        person then types the true position, and the press is stored as a press by hand.
         """
         bench = self.bench
         try:
@@ -212,6 +228,9 @@ class _Steps:
             bench.release()
             return
         bench.release()
+        self.untouched()
+        rest = bench.reader.rest
+        reading = replace(reading, counts=reading.counts - rest, rest=rest)
         wanted = Wanted(kind="hand", place_um=_SENSOR_END_UM, force_mN=0.0)
         if read := bench.presser.read_off(wanted, bench.length_um):
             self._add(read, reading, length_um=bench.length_um)
@@ -224,6 +243,9 @@ class _Steps:
         row = [Wanted(kind="choose", place_um=_SENSOR_END_UM, force_mN=FULL_MN)]
         for place_um in _along(self.bench.length_um, places):
             row.append(Wanted(kind="choose", place_um=place_um, force_mN=FIRM_MN))
+        for plan in plans:  # else light without a press would look like a press
+            self._set_plan(plan)
+            self.untouched()
         self._begin("choice of channels", len(row))
         for wanted in row:
             missing = [plan for plan in plans if not self.session.has(wanted, plan)]
@@ -263,7 +285,7 @@ class _Steps:
         """
         length_um = self.bench.length_um * (1 + strain_ppm * 1e-6)
         self.bench.presser.stretch(strain_ppm, length_um)
-        self.bench.reader.set_up()
+        self.untouched()
         title = f"positions at {strain_ppm / 10_000:g} % strain" if strain_ppm else "positions"
         row = [
             Wanted(kind=kind, place_um=place_um, force_mN=FIRM_MN, strain_ppm=strain_ppm)
@@ -274,6 +296,7 @@ class _Steps:
     def forces(self, count: int) -> None:
         """Take presses with `count` different forces at each of a few positions."""
         guide, length_um = self.bench.guide, self.bench.length_um
+        self.untouched()
         places_um = [round(share * length_um, -2) for share in sorted(FORCE_PLACES, reverse=True)]
         # The first press of a session has the least force, at the dimmest place.
         least_mN = min((p.force_mN for p in self.session.of("force")), default=None)
@@ -295,8 +318,7 @@ class _Steps:
     def marks(self) -> None:
         """Take presses at the marks, which a later re-zero repeats."""
         bench = self.bench
-        bench.guide.say("taking dark frames: touch nothing")
-        bench.reader.set_up(dark_s=DARK_S)
+        self.untouched(DARK_S)
         places_um = [round(share * bench.length_um, -2) for share in MARKS]
         row = [Wanted(kind="mark", place_um=x, force_mN=FIRM_MN) for x in places_um]
         self._series("marks for a re-zero", row)
@@ -333,6 +355,7 @@ class _Steps:
             bench.reader.restore()
             file.send(board, calibration)
         bench.reader.set_up(dark_s=DARK_S)
+        bench.reader.use_rest(calibration.lines)  # the indenter always presses the strip
         board.command("stream touch spectrum")
         self._begin("joint", 2 * count)
         upwards = np.linspace(0, 1, count).tolist()

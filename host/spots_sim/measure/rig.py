@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from spots.calibrate import rest
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import Noise
 from spots.calibrate.shift import shifted
@@ -102,7 +103,7 @@ class Rig:
         changed, self.stage.held.changed = self.stage.held.changed, NONE
         for percent in percents:
             self.stage.held.strain = percent / 100
-            self.stage.reader.set_up()
+            self.stage.reader.set_up(untouched=True)
             self.along[10_000 * percent] = self.stage.along()
         self.stage.held.strain = 0.0
         self.stage.held.changed = changed
@@ -129,7 +130,7 @@ class Rig:
     def _use(self) -> None:
         check_light(self.along[0], self._pressed)
         fitted = fit(self.along, self._pressed, self.noise, self.conditions)
-        self.lines = (*fitted, *self._silicone)
+        self.lines = (*fitted, *rest.line(self.stage.reader.rest), *self._silicone)
         upload(self.board, self.shifted_lines)
         self.board.command(f"set average={self.average}")
         self._dark = np.array(self._dark_frame()) / DARK_SAMPLES

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from spots.calibrate import rest
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.calibrate.spectra import SpectrumReader
@@ -107,7 +108,7 @@ class Stage:
             self.board.command(f"set exposure_us={exposure_us}")
         self._part()
         self.take_dark()
-        self.reader.set_up()
+        self.reader.set_up(untouched=True)
 
     def take_dark(self) -> None:
         """Take a dark frame (counts without the LED's light) if the board cannot switch the LED.
@@ -351,6 +352,7 @@ def _calibrated(sensor: SensorFile, exposure_us: int | None) -> tuple[tuple[str,
         noise = Noise.of(along, pressed)
         check_light(along, pressed)
         lines = tuple(fit({0: along}, pressed, noise, stage.reader.conditions))
+        lines += tuple(rest.line(stage.reader.rest))
         led = "led=" + sensor.led.wired
         if sensor.led.wired == "always":
             state = stage.board.command("get")

@@ -1,0 +1,96 @@
+"""Light of a strip that nothing presses, which a calibration subtracts: dust, touching guides.
+
+Such light has the colour of a press at its place. So presses at known places show where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from spots_device.reading.decode import DARK_SAMPLES
+
+from ..errors import SpotsError
+from .presses import Presses
+
+# Largest light without a press, as a share of a firm press at the same place. Dust of 2 % of a full
+# contact has 3 %. With more light, the strip is not as it was cast.
+_SHARE_MAX = 0.1
+
+
+def line(rest: Iterable[float]) -> list[str]:
+    """Return the line `rest` of a calibration; no line if there is no such light.
+
+    Parameters
+    ----------
+    rest : iterable of float
+        Light of the untouched strip: counts of a sample for each channel, or nothing.
+
+    Returns
+    -------
+    list of str
+    """
+    sums = [round(DARK_SAMPLES * one) for one in rest]
+    return [" ".join(["rest", *map(str, sums)])] if any(sums) else []
+
+
+def replaced(lines: Iterable[str], rest: Iterable[float]) -> list[str]:
+    """Return lines of a calibration with another line `rest`, or without one.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        Lines of the calibration.
+    rest : iterable of float
+        Light of the untouched strip, as for `line`.
+
+    Returns
+    -------
+    list of str
+    """
+    kept = [one for one in lines if not one.startswith("rest ")]
+    return kept + line(rest)
+
+
+def described(rest: Iterable[float], firm: Presses) -> str:
+    """Return where the light without a press comes from, and how bright it is.
+
+    Parameters
+    ----------
+    rest : iterable of float
+        Light of the untouched strip: counts of a sample for each channel.
+    firm : Presses
+        Firm presses at two or more places.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    SpotsError
+        If the light is too bright to be subtracted.
+    """
+    place_um, share = _found(np.array(list(rest)), firm)
+    where = f"light at {place_um / 1000:.0f} mm without a press: dust, or the guides touch"
+    if share > _SHARE_MAX:
+        raise SpotsError(
+            f"{where}; it has {share:.0%} of the light of a firm press there, and at most "
+            f"{_SHARE_MAX:.0%} can be subtracted: clean the strip there, or part its guides, and "
+            "begin another session"
+        )
+    return f"{where} ({share:.1%} of the light of a firm press); it is subtracted"
+
+
+def _found(rest: np.ndarray, firm: Presses) -> tuple[float, float]:
+    order = np.argsort(firm.position_um)
+    places, logs = firm.position_um[order], firm.logs[order]
+    # The colour changes monotonically from the first place to the last.
+    way = logs[-1] - logs[0]
+    way = way - way.mean()
+    contrasts = np.maximum.accumulate(logs @ way)
+    light = np.log2(np.maximum(rest, 1 / DARK_SAMPLES))
+    place_um = float(np.interp(light @ way, contrasts, places))
+    expected = np.array([np.interp(place_um, places, log) for log in logs.T])
+    return place_um, float(rest.sum() / np.exp2(expected).sum())
