@@ -263,7 +263,7 @@ def test_constants_become_numbers_and_their_definitions_and_imports_vanish(tmp_p
         "from .. import PROTOCOL, one\nfrom ..one import BOTH as C, TWICE, WORDS\n\n\n"
         "def f(x):\n    from ..one import B\n    return x[C] + B * one.SEEN + TWICE + x.KEPT\n"
     )
-    (tmp_path / "three.py").write_text("from . import const\n\n_X = const(3)\n")
+    (tmp_path / "three.py").write_text("from . import const\n\n_X = const(3)\nY = [_X]\n")
     (tmp_path / "four.py").write_text("from . import const, five\n_Y = const(4)\n")
     inline(tmp_path)
     assert (tmp_path / "__init__.py").read_text() == "PROTOCOL = 3\n\n\npass\n"
@@ -272,8 +272,8 @@ def test_constants_become_numbers_and_their_definitions_and_imports_vanish(tmp_p
     assert "KEPT = 8" in (tmp_path / "one.py").read_text()
     assert "SEEN" not in (tmp_path / "one.py").read_text()
     assert "TWICE = 2" in (tmp_path / "one.py").read_text()
-    assert (tmp_path / "three.py").read_text() == "pass\n\n_X = const(3)\n"
-    assert (tmp_path / "four.py").read_text() == "from . import five\n_Y = const(4)\n"
+    assert (tmp_path / "three.py").read_text() == "pass\n\npass\nY = [(3)]\n"
+    assert (tmp_path / "four.py").read_text() == "from . import five\npass\n"
     two = (tmp_path / "part" / "two.py").read_text()
     assert two.startswith("from .. import PROTOCOL\nfrom ..one import TWICE, WORDS\n")
     assert two.endswith("    pass\n    return x[(16)] + (1) * (7) + TWICE + x.KEPT\n")
@@ -296,14 +296,15 @@ def test_a_constant_is_computed_from_those_of_an_imported_module(tmp_path):
 
 
 def test_machine_code_looks_up_no_constant(tmp_path):
-    head = "import micropython\nfrom . import state as c\n\nTABLE = bytes(8)\n_DARK = 3\n\n\n"
+    head = "import micropython\nfrom . import state as c\n\n"
+    head += "TABLE = bytes(8)\n_DARK = 3\n_SIZE = len(TABLE)\n\n\n"
     head += "@micropython.viper\ndef f(s: ptr32) -> int:\n    t = ptr8(TABLE)\n"
     (tmp_path / "state.py").write_text("X_UM = 4\n")
-    (tmp_path / "fast.py").write_text(head + "    return s[c.X_UM] + t[0]\n")
+    (tmp_path / "fast.py").write_text(head + "    return s[c.X_UM] + t[_DARK]\n")
     inline(tmp_path)
-    assert "return s[(4)] + t[0]" in (tmp_path / "fast.py").read_text()
-    for wrong in ("s[_DARK]", "s[c.Y_UM]", "TABLE[0]"):
+    assert "return s[(4)] + t[(3)]" in (tmp_path / "fast.py").read_text()
+    for wrong in ("s[_SIZE]", "s[c.Y_UM]", "TABLE[0]"):
         (tmp_path / "state.py").write_text("X_UM = 4\n")
         (tmp_path / "fast.py").write_text(head + f"    return {wrong}\n")
-        with pytest.raises(SpotsError, match=r"fast\.py, line 11: f looks .* up in machine code"):
+        with pytest.raises(SpotsError, match=r"fast\.py, line 12: f looks .* up in machine code"):
             inline(tmp_path)

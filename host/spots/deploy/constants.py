@@ -17,12 +17,13 @@ from types import SimpleNamespace
 from ..errors import SpotsError
 from .source import Source
 
-_NAME = re.compile(r"[A-Z][A-Z0-9_]*")
+_NAME = re.compile(r"_?[A-Z][A-Z0-9_]*")
+_FUNCTIONS = {"range": range, "const": lambda value: value}  # usable in the value of a constant
 _POINTERS = ("ptr8", "ptr16", "ptr32")  # viper's casts of an object to the address of its data
 
 
 def inline(package: Path) -> None:
-    """Replace public integer constants by their values; remove their definitions and imports.
+    """Replace integer constants by their values; remove their definitions and imports.
 
     A constant has a name in capitals, and only one assignment in its module. Its value is computed
     from numbers and other constants. A module may import a constant by its name, or its module:
@@ -125,7 +126,7 @@ class _Module(Source):
             found = {}
             code = compile(ast.Module([node], []), "", "exec")
             try:
-                exec(code, {"__builtins__": {"range": range}, **known, **self.values}, found)
+                exec(code, {"__builtins__": _FUNCTIONS, **known, **self.values}, found)
             except (AttributeError, NameError, TypeError):
                 continue
             if found.keys() == names and all(type(one) is int for one in found.values()):
@@ -179,11 +180,11 @@ class _Module(Source):
             }
             for node in nodes:
                 looked_up = getattr(node, "attr", "") or getattr(node, "id", "")
-                is_constant = _NAME.fullmatch(looked_up.lstrip("_"))
+                is_constant = _NAME.fullmatch(looked_up)
                 if is_constant and node not in replaced | data:
                     raise SpotsError(
                         f"{name}.py, line {node.lineno}: {function.name} looks {looked_up} up in "
-                        "machine code: make it a public constant of a module"
+                        "machine code: make it a constant of a module"
                     )
 
 
