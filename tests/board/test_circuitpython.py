@@ -12,7 +12,7 @@ from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.serial_link import SerialLink
-from spots_device.board.settings import checksum
+from spots_device.board.store import Store
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.person.stage import calibrate
 from spots_sim.strip.files import ScenarioFile, load
@@ -168,13 +168,16 @@ def test_ctrl_c_on_the_console_stops_the_application_and_its_led(start):
     link.close()
 
 
-def test_a_watchdog_and_ctrl_c_under_it(start, tmp_path):
-    (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
+def test_a_watchdog_and_ctrl_c_under_it(start, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.chdir(tmp_path)
+        Store().save([("settings", ["watchdog=1"])])
     app = tmp_path / "spots_device" / "board" / "app.py"
     hanging = app.read_text().replace("self.uses.use_layout(lines)", "while True: pass")
     app.write_text(hanging)
-    runtime = tmp_path / "spots_device" / "runtime" / "common.py"
-    runtime.write_text(runtime.read_text().replace("WATCHDOG_MS = 8_000", "WATCHDOG_MS = 700"))
+    started = tmp_path / "spots_device" / "board" / "start.py"
+    assert "WATCHDOG_MS = 8_000" in started.read_text()
+    started.write_text(started.read_text().replace("WATCHDOG_MS = 8_000", "WATCHDOG_MS = 700"))
     data, console = start()
     with spots.open(data) as board:
         assert len([touch for touch, _ in zip(board.touches(), range(150))]) == 150  # > 700 ms

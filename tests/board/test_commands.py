@@ -270,15 +270,6 @@ def test_damaged_files_on_the_board_give_the_defaults(rig, tmp_path):
     assert made.board.command("hello")["boot"] == []
 
 
-def test_a_damaged_calibration_of_earlier_firmware_is_reported(rig, tmp_path):
-    settings = ["gain=7"]
-    (tmp_path / "settings.txt").write_text(f"gain=7\ncrc {checksum(settings)}\n")
-    (tmp_path / "calibration.txt").write_bytes(b"\xff\x00")
-    info = rig(folder=tmp_path).board.info
-    assert (info["gain"], info["calibration"]) == (7, None)
-    assert info["boot"] == ["stored calibration not used: calibration.txt is damaged: save again"]
-
-
 def test_a_request_that_is_interrupted_is_answered(rig):
     made = rig()
     made.board._link.write(b"auto\nset gain=5\n")

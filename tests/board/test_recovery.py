@@ -15,7 +15,7 @@ from spots.cli import main
 from spots.deploy.doctor import examine
 from spots.deploy.staging import stage
 from spots.link.serial_link import SerialLink
-from spots_device.board.settings import checksum
+from spots_device.board.store import Store
 
 PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 
@@ -184,12 +184,14 @@ def test_a_crash_is_told_and_the_board_starts_anew(start, tmp_path):
 
 
 @pytest.fixture
-def watched(start, tmp_path):
+def watched(start, tmp_path, monkeypatch):
     """Return a function that starts a board with a watchdog of 2 s.
 
     The command ``layout clear`` makes this board hang.
     """
-    (tmp_path / "settings.txt").write_text(f"watchdog=1\ncrc {checksum(['watchdog=1'])}\n")
+    with monkeypatch.context() as patch:
+        patch.chdir(tmp_path)
+        Store().save([("settings", ["watchdog=1"])])
     for path, old, new in (
         ("board/start.py", "WATCHDOG_MS = 8_000", "WATCHDOG_MS = 2_000"),
         (

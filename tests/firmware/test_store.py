@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import pytest
 
 from spots_device.board import store
-from spots_device.board.settings import checksum
 from spots_device.board.store import Store
 
 NAMES = "settings", "calibration", "layout"
@@ -40,13 +39,6 @@ def load():
 def damage(path, data=b"gain=3\n"):
     assert path.exists()
     path.write_bytes(data)
-
-
-def save_as_before(parts):
-    """Store parts as earlier firmware did."""
-    for name, lines in parts.items():
-        with open(f"{name}.txt", "w") as file:
-            file.write("".join(f"{line}\n" for line in [*lines, "crc " + checksum(lines)]))
 
 
 class PowerCutError(Exception):
@@ -173,7 +165,6 @@ BEFORE = {
     "one save": [OLD],
     "two saves": [OTHER, OLD],
     "three saves": [OLD, OTHER, {**OTHER, "settings": ["a"]}],
-    "earlier firmware": [None],
     "two strips": [TWO_OLD],
 }
 
@@ -182,10 +173,7 @@ BEFORE = {
 @pytest.mark.parametrize("atomic", [False, True], ids=["FAT", "littlefs"])
 def test_a_cut_at_any_step_leaves_the_old_or_the_new(tmp_path, monkeypatch, before, atomic):
     for parts in BEFORE[before]:
-        if parts is None:
-            save_as_before(OLD)
-        else:
-            save(parts)
+        save(parts)
     known = load()[0]
     wanted = TWO_NEW if before == "two strips" else {"settings": ["s"], "layout": ["l", "m"]}
     outcomes = []
@@ -252,30 +240,6 @@ def test_without_any_index_the_defaults_are_used_and_this_is_reported(tmp_path):
     assert fault.endswith("the default settings are used")
     save(NEW)
     assert load() == (NEW, None)
-
-
-def test_files_of_earlier_firmware_are_loaded_and_replaced_by_the_first_save(tmp_path):
-    save_as_before(OLD)
-    os.rename("layout.txt", "layout.txt.old")  # a save of theirs was interrupted
-    (tmp_path / "notes.txt").write_text("the user's own")
-    assert load() == (OLD, None)
-    save(OLD)
-    assert load() == (OLD, None)
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "notes.txt",
-        "saved-a.txt",
-        *(f"{name}-a.txt" for name in NAMES),
-    }
-
-
-def test_damaged_files_of_earlier_firmware_are_told_from_none(tmp_path):
-    save_as_before(OLD)
-    damage(tmp_path / "settings.txt")
-    (tmp_path / "settings.txt.new").write_text("gain")
-    (tmp_path / "settings.txt.old").write_text("gain=3\ncrc 00")
-    with pytest.raises(ValueError, match=r"settings\.txt is damaged"):
-        Store().load("settings")
-    assert Store().load("layout") == OLD["layout"]
 
 
 class Full:

@@ -161,17 +161,21 @@ def layout_lines(data: bytes) -> None:
 
 
 def settings_file(data: bytes) -> None:
-    """File of a save on a board: read completely, or refused with an error."""
+    """Files of a save on a board: read completely, or refused with an error."""
     lines = data.split(b"\n")
     if data.startswith(_SEALED):
         lines[0] = lines[0][1:]
         with contextlib.suppress(UnicodeDecodeError):
             texts = [line for line in data[1:].decode().split("\n") if line]
             lines = [*data[1:].split(b"\n"), b"crc " + settings.checksum(texts).encode(), b""]
-    for name in ("settings.txt", "saved-a.txt"):
-        path = _file(name, b"\n".join(lines))
-        _load_settings()
-        path.unlink()
+    index = _file("saved-a.txt", b"\n".join(lines))
+    _load_settings()
+    part = _file("settings-a.txt", data)
+    texts = ["generation 1", "settings a %08x" % zlib.crc32(data)]
+    index.write_text("\n".join([*texts, "crc " + settings.checksum(texts), ""]))
+    _load_settings()
+    index.unlink()
+    part.unlink()
 
 
 def _load_settings() -> None:

@@ -7,9 +7,6 @@ generation does not use: first the parts that have changed, then the index. So t
 generation is complete until the new index is. It then remains for the case that a newer file is
 damaged; the generation before it is overwritten. No file is renamed, because FAT cannot replace a
 file.
-
-Earlier firmware stored each part in one file, such as ``calibration1.txt``. Without an index, these
-files are loaded; the first save removes them.
 """
 
 import os
@@ -20,7 +17,6 @@ from .settings import checksum
 
 _INDEX = "saved"
 _ENDS = ("a", "b")
-_EARLIER = ("", ".new", ".old")  # ends of the files of earlier firmware, the newest file first
 _CHUNK = const(128)
 _EIO = const(5)
 
@@ -40,7 +36,6 @@ class Store:
         self._number = 0  # counts the generations
         self._end = _ENDS[1]  # of the index
         self._files = {}  # by part: end of the file's name, and checksum of the file
-        self._earlier = False  # whether the files of earlier firmware are used
         indexes, damaged = _indexes()
         for number, end, files in indexes:
             self._number = max(self._number, number)
@@ -54,10 +49,7 @@ class Store:
             files = {name: files[name] for name in files if _is_whole(name, files[name])}
             self._use(end, files, damaged, "the other files are used")
             return
-        self._earlier = True
-        earlier = any(_size(name) for name in os.listdir() if _is_earlier(name))
-        what = "the save before it is" if earlier else "the default settings are"
-        self._use(self._end, {}, damaged, what + " used")
+        self._use(self._end, {}, damaged, "the default settings are used")
 
     def _use(self, end, files, damaged, instead):
         self._end = end
@@ -71,11 +63,8 @@ class Store:
         Raises
         ------
         ValueError
-            If the file cannot be read, or is one of earlier firmware and its copies are damaged,
-            too.
+            If the file cannot be read.
         """
-        if self._earlier:
-            return _earlier_lines(name)
         if name not in self._files:
             return []
         path = _path(name, self._files[name][0])
@@ -106,7 +95,7 @@ class Store:
         try:
             for name, lines in parts:
                 self._put(name, lines, files, written)
-            if written or files != self._files or self.fault or self._earlier:
+            if written or files != self._files or self.fault:
                 self._commit(files, written)
         except OSError:
             for path in reversed(written):  # frees the space; the index first
@@ -138,11 +127,7 @@ class Store:
         self._number += 1
         self._end = end
         self._files = files
-        self._earlier = False
         self.fault = None
-        for name in os.listdir():
-            if _is_earlier(name):
-                _remove(name)
 
 
 def _path(name, end):
@@ -232,24 +217,3 @@ def _sealed_lines(path):
     if not lines or lines.pop() != "crc " + checksum(lines):
         raise ValueError("damaged")
     return lines
-
-
-def _is_earlier(file):
-    """Return whether earlier firmware stored a part in the file of this name."""
-    name = file.replace(".new", "").replace(".old", "")
-    stem = name[:-4].rstrip("0123456789")
-    return name.endswith(".txt") and stem in ("settings", "calibration", "layout")
-
-
-def _earlier_lines(name):
-    damaged = False
-    for end in _EARLIER:
-        path = name + ".txt" + end
-        try:
-            return _sealed_lines(path)
-        except ValueError:
-            # An incomplete new file was never used.
-            damaged = damaged or (end != ".new" and _size(path) > 0)
-    if damaged:
-        raise ValueError("%s.txt is damaged: save again" % name)
-    return []

@@ -32,7 +32,8 @@ USER_FILES = tuple(f"saved-{end}.txt" for end in "ab") + tuple(
     f"{name}{strip}{end}"
     for name in ("settings", "calibration", "layout")
     for strip in ("", *range(1, STRIPS_MAX))
-    for end in ("-a.txt", "-b.txt", ".txt", ".txt.old", ".txt.new")  # see the firmware's `store`
+    # See the firmware's `store`; boards of a checkout may have the others.
+    for end in ("-a.txt", "-b.txt", ".txt", ".txt.old", ".txt.new")
 )
 
 
