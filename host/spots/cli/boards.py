@@ -55,6 +55,33 @@ def flash(parser: Parser):
     return calls("spots.deploy.flash:flash", "board", "port", "dry_run", "strips")
 
 
+def image(parser: Parser):
+    """Write one file that turns a bare board into a SPOTS board: runtime, firmware, layout.
+
+    Copying this file to a board erases the board's settings, calibration and other files. 'spots
+    flash' keeps them.
+
+    examples:
+      spots image pico --runtime RPI_PICO.uf2 --out spots-pico.uf2
+      spots image pico --runtime RPI_PICO.uf2 --out keyboard.uf2 --layout mini
+    """
+    parser.option("board", "BOARD", "a name that 'spots boards' lists")
+    parser.option(
+        "--runtime",
+        "FILE",
+        "MicroPython or CircuitPython for this board, as downloaded: .uf2, or .bin for an ESP32-S3",
+        required=True,
+    )
+    parser.option("--out", "FILE", "file to write, of the same kind", required=True)
+    parser.option(
+        "--layout",
+        "LAYOUT",
+        "key layout: the board is then a keyboard as soon as it has a calibration",
+    )
+    _add_strips(parser)
+    return _image
+
+
 def doctor(parser: Parser):
     """Check a board, its LED and its calibration, and print a remedy for each problem.
 
@@ -192,7 +219,7 @@ def erase(parser: Parser):
     return calls("spots.deploy.erase:erase", "board", "port", "yes")
 
 
-COMMANDS = ports, boards, build, flash, doctor, dark, calibrate, rezero, erase
+COMMANDS = ports, boards, build, flash, image, doctor, dark, calibrate, rezero, erase
 
 
 def _add_strips(parser: Parser) -> None:
@@ -242,3 +269,14 @@ def _build(options: argparse.Namespace) -> None:
     from ..deploy.build import build
 
     print(printable(str(build(options.board, strips=options.strips))))
+
+
+def _image(options: argparse.Namespace) -> None:
+    from ..deploy.image import image
+
+    layout = []
+    if options.layout is not None:
+        from ..keyboard.layout import load
+
+        layout = load(options.layout).lines
+    image(options.board, options.runtime, options.out, options.strips, layout)

@@ -24,7 +24,7 @@ from .staging import ARCHITECTURES, ENTRIES, STRIPS_MAX, Device, device_of, name
 # Name and oldest suitable version of each runtime. MicroPython: the first version in which a
 # program can be a USB keyboard. CircuitPython: the first version whose clock is finer than
 # milliseconds on the RP2040.
-_OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
+OLDEST = {"micropython": ("MicroPython", (1, 23)), "circuitpython": ("CircuitPython", (9, 1))}
 _KEPT = ".before-spots"  # suffix of a user's file whose name the firmware needs
 _PART = ".part"  # suffix of a file while it is written
 # Files that the user's commands stored on the board. `flash` leaves them, `erase` removes them.
@@ -124,7 +124,7 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         raise SpotsError(
             f"{runs}, but {device.name} needs {device.runtime}: install {device.runtime} first"
         )
-    name, oldest = _OLDEST[device.runtime]
+    name, oldest = OLDEST[device.runtime]
     if facts["version"] < oldest:
         version, needed = ".".join(map(str, facts["version"])), ".".join(map(str, oldest))
         raise SpotsError(f"{runs} {version}: install {name} {needed} or newer")

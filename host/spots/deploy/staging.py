@@ -72,6 +72,9 @@ class Device(toml.Strict, kw_only=True):
         to machine code; requires `march`.
     board_id : str or None
         CircuitPython's ID of the board, in boot_out.txt; None for MicroPython.
+    download : str or None
+        Name of MicroPython's build for the board, as in micropython.org/download/RPI_PICO; None for
+        CircuitPython and virtual boards.
     device : dict
         Names and values for board_config.py, including the board's ``NAME``.
     strips : tuple of dict
@@ -87,6 +90,7 @@ class Device(toml.Strict, kw_only=True):
     march: str | None = None
     viper: bool = False
     board_id: str | None = None
+    download: str | None = None
     device: dict
     strips: tuple[dict, ...] = ({},)
     wiring: dict = {}

@@ -1,0 +1,96 @@
+"""``spots image``: one file with a runtime, the firmware and a layout, for a board without either.
+
+The file contains the whole file system of the board, so the board loses what was stored on it.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from .. import atomic
+from ..bounded import read_bytes
+from ..errors import SpotsError
+from .build import build
+from .runtime_files import form_of
+from .staging import Device, device_of
+
+RUNTIME_MAX_BYTES = 64 << 20
+
+# Settings of a board that starts as a keyboard.
+KEYBOARD_SETTINGS = ("keys=1", "baseline=1")
+
+# The firmware's own code writes what `save` would have stored; it uses the current folder.
+_SAVE = """
+import json, sys
+from spots_device.board.store import Store
+Store().save(json.load(sys.stdin))
+"""
+
+
+def image(
+    board: str, runtime: str | Path, out: str | Path, strips: int = 1, layout: list[str] = ()
+) -> None:
+    """Write one file that makes a board with a boot loader into a board with SPOTS.
+
+    Parameters
+    ----------
+    board : str
+        A name that ``spots boards`` lists.
+    runtime : str or Path
+        MicroPython for the board, as downloaded: a ``.uf2``, or a ``.bin`` for an ESP32-S3; or
+        CircuitPython's ``.uf2``.
+    out : str or Path
+        File to write.
+    strips : int
+        Number of strips on the board.
+    layout : list of str
+        Lines of a key layout. If given, the board starts as a keyboard as soon as it has a
+        calibration.
+
+    Raises
+    ------
+    SpotsError
+        If the runtime is not one for this board, or is damaged; if the files do not fit; if the
+        file cannot be written. Nothing is written then.
+    """
+    device = device_of(board, strips)
+    form = form_of(device)
+    out = Path(out)
+    if out.suffix.lower() != form.suffix:
+        raise SpotsError(f"an image for {board} is a {form.suffix} file: change --out {out}")
+    atomic.distinct({"--runtime": Path(runtime), "--out": out})
+    kind = atomic.begins(f"a {form.suffix} file", *form.heads)
+    atomic.check_writable(out, kind)
+    data = compose(device, Path(runtime), strips, layout)
+    with atomic.replacing(out, kind) as file:
+        file.write(data)
+
+
+def compose(device: Device, runtime: Path, strips: int, layout: list[str]) -> bytes:
+    """Return the content of an image; see `image`."""
+    form = form_of(device)
+    try:
+        data = read_bytes(runtime, RUNTIME_MAX_BYTES)
+    except OSError as error:
+        raise SpotsError(
+            f"cannot read {runtime} ({error.strerror}): name {form.source} with --runtime"
+        ) from None
+    if not data.startswith(form.heads):
+        raise SpotsError(f"{runtime} is not {form.source}: download it, and name it with --runtime")
+    with tempfile.TemporaryDirectory() as folder:
+
+        def built() -> Path:
+            files = build(device.name, Path(folder), strips)
+            if layout:
+                _save(files, [("settings", KEYBOARD_SETTINGS), ("layout", layout)])
+            return files
+
+        return form.compose(device, data, str(runtime), built)
+
+
+def _save(folder: Path, parts: list[tuple[str, list[str]]]) -> None:
+    subprocess.run(
+        [sys.executable, "-c", _SAVE], cwd=folder, input=json.dumps(parts), text=True, check=True
+    )
