@@ -3,7 +3,7 @@
 import argparse
 import json
 
-from ..errors import printable
+from ..errors import SpotsError, printable
 from ..link.ports import known
 from . import arguments
 from .parser import Parser, calls
@@ -48,11 +48,19 @@ def flash(parser: Parser):
     examples:
       spots flash pico
       spots flash pico --dry-run
+      spots flash pico --runtime RPI_PICO.uf2
     """
     _add_board(parser)
     parser.flag("--dry-run", "print which files would change, but copy nothing")
+    parser.option(
+        "--runtime",
+        "FILE.uf2",
+        "for a board in its boot loader: copy MicroPython or CircuitPython, as downloaded, and the "
+        "firmware; erases the board",
+    )
+    parser.flag("--yes", "with --runtime: do not ask for a confirmation")
     _add_strips(parser)
-    return calls("spots.deploy.flash:flash", "board", "port", "dry_run", "strips")
+    return _flash
 
 
 def image(parser: Parser):
@@ -269,6 +277,21 @@ def _build(options: argparse.Namespace) -> None:
     from ..deploy.build import build
 
     print(printable(str(build(options.board, strips=options.strips))))
+
+
+def _flash(options: argparse.Namespace) -> None:
+    if options.runtime is None:
+        from ..deploy.flash import flash
+
+        if options.yes:
+            raise SpotsError("--yes has an effect only with --runtime: leave it out")
+        flash(options.board, options.port, options.dry_run, options.strips)
+        return
+    from ..deploy.bootsel import install
+
+    if options.dry_run:
+        raise SpotsError("--dry-run has no effect with --runtime: 'spots image' writes the file")
+    install(options.board, options.runtime, options.port, options.strips, options.yes)
 
 
 def _image(options: argparse.Namespace) -> None:

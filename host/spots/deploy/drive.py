@@ -80,7 +80,12 @@ class Drive(Tree):
 
 
 def drives() -> list[str]:
-    """Return the folders of mounted CircuitPython drives: removable FAT drives with boot_out.txt.
+    """Return the folders of mounted CircuitPython drives; see `removable`."""
+    return removable(_ABOUT)
+
+
+def removable(name: str) -> list[str]:
+    """Return the folders of mounted removable FAT drives that have a file of this name.
 
     Raises
     ------
@@ -98,7 +103,7 @@ def drives() -> list[str]:
         for mounted in psutil.disk_partitions()
         if mounted.fstype.lower() in _FAT
         and _is_removable(mounted)
-        and _is_file(os.path.join(mounted.mountpoint, _ABOUT))
+        and _is_file(os.path.join(mounted.mountpoint, name))
     )
 
 

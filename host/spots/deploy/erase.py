@@ -1,9 +1,7 @@
 """Removes the firmware from a board, with its settings, calibration and layout of keys."""
 
-import sys
-
-from .. import typed_ahead
 from ..errors import SpotsError, printable
+from .confirm import confirm
 from .flash import USER_FILES, Known, remove_folders
 from .manifest import MANIFEST
 from .place import place
@@ -34,7 +32,8 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
     entry = ENTRIES[device.runtime][-1]
     with place(device, port) as there:
         if not yes:
-            _ask(there.name)
+            what = f"the firmware, its settings, calibration and layout from {there.name}"
+            confirm("erase", f"remove {what}?", "nothing was removed")
         with there.open() as target:
             if target.facts["runtime"] != device.runtime:
                 raise SpotsError(
@@ -60,13 +59,3 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
         if changed:
             names = printable(", ".join(changed))
             print(f"these files stay, because they were changed after the flash: {names}")
-
-
-def _ask(port: str) -> None:
-    if not sys.stdin.isatty():
-        raise SpotsError("erase asks for a confirmation: add --yes to run it without a terminal")
-    what = f"the firmware, its settings, calibration and layout from {printable(port)}"
-    typed_ahead.drop()
-    print(f"remove {what}? [y/N] ", end="", flush=True)
-    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise SpotsError("nothing was removed, because the answer was not 'y' or 'yes'")

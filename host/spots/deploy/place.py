@@ -10,6 +10,7 @@ from ..link.board import Board
 from ..link.connect import open as open_board
 from ..link.ports import offered
 from ..link.serial_link import usb_boards, usb_device
+from .boot_drive import boot_drives
 from .drive import Drive, drives
 from .prompt import Prompt
 from .staging import Device
@@ -78,6 +79,11 @@ def the_board() -> list[str]:
         If no board or more than one board is found.
     """
     boards = {ports[0]: ports for ports in usb_boards()}
+    if not boards and (drives := boot_drives()):
+        raise SpotsError(
+            f"the board with the drive {drives[0].folder} is in its boot loader: download its "
+            "MicroPython or CircuitPython, and add --runtime FILE.uf2"
+        )
     return boards[_the_one(list(boards), "board")]
 
 

@@ -1,0 +1,33 @@
+"""Asks before a command removes what a user may have on a board."""
+
+import sys
+
+from .. import typed_ahead
+from ..errors import SpotsError, printable
+
+
+def confirm(command: str, question: str, unchanged: str) -> None:
+    """Ask a question in the terminal; only the answer y or yes lets the command go on.
+
+    Parameters
+    ----------
+    command : str
+        Name of the command, for error messages.
+    question : str
+        The question.
+    unchanged : str
+        What the error message says has not happened.
+
+    Raises
+    ------
+    SpotsError
+        If the answer is another one, or nobody can answer.
+    """
+    if not sys.stdin.isatty():
+        raise SpotsError(
+            f"{command} asks for a confirmation: add --yes to run it without a terminal"
+        )
+    typed_ahead.drop()
+    print(f"{printable(question)} [y/N] ", end="", flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
+        raise SpotsError(f"{unchanged}, because the answer was not 'y' or 'yes'")
