@@ -51,6 +51,10 @@ def about(flash: bytes, base: int) -> About:
     base : int
         Address of its first byte.
 
+    Returns
+    -------
+    About
+
     Raises
     ------
     ValueError

@@ -69,7 +69,28 @@ def image(
 
 
 def compose(device: Device, runtime: Path, strips: int, layout: list[str]) -> bytes:
-    """Return the content of an image; see `image`."""
+    """Return the content of an image.
+
+    Parameters
+    ----------
+    device : Device
+        Description of the board.
+    runtime : Path
+        File of the runtime.
+    strips : int
+        Number of strips on the board.
+    layout : list of str
+        Lines of a key layout; empty for none.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    SpotsError
+        If the runtime is not one for this board, or is damaged; if the files do not fit.
+    """
     form = form_of(device)
     try:
         data = read_bytes(runtime, RUNTIME_MAX_BYTES)

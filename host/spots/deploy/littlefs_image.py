@@ -16,6 +16,11 @@ def file_system(files: dict[str, bytes], size: int, program: int) -> bytes:
     program : int
         Bytes that the runtime writes at once.
 
+    Returns
+    -------
+    bytes
+        Content of the flash.
+
     Raises
     ------
     SpotsError
