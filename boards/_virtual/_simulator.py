@@ -29,6 +29,7 @@ _memory_every = int(os.getenv("SPOTS_MEMORY_EVERY"))
 _looks = 0  # calls of `_report_memory`
 _busy_us = 0  # processor time that the simulator does not know yet
 now_us = 0
+waiting = None  # called when the firmware looks at the clock, if a USB report waits
 
 
 def call(operation, a, b, c, buffer=None):

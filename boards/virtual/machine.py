@@ -82,7 +82,72 @@ class WDT:
 
 
 class USBDevice:
-    """Empty class: its presence shows that the board supports USB; `usb.device` simulates USB."""
+    """The USB device below the simulator's USB host, which takes every interface at once.
+
+    Callbacks come when the firmware looks at the clock, because on a board they come from a task
+    of MicroPython that runs between two bytecodes.
+    """
+
+    class BUILTIN_DEFAULT:
+        """MicroPython's serial port: two interfaces and three endpoints."""
+
+        itf_max = 2
+        ep_max = 3
+        desc_dev = b"\x12\x01\x00\x02\xef\x02\x01\x40\x8a\x2e\x05\x00\x00\x01\x01\x02\x03\x01"
+        desc_cfg = b"\x09\x02\x09\x00\x02\x01\x00\xa0\x7d"  # without those of the serial port
+
+    BUILTIN_NONE = None
+    builtin_driver = None
+    _made = None
+
+    def __new__(cls):
+        if cls._made is None:
+            cls._made = object.__new__(cls)
+            cls._made._pending = []
+        return cls._made
+
+    def active(self, value):
+        _simulator.waiting = None
+        if not value:
+            return
+        if self.builtin_driver is not USBDevice.BUILTIN_DEFAULT:
+            raise SystemExit  # without the built-in driver, the board has no serial port
+        at = 0
+        while at < len(self._configuration):  # every interface that is no part of the serial port
+            size, kind = self._configuration[at], self._configuration[at + 1]
+            if kind == 4:
+                self._opened(memoryview(self._configuration)[at:])
+            at += size
+
+    def config(self, device, configuration, strings, opened, reset, control, transferred):
+        self._configuration, self._opened, self._transferred = configuration, opened, transferred
+        self._pending = []
+
+    def submit_xfer(self, endpoint, data):
+        if endpoint in self._pending:
+            raise OSError(16)
+        self._offer(endpoint, data)
+        self._pending.append(endpoint)
+        _simulator.waiting = self._complete
+        return True
+
+    def _offer(self, endpoint, data):
+        index = (endpoint & 15) - USBDevice.BUILTIN_DEFAULT.ep_max
+        _simulator.call(_protocol.HID, index, len(data), 0, data)
+
+    def _complete(self):
+        for endpoint in self._pending:
+            try:
+                self._offer(endpoint, b"")
+            except OSError as error:
+                if error.errno != _protocol.EAGAIN:
+                    raise
+                continue  # the host has not fetched the report
+            self._pending.remove(endpoint)
+            self._transferred(endpoint, 0, 0)
+            break
+        if not self._pending:
+            _simulator.waiting = None
 
 
 def unique_id():

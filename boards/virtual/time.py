@@ -25,6 +25,8 @@ def ticks_diff(end, start):
 if _simulator.simulated_time:
 
     def ticks_us():
+        if _simulator.waiting:
+            _simulator.waiting()
         return _simulator.now_us
 
 else:
@@ -32,6 +34,8 @@ else:
     _ppm = int(os.getenv("SPOTS_CLOCK_PPM"))
 
     def ticks_us():
+        if _simulator.waiting:
+            _simulator.waiting()
         us = utime.ticks_us()
         return us + us * _ppm // 1_000_000 & (_PERIOD - 1)
 

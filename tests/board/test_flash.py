@@ -77,15 +77,6 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, built, capsys):
     assert files_of(empty) == wanted | own
 
 
-def test_a_board_without_the_library_for_usb_is_told_of_in_a_sentence(empty, capsys):
-    (empty / "usb").mkdir()
-    (empty / "usb" / "__init__.py").write_text("")  # a package without the module `usb.device`
-    with virtual_board(empty) as port:
-        assert main(["flash", "virtual", "--port", port]) == 0
-        command = f"mpremote connect {port} mip install usb-device-hid + reset\n"
-        assert command in capsys.readouterr().out
-
-
 def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, built, capsys):
     wanted = files_of(built("virtual"))
     (empty / "main.py").write_text("print('the one before')")

@@ -335,18 +335,3 @@ def test_a_board_with_too_few_endpoints_says_so_and_stays_on_its_port(plugged, t
     made.settle(0.5)
     touch(made, 4)
     assert reports(made) == typed(FIVE)
-
-
-@micropython
-def test_a_board_without_the_library_says_what_to_install_and_sends_frames(plugged, tmp_path):
-    made = plugged("keys=1")
-    (tmp_path / "usb").mkdir()
-    (tmp_path / "usb" / "__init__.py").write_text("")  # a package without the module `usb.device`
-    made.board.command("reboot")
-    made.settle(0.3)
-    made.press(ZONES_MM[0], 1500)
-    assert keys_of(made.board.frames(0.15)) == [(ONE, True)]
-    (line,) = [line for line in made.board.log if line["log"] == "error"]
-    assert "mpremote mip install usb-device-hid" in line["text"]
-    note = made.board.command("set keys=1")["note"]
-    assert note == line["text"] + "; keys are sent as frames only"

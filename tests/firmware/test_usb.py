@@ -1,12 +1,11 @@
 """The firmware's USB modules for MicroPython and CircuitPython, on substitutes for USB stacks."""
 
+import errno
 import importlib
-import os
 import random
 import struct
 import sys
 import time
-from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from unittest.mock import Mock
 
@@ -25,9 +24,11 @@ from spots_device.reading.frame import Framer, Time32
 REPORT = bytes((0, 0, 30, 0, 0, 0, 0, 0))
 OTHER = bytes((0, 0, 31, 0, 0, 0, 0, 0))
 UP = bytes(8)
-INTERFACE, ENDPOINT = 4, 5  # types of descriptors
+INTERFACE, ENDPOINT, HID = 4, 5, 0x21  # types of descriptors
 SETUP, ACK = 1, 3  # stages of a control transfer
 GET_DESCRIPTOR, GET_REPORT, SET_REPORT = b"\x81\x06", b"\xa1\x01", b"\x21\x09"
+GET_IDLE, SET_IDLE = b"\xa1\x02", b"\x21\x0a"
+GET_PROTOCOL, SET_PROTOCOL = b"\xa1\x03", b"\x21\x0b"
 
 
 def fresh(monkeypatch, name, **modules):
@@ -72,193 +73,80 @@ def ticks(monkeypatch):
     return made
 
 
-class Substitute:
-    """Substitute for the library usb-device-hid, version 0.1 or 0.2, and for a USB host.
+class Host:
+    """A USB host, below a model of MicroPython's `machine.USBDevice`.
 
-    Version 0.2 takes the interval of the endpoint from a parameter that 0.1 refuses. The default of
-    both is 8 ms.
-
-    Parameters
-    ----------
-    accepted : True or None
-        Result of ``send_report`` for an accepted report; None in version 0.1.0.
+    As in extmod/machine_usb_device.c, an endpoint takes a second report only after the host has
+    fetched the first, the configuration changes only while the device is inactive, and the stack
+    reads a report when the host fetches it.
     """
 
-    def __init__(self, monkeypatch, accepted):
-        self.accepted, self.error, self._interfaces = accepted, None, ()
+    def __init__(self, monkeypatch):
         host = self
+        self.error = None
 
-        class HIDInterface:
-            def __init__(self, report_descriptor, set_report_buf=None, protocol=0):
-                self.report_descriptor = report_descriptor
-                self.set_report_buf = set_report_buf
-                self.protocol = protocol
-                self.pending = None
-                self.open = False
+        class USBDevice:
+            BUILTIN_DEFAULT = SimpleNamespace(
+                itf_max=2,
+                ep_max=3,
+                desc_dev=struct.pack(
+                    "<BBHBBBBHHHBBBB", 18, 1, 2, 239, 2, 1, 64, 0, 5, 1, 1, 2, 3, 1
+                ),
+                desc_cfg=bytes((9, 2, 9, 0, 2, 1, 0, 0x80, 125)),
+            )
+            is_active = True
+            builtin_driver = None
 
-            def desc_cfg(self, desc, itf_num, ep_num, strs):
-                boot = 1 if self.protocol else 0
-                desc.pack(bytes((9, 4, itf_num, 0, 1, 3, boot, self.protocol, 0)))
-                length = len(self.report_descriptor)
-                desc.pack(bytes((9, 0x21, 0x11, 1, 0, 1, 0x22, length & 0xFF, length >> 8)))
-                desc.pack(bytes((7, 5, ep_num | 0x80, 3, 8, 0, 8)))
-                self.protocol = 1
+            def __new__(cls):
+                return vars(host).setdefault("device", object.__new__(cls))
 
-            def on_interface_control_xfer(self, stage, request):
-                if stage == SETUP and bytes(request[:2]) == GET_DESCRIPTOR:
-                    return self.report_descriptor
-                if stage == SETUP and bytes(request[:2]) == SET_REPORT:
-                    return self.set_report_buf
-                if stage == ACK and bytes(request[:2]) == SET_REPORT:
-                    self.on_set_report(self.set_report_buf, 0, 2)
-                return True
+            def active(self, value):
+                self.is_active = value
 
-            def is_open(self):
-                return self.open
+            def config(self, device, configuration, strings, *callbacks):
+                assert not self.is_active
+                assert device is USBDevice.BUILTIN_DEFAULT.desc_dev
+                assert strings is None
+                self.whole, self.pending = configuration, {}
+                self.opened, self.reset, self.control, self.transferred = callbacks
 
-            def busy(self):
-                return self.open and self.pending is not None
-
-            def send_report(self, report_data, timeout_ms=100):
-                assert timeout_ms == 0
-                if not self.open or self.busy():
-                    return False
+            def submit_xfer(self, endpoint, data):
                 if host.error:
                     raise host.error
-                self.pending = report_data  # like the USB stack, this makes no copy
-                return host.accepted
+                if endpoint in self.pending:
+                    raise OSError(errno.EBUSY)
+                self.pending[endpoint] = data  # like the USB stack, this makes no copy
+                return True
 
-        self.module = fresh(
-            monkeypatch,
-            "keys.usb_micropython",
-            usb={"device": SimpleNamespace(get=lambda: self)},
-            usb__device={"get": lambda: self},
-            usb__device__hid={"HIDInterface": HIDInterface},
-        )
-
-    def init(self, *interfaces, builtin_driver=False):
-        self.serial, self._interfaces = builtin_driver, interfaces
-        measured = Descriptor(None)
-        for interface in interfaces:
-            interface.desc_cfg(measured, 0, 0, [])
-        written = Descriptor(bytearray(measured.o))
-        for i, interface in enumerate(interfaces):
-            interface.desc_cfg(written, 2 + i, 3 + i, [])
-        self.configuration = bytes(written.b)
-
-    def fail(self, error):
-        self.error = error
-
-    def plug(self):
-        for interface in self._interfaces:
-            interface.open = True
-
-    def poll(self):
-        """Poll the first interface as the host: return and remove the waiting report, or None."""
-        report, self._interfaces[0].pending = self._interfaces[0].pending, None
-        return None if report is None else bytes(report)
-
-    def control(self, stage, index, request, value=0):
-        """Begin or complete a control transfer of an interface; return the library's answer."""
-        packet = request + struct.pack("<HHH", value, 2 + index, 1)
-        return self._interfaces[index].on_interface_control_xfer(stage, packet)
-
-
-class Descriptor:
-    """Substitute for `Descriptor` of usb-device: an interface writes its USB descriptors into it.
-
-    Parameters
-    ----------
-    b : bytearray or None
-        Buffer to write into; None to count the bytes only.
-    """
-
-    def __init__(self, b):
-        self.b = b
-        self.o = 0
-
-    def pack(self, data):
-        if self.b:
-            self.b[self.o : self.o + len(data)] = data
-        self.o += len(data)
-
-
-class Published:
-    """Substitute for a USB host, below the published files of usb-device and usb-device-hid.
-
-    Parameters
-    ----------
-    folder : str
-        Folder with ``usb/device/core.py`` and ``usb/device/hid.py``.
-    """
-
-    class USBDevice:
-        """Substitute for ``machine.USBDevice``, the part of MicroPython below the library."""
-
-        BUILTIN_DEFAULT = SimpleNamespace(
-            itf_max=2,
-            ep_max=3,
-            str_max=5,
-            desc_dev=struct.pack("<BBHBBBBHHHBBBB", 18, 1, 2, 239, 2, 1, 64, 0, 5, 1, 1, 2, 3, 1),
-            desc_cfg=bytes((9, 2, 9, 0, 2, 1, 0, 0x80, 125)),
-        )
-        BUILTIN_NONE = None
-        is_active = True
-
-        def active(self, *value):
-            self.is_active = value[0] if value else self.is_active
-            return self.is_active
-
-        def config(self, *arguments):
-            Published.device, self.arguments, self.pending = self, arguments, {}
-
-        def submit_xfer(self, endpoint, data):
-            if Published.error:
-                raise Published.error
-            self.pending[endpoint] = data
-            return True
-
-    def __init__(self, monkeypatch, folder):
-        Published.error = None
-        package = ModuleType("usb")
-        package.__path__ = [str(Path(folder) / "usb")]
-        monkeypatch.setitem(sys.modules, "usb", package)
-        for name in ("usb.device", "usb.device.core", "usb.device.hid"):
-            monkeypatch.setitem(sys.modules, name, None)  # so that the end of the test removes it
-            del sys.modules[name]
-        self.module = fresh(
-            monkeypatch,
-            "keys.usb_micropython",
-            machine={"USBDevice": self.USBDevice, "idle": lambda: None},
-        )
+        self.kind = USBDevice
+        self.module = fresh(monkeypatch, "keys.usb_micropython", machine={"USBDevice": USBDevice})
 
     @property
     def serial(self):
-        return self.device.builtin_driver is self.USBDevice.BUILTIN_DEFAULT
+        return self.device.builtin_driver is self.kind.BUILTIN_DEFAULT
 
     @property
     def configuration(self):
-        return bytes(self.device.arguments[1])[9:]
-
-    def fail(self, error):
-        Published.error = error
+        return bytes(self.device.whole)[9:]
 
     def plug(self):
         for descriptors in self.configuration.split(b"\x09\x04")[1:]:
-            self.device.arguments[3](b"\x09\x04" + descriptors)
+            self.device.opened(b"\x09\x04" + descriptors)
 
     def poll(self):
+        """Poll the first endpoint with a report: return and remove the report, or None."""
         if not self.device.pending:
             return None
         endpoint, report = next(iter(self.device.pending.items()))
         report = bytes(report)
         del self.device.pending[endpoint]
-        self.device.arguments[6](endpoint, 0, len(report))
+        self.device.transferred(endpoint, 0, len(report))
         return report
 
     def control(self, stage, index, request, value=0):
+        """Begin or complete a control transfer of an interface; return the board's answer."""
         packet = request + struct.pack("<HHH", value, 2 + index, 1)
-        return self.device.arguments[5](stage, packet)
+        return self.device.control(stage, packet)
 
 
 def of_type(kind, configuration):
@@ -271,15 +159,9 @@ def of_type(kind, configuration):
     return found
 
 
-# SPOTS_USB_LIBRARY names folders with published versions of the library.
-FOLDERS = list(filter(None, os.getenv("SPOTS_USB_LIBRARY", "").split(os.pathsep)))
-
-
-@pytest.fixture(params=[None, True, *FOLDERS], ids=str)
-def host(monkeypatch, request):
-    if isinstance(request.param, str):
-        return Published(monkeypatch, request.param)
-    return Substitute(monkeypatch, request.param)
+@pytest.fixture
+def host(monkeypatch):
+    return Host(monkeypatch)
 
 
 def test_micropython_describes_each_interface_as_what_it_is(host):
@@ -288,9 +170,55 @@ def test_micropython_describes_each_interface_as_what_it_is(host):
     assert host.serial
     interfaces = of_type(INTERFACE, host.configuration)
     assert [interface[7] for interface in interfaces] == [1, 0]
+    header = host.device.whole[:9]
+    assert struct.unpack_from("<HB", header, 2) == (len(host.device.whole), 4)
     host.plug()
     reports = [host.control(SETUP, index, GET_DESCRIPTOR, value=0x2200) for index in (0, 1)]
     assert reports == [KEYBOARD_DESCRIPTOR, GAMEPAD_DESCRIPTOR]
+    (described, _) = of_type(HID, host.configuration)
+    assert host.control(SETUP, 0, GET_DESCRIPTOR, value=0x2100) == described
+    assert struct.unpack("<BBHBBBH", described)[6] == len(KEYBOARD_DESCRIPTOR)
+
+
+def test_micropython_answers_every_request_of_the_hid_class(host):
+    host.module.open_interfaces(["keyboard", "gamepad"], None)
+    host.plug()
+    assert bytes(host.control(SETUP, 1, GET_PROTOCOL)) == b"\x01"
+    assert host.control(SETUP, 1, SET_PROTOCOL, value=0) is True
+    assert host.control(ACK, 1, SET_PROTOCOL, value=0) is True
+    assert bytes(host.control(SETUP, 1, GET_PROTOCOL)) == b"\x00"
+    assert bytes(host.control(SETUP, 0, GET_PROTOCOL)) == b"\x01"  # that of its own
+    host.plug()
+    assert bytes(host.control(SETUP, 1, GET_PROTOCOL)) == b"\x01"  # HID 1.11, section 7.2.6
+    assert host.control(SETUP, 0, SET_IDLE, value=0x1900) is True
+    assert host.control(ACK, 0, SET_IDLE, value=0x1900) is True
+    assert bytes(host.control(SETUP, 0, GET_IDLE)) == b"\x19"
+    for unknown in (b"\x81\x0a", b"\x21\x01", b"\x41\x09"):
+        assert host.control(SETUP, 0, unknown) is False
+    assert host.control(SETUP, 0, GET_DESCRIPTOR, value=0x2300) is False
+    assert host.control(SETUP, 7, GET_DESCRIPTOR, value=0x2200) is False
+
+
+def test_micropython_forgets_its_report_when_the_bus_is_reset(awake):
+    send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
+    awake.plug()
+    awake.sleeps = True
+    assert send(UP)
+    assert not send(UP)
+    awake.device.reset()
+    awake.device.pending.clear()
+    assert not send(UP)  # until the host has chosen the configuration again
+    awake.plug()
+    assert send(UP)
+
+
+def test_micropython_survives_a_stack_that_refuses(awake):
+    send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
+    awake.plug()
+    awake.error = OSError(errno.EINVAL)
+    assert not send(UP)
+    awake.error = None
+    assert send(UP)
 
 
 def test_micropython_lets_the_host_poll_every_millisecond(host):
@@ -696,16 +624,18 @@ def test_micropython_sends_after_minutes_without_a_frame(serial, minutes):
 def test_micropython_is_no_usb_device_where_its_reports_would_be_empty(monkeypatch):
     machine = {"USBDevice": None}
     module = fresh(monkeypatch, "board.micropython", micropython={}, machine=machine)
-    monkeypatch.setitem(sys.modules, "spots_device.keys.usb_micropython", None)  # not installed
-    for platform, version, why in (
-        ("esp32", (1, 26, 1), "1.26 sends empty reports"),
-        ("esp32", (1, 27, 0), "library for USB is missing"),
-        ("rp2", (1, 26, 1), "library for USB is missing"),
-    ):
-        implementation = SimpleNamespace(version=version)
-        module.sys = SimpleNamespace(platform=platform, implementation=implementation)
-        with pytest.raises(OSError, match=why):
-            module.MachineUsb(SimpleNamespace()).open(["keyboard"])
+    implementation = SimpleNamespace(version=(1, 26, 1))
+    module.sys = SimpleNamespace(platform="esp32", implementation=implementation)
+    with pytest.raises(OSError, match=r"1\.26 sends empty reports"):
+        module.MachineUsb(SimpleNamespace()).open(["keyboard"])
+
+
+@pytest.mark.parametrize(("platform", "version"), [("esp32", (1, 27, 0)), ("rp2", (1, 26, 1))])
+def test_micropython_is_a_usb_device_elsewhere(monkeypatch, host, platform, version):
+    module = fresh(monkeypatch, "board.micropython", micropython={}, machine={"USBDevice": None})
+    implementation = SimpleNamespace(version=version)
+    module.sys = SimpleNamespace(platform=platform, implementation=implementation)
+    assert list(module.MachineUsb(SimpleNamespace()).open(["keyboard"])) == ["keyboard"]
 
 
 class Pin:
@@ -728,14 +658,6 @@ def test_micropython_lights_the_boards_led_at_caps_lock(monkeypatch, level):
         usb._show_leds(leds)
         assert (Pin.made.level == level) == lit
     module.MachineUsb(SimpleNamespace())._show_leds(2)  # a board without an LED
-
-
-@pytest.mark.parametrize("error", [OSError, RuntimeError])
-def test_micropython_whose_host_goes_away_in_between_has_not_sent(host, error):
-    send = host.module.open_interfaces(["keyboard"], None)["keyboard"]
-    host.plug()
-    host.fail(error)
-    assert not send(REPORT)
 
 
 class Device:

@@ -60,12 +60,8 @@ class MachineUsb:
                 "USB of this board has no room for %s: switch keys or gamepad off, save and reboot"
                 % " and ".join(names)
             )
-        try:
-            from ..keys.usb_micropython import open_interfaces
-        except ImportError:
-            raise OSError(
-                "the library for USB is missing: run mpremote mip install usb-device-hid + reset"
-            )
+        from ..keys.usb_micropython import open_interfaces
+
         return open_interfaces(names, self._show_leds)
 
     def _show_leds(self, leds):

@@ -1,4 +1,7 @@
-"""USB reports through MicroPython's library usb-device-hid, which the board must have.
+"""USB HID interfaces beside MicroPython's serial port, on `machine.USBDevice`.
+
+Sources: USB 2.0 specification, chapter 9; Device Class Definition for HID 1.11 ("HID 1.11");
+MicroPython's documentation of `machine.USBDevice`.
 
 The USB stack stores an accepted report until the host fetches it, even while the host sleeps, and
 MicroPython does not know whether the host sleeps. A key that is typed meanwhile must not be
@@ -7,10 +10,10 @@ fetched another report. If there is none, the last report is sent again first: i
 so it may wait for the host.
 """
 
+import struct
 from time import sleep_us, ticks_add, ticks_diff, ticks_us
 
-import usb.device
-from usb.device.hid import HIDInterface
+from machine import USBDevice
 
 from .. import const
 from .reports import (
@@ -22,84 +25,168 @@ from .reports import (
     is_pressed,
 )
 
-_NONE = const(0)  # boot protocols of an interface, HID 1.11, section 4.3
-_KEYBOARD = const(1)
-_SETUP = const(1)  # stage of a control transfer
-_GET_REPORT = (0xA1, 1)  # bmRequestType, bRequest
+_NO_BOOT = const(0)  # boot protocols of an interface, HID 1.11, section 4.3
+_BOOT_KEYBOARD = const(1)
+_IN = const(0x80)  # direction of an endpoint, as a part of its address
 _INTERVAL_MS = const(1)  # between two polls of an endpoint by the host
+_PACKET = const(8)  # largest size of a report in bytes
+_HID = const(0x21)  # types of descriptors, HID 1.11, section 7.1
+_REPORT = const(0x22)
+_REPORT_PROTOCOL = b"\x01"  # the host's choice after a connection, HID 1.11, section 7.2.6
+
+# Stages of a control transfer.
+_SETUP = const(1)
+_ACK = const(3)
+# bmRequestType << 8 | bRequest, HID 1.11, sections 7.1 and 7.2.
+_GET_DESCRIPTOR = const(0x8106)
+_GET_REPORT = const(0xA101)
+_GET_IDLE = const(0xA102)
+_GET_PROTOCOL = const(0xA103)
+_SET_REPORT = const(0x2109)
+_SET_IDLE = const(0x210A)
+_SET_PROTOCOL = const(0x210B)
+
 # A host is awake for this time after the start of a report that it has fetched.
 _AWAKE_US = const(20_000)
 _FETCH_US = const(3_000)  # longest wait for the host to fetch the repeated report
 _STEP_US = const(100)
 
 _INTERFACES = {
-    "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE, _KEYBOARD),
-    "consumer": (CONSUMER_DESCRIPTOR, CONSUMER_SIZE, _NONE),
-    "gamepad": (GAMEPAD_DESCRIPTOR, REPORT_SIZE, _NONE),
+    "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE, _BOOT_KEYBOARD),
+    "consumer": (CONSUMER_DESCRIPTOR, CONSUMER_SIZE, _NO_BOOT),
+    "gamepad": (GAMEPAD_DESCRIPTOR, REPORT_SIZE, _NO_BOOT),
 }
 
 
-class _Reports(HIDInterface):
-    def __init__(self, show_leds, descriptor, size, protocol):
-        # Hosts set the LEDs of a keyboard, and some cannot handle a refusal.
-        super().__init__(descriptor, set_report_buf=bytearray(1), protocol=protocol)
+class _Interface:
+    """An interface of one endpoint, from which the host fetches reports.
+
+    The device's callbacks set the attributes; they run between two bytecodes of the main program.
+    """
+
+    def __init__(self, device, number, endpoint, kind, show_leds):
+        self._device = device
         self._show_leds = show_leds
-        self._described_as = protocol
+        self._descriptor, size, boot = kind
+        self.number = number
+        self.endpoint = endpoint
+        self.is_open = self.is_busy = False
         # The USB stack reads this buffer until the host has the report.
         self._report = bytearray(size)
+        self._leds = bytearray(1)
+        self._idle = bytearray(1)  # stored for the host only: an unchanged report is not repeated
+        self._protocol = bytearray(_REPORT_PROTOCOL)
         self._offered = ticks_add(ticks_us(), -_AWAKE_US)
+        self._hid = struct.pack("<BBHBBBH", 9, _HID, 0x0111, 0, 1, _REPORT, len(self._descriptor))
+        self.descriptors = (
+            bytes((9, 4, number, 0, 1, 3, 1 if boot else 0, boot, 0))
+            + self._hid
+            + struct.pack("<BBBBHB", 7, 5, endpoint, 3, _PACKET, _INTERVAL_MS)
+        )
 
-    def desc_cfg(self, desc, itf_num, ep_num, strs):
-        # The library calls this twice and stores the active protocol in `protocol` in between.
-        # Without this line, the second call would describe every interface as a boot keyboard.
-        self.protocol = self._described_as
-        super().desc_cfg(desc, itf_num, ep_num, strs)
-        # bInterval is the last byte of the last descriptor. The library has no option for it
-        # before version 0.2. The first call has no buffer.
-        if desc.b:
-            desc.b[desc.o - 1] = _INTERVAL_MS
+    def close(self):
+        """Forget the transfers, which a reset of the bus has ended."""
+        self.is_open = self.is_busy = False
 
-    def on_interface_control_xfer(self, stage, request):
-        if stage == _SETUP and (request[0], request[1]) == _GET_REPORT:
-            return self._report  # the library would print a message into the stream of frames
-        return super().on_interface_control_xfer(stage, request)
+    def open(self):
+        """Expect reports: the host has chosen the configuration."""
+        self.is_open = True
+        self.is_busy = False
+        self._protocol[:] = _REPORT_PROTOCOL
 
-    def on_set_report(self, report_data, report_id, report_type):
-        self._show_leds(report_data[0])
-        return True
+    def answer(self, request, value):
+        """Return the answer to a control request: a buffer to send or to fill, True or False."""
+        if request == _GET_DESCRIPTOR:
+            kind = value >> 8
+            return self._descriptor if kind == _REPORT else self._hid if kind == _HID else False
+        if request == _GET_REPORT:
+            return self._report
+        if request == _SET_REPORT:  # hosts set LEDs, and some cannot handle a refusal
+            return self._leds
+        if request == _GET_IDLE:
+            return self._idle
+        if request == _GET_PROTOCOL:
+            return self._protocol
+        return request in (_SET_IDLE, _SET_PROTOCOL)
+
+    def complete(self, request, value):
+        """Carry out a control request, whose data have arrived."""
+        if request == _SET_REPORT:
+            self._show_leds(self._leds[0])
+        elif request == _SET_IDLE:
+            self._idle[0] = value >> 8
+        elif request == _SET_PROTOCOL:  # the boot report of the keyboard is its report
+            self._protocol[0] = value & 1
 
     def send(self, report):
         """Offer a report to the USB stack; return whether it was accepted.
 
         Waits for 3 ms at most, and only before the first press after a pause.
         """
-        if not self.is_open() or self.busy():
+        now = ticks_us()
+        if not self.is_open or self.is_busy:
             return False
-        if is_pressed(report) and not self._is_host_awake():
+        if is_pressed(report) and not self._is_host_awake(now):
             return False
         for i in range(len(report)):
             self._report[i] = report[i]
         return self._offer()
 
-    def _is_host_awake(self):
-        began = ticks_us()
+    def _is_host_awake(self, began):
         if 0 <= ticks_diff(began, self._offered) < _AWAKE_US:
             return True
         if not self._offer():
             return False
-        while self.busy():
+        while self.is_busy:
             if ticks_diff(ticks_us(), began) >= _FETCH_US:
                 return False
             sleep_us(_STEP_US)
-        return True
+        return self.is_open
 
     def _offer(self):
         self._offered = ticks_us()
+        self.is_busy = True  # first: the host may have the report before the call returns
         try:
-            # Version 0.1.0 of the library returns None for an accepted report.
-            return self.send_report(self._report, 0) is not False
-        except (OSError, RuntimeError):  # disconnected since `is_open`
-            return False
+            if self._device.submit_xfer(self.endpoint, self._report):
+                return True
+        except OSError:  # disconnected since the last callback
+            pass
+        self.is_busy = False
+        return False
+
+
+class _Callbacks:
+    """Distributes the callbacks of the USB device among its interfaces."""
+
+    def __init__(self, interfaces):
+        self._interfaces = interfaces
+
+    def opened(self, descriptors):
+        for one in self._interfaces:
+            if one.number == descriptors[2]:
+                one.open()
+
+    def reset(self):
+        for one in self._interfaces:
+            one.close()
+
+    def control(self, stage, packet):
+        request = packet[0] << 8 | packet[1]
+        value = packet[2] | packet[3] << 8
+        for one in self._interfaces:
+            if one.number == packet[4]:
+                if stage == _SETUP:
+                    return one.answer(request, value)
+                if stage == _ACK:
+                    one.complete(request, value)
+                return True
+        return False
+
+    def transferred(self, endpoint, result, size):
+        for one in self._interfaces:
+            if one.endpoint == endpoint:
+                one.is_busy = False
+        return True
 
 
 def open_interfaces(names, show_leds):
@@ -119,7 +206,31 @@ def open_interfaces(names, show_leds):
     dict
         For the name of each interface, the function ``send(report) -> bool``.
     """
-    interfaces = {name: _Reports(show_leds, *_INTERFACES[name]) for name in names}
+    device = USBDevice()
     # Without the built-in driver there would be no serial port, and no prompt.
-    usb.device.get().init(*[interfaces[name] for name in names], builtin_driver=True)
-    return {name: interfaces[name].send for name in names}
+    serial = USBDevice.BUILTIN_DEFAULT
+    interfaces = []
+    configuration = bytearray(serial.desc_cfg)
+    for i in range(len(names)):
+        number, endpoint = serial.itf_max + i, serial.ep_max + i | _IN
+        one = _Interface(device, number, endpoint, _INTERFACES[names[i]], show_leds)
+        interfaces.append(one)
+        configuration += one.descriptors
+    # wTotalLength and bNumInterfaces, USB 2.0, section 9.6.3
+    configuration[2] = len(configuration) & 0xFF
+    configuration[3] = len(configuration) >> 8
+    configuration[4] = serial.itf_max + len(names)
+    callbacks = _Callbacks(interfaces)
+    device.active(False)
+    device.builtin_driver = serial
+    device.config(
+        serial.desc_dev,
+        configuration,
+        None,  # the built-in texts
+        callbacks.opened,
+        callbacks.reset,
+        callbacks.control,
+        callbacks.transferred,
+    )
+    device.active(True)
+    return {name: one.send for name, one in zip(names, interfaces)}

@@ -95,7 +95,6 @@ def flash(board: str, port: str | None = None, dry_run: bool = False, strips: in
                 _show(plan, files, there.name)
                 return
             carry_out(plan, files, target)
-            _report_library(device, target)
             target.reset()
         _greet(there)
 
@@ -334,15 +333,6 @@ def _show(plan: Plan, files: dict[str, bytes], port: str) -> None:
     print(
         f"{len(plan.copy)} files to copy to {printable(port)}" if plan.copy else "nothing to copy"
     )
-
-
-def _report_library(device: Device, target: Prompt | Drive) -> None:
-    built_in = device.runtime == "circuitpython"
-    if device.device["USB_HID"] and not built_in and not target.has("usb.device.hid"):
-        print(
-            "to be a USB keyboard or gamepad, this board also needs: "
-            f"mpremote connect {printable(target.port)} mip install usb-device-hid + reset"
-        )
 
 
 def _greet(there: Place) -> None:

@@ -125,11 +125,6 @@ class Prompt:
         with self._explained():
             return self._transport.exec(program).decode()
 
-    def has(self, module: str) -> bool:
-        """Return whether the board can import a module."""
-        program = f"try:\n import {module}\n print(True)\nexcept ImportError:\n print(False)"
-        return ast.literal_eval(self.run(program))
-
     def files(self, paths: Iterable[str]) -> dict[str, int]:
         """Return the size in bytes of each file in `paths` that exists, by its path."""
         asked, found = list(paths), {}

@@ -1,1 +1,0 @@
-"""Package ``usb`` of the virtual board; replaces MicroPython's library ``usb-device``."""
