@@ -43,7 +43,8 @@ def test_the_board_comes_back(seen, calibration):
         assert board.port == str(seen.path)
         assert board.command("hello") == board.info
         with pytest.raises(
-            spots.SpotsError, match=r"cannot send 'save': .*run.spots is a recording"
+            spots.SpotsError,
+            match=r"'save' needs a connected board, but .*run.spots is a recording",
         ):
             board.command("save")
 

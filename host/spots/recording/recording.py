@@ -111,12 +111,13 @@ class Recording:
         self.end_s = header.host_s + 1e-6 * note.since_us
         if "clock" in note.content:
             self._clock = _noted(path, note.content["clock"])
-        self.joined |= self._ended and bool(note.content)
-        self._ended |= note.content.get("end") is True
+        self.joined |= self._ended_in == path and bool(note.content)
+        if note.content.get("end") is True:
+            self._ended_in = path
 
     @property
     def complete(self) -> bool:
-        return self._ended and not self.joined
+        return self._ended_in is not None and not self.joined
 
     @property
     def doubts(self) -> list[str]:
@@ -124,7 +125,7 @@ class Recording:
         stats, doubts = self.stats, []
         if self.joined:
             doubts.append("data follows its end mark: two recordings were joined")
-        elif not self._ended:
+        elif self._ended_in is None:
             doubts.append("it has no end mark: it was cut off, or is still being recorded")
         if stats.bad_crc:
             doubts.append(f"{stats.bad_crc} of its frames are damaged")
@@ -144,7 +145,8 @@ class Recording:
         self._decoder = Decoder()
         self.notes = self.cut_bytes = self.read_bytes = 0
         self.end_s = self.header.host_s
-        self._ended = self.joined = False
+        self._ended_in: Path | None = None  # a Ctrl-C may leave a later file with a header only
+        self.joined = False
 
 
 def _clock_map(known: Clock) -> ClockMap:
