@@ -68,7 +68,7 @@ class BoardSettings:
     def __init__(self, board):
         self._board = board
         self.led_max_mA = board.LED_MAX_MA
-        self.values = {name: limits[2] for name, limits in LIMITS.items()}
+        self.values = {name: default for name, (_, _, default) in LIMITS.items()}
         self.values["plan"] = DEFAULT_PLAN
         self.values["dark"] = []
         self.values["led"] = "ldr"

@@ -19,6 +19,7 @@ _INDEX = "saved"
 _ENDS = ("a", "b")
 _CHUNK = const(128)
 _EIO = const(5)
+_STAT_SIZE = const(6)  # index in the result of `os.stat`
 
 
 class Store:
@@ -195,7 +196,7 @@ def _remove(path):
 
 def _size(path):
     try:
-        return os.stat(path)[6]
+        return os.stat(path)[_STAT_SIZE]
     except OSError:
         return 0
 

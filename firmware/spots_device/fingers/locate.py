@@ -11,6 +11,7 @@ from ..reading.log2 import log2_q20
 from . import state as c
 
 _solved = array("i", bytes(16))
+_AWAY_UM, _LOST, _RATIO, _OTHER = range(4)  # its indices, see `solve`
 
 
 def power(exponent):
@@ -64,10 +65,10 @@ def solve(found, decay, off_um, alone, brightness):
         away_um += step_um
         if not step_um + 64 >> 7:
             break
-    found[0] = away_um
-    found[1] = lost
-    found[2] = ratio
-    found[3] = other
+    found[_AWAY_UM] = away_um
+    found[_LOST] = lost
+    found[_RATIO] = ratio
+    found[_OTHER] = other
     return True
 
 
@@ -90,8 +91,9 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
     Parameters
     ----------
     found : array.array
-        Output, ``array("i")``: position of the second finger in um, uncertainty of this position in
-        um, and brightness of the second finger in Q20 of log2.
+        Output, ``array("i")``, at the indices `state.FOUND_UM`, `FOUND_SLACK_UM` and `FOUND_B`:
+        position of the second finger in um, uncertainty of this position in um, and brightness of
+        the second finger in Q20 of log2.
     decay : int
         Decay of the light by the dye (k in second.py) in log2 units per um, times 2**24. This
         integer is at most 1000.
@@ -116,9 +118,9 @@ def locate(found, decay, x1_um, first, x_um, brightness, fits, noise_um):
         room = c.LOSS_FIT - lost if fits else lost - c.LOSS_MISFIT
     if apart_um < c.APART_UM or apart_um >> c.FAR_LOG2 or room < 0:
         return False
-    found[0] = x1_um + away_um
-    found[1] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
-    found[2] = log2_q20(other) - (4 << 20)
+    found[c.FOUND_UM] = x1_um + away_um
+    found[c.FOUND_SLACK_UM] = (noise_um * (1024 + ratio) >> 10) + (apart_um >> 5) * lever // 540
+    found[c.FOUND_B] = log2_q20(other) - (4 << 20)
     return True
 
 

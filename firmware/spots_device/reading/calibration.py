@@ -412,7 +412,8 @@ def _check_strains(strains, segments):
         raise CalibrationError("the values of 'strain' must ascend from 0")
     if ppm[-1] > STRAIN_MAX_PPM:
         raise CalibrationError("'strain' must be at most %d" % STRAIN_MAX_PPM)
-    sizes = list(map(len, strains[0][2]))
+    _, _, first = strains[0]
+    sizes = list(map(len, first))
     for _, bounds, tables in strains:
         if len(tables) != len(segments) or not segments:
             raise CalibrationError("each 'strain' needs one 'from' for each 'segment'")
@@ -445,9 +446,10 @@ def _between(strains, strain_ppm):
     i = 0
     while i < last and strains[i + 1][0] <= strain_ppm:
         i += 1
-    if strains[i][0] == strain_ppm:
-        return strains[i][1], strains[i][2]
-    (low, bounds_a, tables_a), (high, bounds_b, tables_b) = strains[i], strains[i + 1]
+    low, bounds_a, tables_a = strains[i]
+    if low == strain_ppm:
+        return bounds_a, tables_a
+    high, bounds_b, tables_b = strains[i + 1]
     share = ((strain_ppm - low) << _STRAIN_Q) // (high - low)
 
     def mix(a, b):

@@ -79,6 +79,7 @@ _START_US = const(20_000)
 _AGAIN_US = const(500)  # wait after a failed transfer
 # First registers of the pairs of registers that `check` reads back.
 _CHECKED = (_ENABLE, _CFG0, _ASTEP)
+_WRITTEN_ENABLE, _WRITTEN_ATIME = range(2)  # indices of the values written to these registers
 
 
 class SensorError(Exception):
@@ -194,7 +195,7 @@ class AS7341:
         self._written = bytearray((_PON, atime, 0, gain, astep & 0xFF, astep >> 8))
         for _ in _CHECKED:
             self.check()  # this also checks that the SMUX command is complete
-        self._written[0] = _PON | _SP_EN
+        self._written[_WRITTEN_ENABLE] = _PON | _SP_EN
         if self.led != "ldr":
             self._light(False)  # the breakout's own LED, which may have been on
         self.switch_led(True)
@@ -218,7 +219,7 @@ class AS7341:
         """
         pacing = self.pacing
         expected_us = pacing.sampled * self.exposure_us
-        step_us = pacing.sampled * _STEP_US * (self._written[1] + 1)
+        step_us = pacing.sampled * _STEP_US * (self._written[_WRITTEN_ATIME] + 1)
         return not pacing.lasted_us - step_us <= expected_us <= pacing.longest_us + step_us
 
     def stop(self):
@@ -294,7 +295,7 @@ class AS7341:
             self.complete = self.pacing.held(self.asked, self.known, 1)
         self.waits = waits - 1
         self.saturated = unpack(self.burst, self.counts, self.at) >= self.full_scale
-        if self.burst[1] >= _ASAT:
+        if self.burst[c.ASTATUS_AT] >= _ASAT:
             self.saturated = True
         self.at += c.SAMPLE_SIZE
         if not self.steady:

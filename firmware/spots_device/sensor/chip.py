@@ -9,9 +9,11 @@ FDATA = 0xFE  # entries of the FIFO
 AINT = 0x08  # in STATUS: a sample is complete
 FIFO_CLR = 0x02  # in CONTROL: empties the FIFO
 
-# Indices of `AS7341.burst`: STATUS, ASTATUS, six counts; level of the FIFO; samples of the FIFO.
-COUNTS = 2
-LEVEL = 14
+# Indices of `AS7341.burst`.
+STATUS_AT = 0
+ASTATUS_AT = 1
+COUNTS = 2  # six counts
+LEVEL = 14  # level of the FIFO
 OLDEST = 15  # a sample that is read together with the level
 FIFO_DATA = 27  # the samples of a second transfer
 

@@ -87,7 +87,7 @@ class Fifo:
         level //= c.ENTRIES
         if not level:
             # The FIFO does not contain ASTATUS. A poll that is early has time to read it.
-            sensor.burst[1] = sensor.read_byte(c.ASTATUS)
+            sensor.burst[c.ASTATUS_AT] = sensor.read_byte(c.ASTATUS)
         elif level > sure:
             self._odd = _BROKEN  # unless the transfer succeeds
             sensor.burst[_HIGH] = c.UNREAD

@@ -64,11 +64,11 @@ class Registers:
         """
         sensor = self._sensor
         burst = sensor.burst
-        burst[0] = c.UNREAD
+        burst[c.STATUS_AT] = c.UNREAD
         sensor.bus.read_into(ADDRESS, c.STATUS, self._status)
-        if not burst[0] & c.AINT:
+        if not burst[c.STATUS_AT] & c.AINT:
             return False
-        if burst[0] == c.UNREAD:
+        if burst[c.STATUS_AT] == c.UNREAD:
             raise OSError(EIO)
         sensor.write(c.STATUS, c.AINT)
         return True
