@@ -9,7 +9,7 @@ PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
 FAST := tests/test_*.py tests/firmware tests/sim tests/referee
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test test-fast browser lint bench soak fuzz build flash erase doctor pictures paper clean
+.PHONY: help demo test test-fast browser lint bench soak fuzz release build flash erase doctor pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -26,6 +26,7 @@ help:
 	@echo 'make doctor    check a board, and print a remedy for each problem        PORT='
 	@echo 'make pictures  draw the pictures and screenshots of the documents again'
 	@echo 'make paper     measure again, and write docs/paper.md, fivebar.md and applications.md'
+	@echo 'make release   write wheel, sdist, boards and hashes to dist             ARGS="dist --runtime pico=RPI_PICO.uf2"'
 	@echo 'make clean     remove .venv and all built files'
 
 demo: .venv/demo
@@ -45,11 +46,16 @@ test-fast: .venv/test
 browser: .venv/test
 	@$(BIN)/python tests/web/bring_browser.py
 
-lint: .venv/test
+lint: .venv/test tests/wasm/node_modules
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/python -m pytest -p no:xdist tests/test_docstrings.py tests/test_links.py
 	@$(BIN)/pyright
+	@$(BIN)/zizmor --offline --no-progress --quiet .github/workflows
+	@PATH="$(CURDIR)/$(BIN):$$PATH" node tests/wasm/lint_workflows.mjs .github/workflows/*.yml
+
+release: .venv/test
+	@$(BIN)/python tools/release.py $(ARGS)
 
 bench: .venv/test
 	@$(BIN)/python tests/bench $(ARGS)
