@@ -392,7 +392,7 @@ def _check_table(name, knots):
         if a[1] == b[1] or (b[1] > a[1]) != rises:
             raise CalibrationError("the table of '%s' is not monotone" % name)
         if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
-            raise CalibrationError("the knots of '%s' lie too far apart: add knots" % name)
+            raise CalibrationError("the knots of '%s' lie too far apart: use a paler dye" % name)
 
 
 def _check_cross(forces, strains):
