@@ -1,4 +1,4 @@
-"""Writes docs/applications.md: errors of keyboard and controller, on two simulated strips."""
+"""Writes docs/applications.md: errors of keyboard and controller, on three simulated strips."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ STRIPS = (
     ("imperfect strip, not re-zeroed", "real", False, True),
     ("imperfect strip, re-zeroed", "real", True, True),
     ("imperfect strip, re-zeroed, LED cold", "real", True, False),
+    ("strip made at home, re-zeroed", "first", True, True),
 )
 WORDS_PER_MIN = (60, 100)
 # Nobody has tuned the firmware with these seeds. Use others to tune it.
@@ -44,15 +45,17 @@ FINGERS = (
     ("two fingers at the same time, 9 to 60 mm apart", None, {}),
 )
 _SECONDS = 10.0
-_TEXT = """# Typing and controller, on the ideal and on the imperfect strip
+_TEXT = """# Typing and controller, on the ideal strip and on others
 
-This document compares the errors of typing and of the game controller on two simulated strips.
+This document compares the errors of typing and of the game controller on three simulated strips.
 `make paper` writes this document, and measures all numbers. The ideal strip (sensor file `default`)
 has not changed since its calibration. The imperfect strip (sensor file `real`) has the faults of a
 physical strip: it has aged and warmed up since its calibration, and is under a lamp. These changes
 cause drift: wrong positions ([drift.md](drift.md)). A re-zero corrects the drift with presses at
 known positions (the marks). For this table each mark was pressed one time, after the LED had warmed
-up. The last column is measured after power-on, while the LED warms up.
+up. The column "LED cold" is measured after power-on, while the LED warms up. The strip made at home
+(sensor file `first`) has the effects that such a strip probably has, such as dust and uneven dye,
+at assumed sizes ([simulation.md](simulation.md)).
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
 10 ms: {all} touches. The statistics of these touches are from publications, which

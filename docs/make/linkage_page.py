@@ -34,6 +34,7 @@ STRIPS = {
     "ideal strips": ("default", {}),
     "imperfect strips, not re-zeroed": ("real", {"misfits": True}),
     "imperfect strips, re-zeroed": ("real", {"rezeroed": True}),
+    "strips made at home": ("first", {}),
 }
 SEEDS = range(5)
 # Seeds of the surveys with both strips on one board, which cover only the workspace.
@@ -270,7 +271,8 @@ number includes all errors of a real mechanism, such as bearings and bending bar
 mechanism has only backlash and wrong lengths.
 
 Ideal strips are those of the sensor file `default`; imperfect strips are those of `real`, which
-[applications.md](applications.md) describes. All LEDs have warmed up. A re-zero
+[applications.md](applications.md) describes, and strips made at home are those of `first`. All LEDs
+have warmed up. A re-zero
 (`spots rezero --joint`, [drift.md](drift.md#joints)) corrects the calibration of an imperfect strip
 at three angles of the joint. Without a re-zero, many readings do not fit the calibration. An
 encoder normally ignores these readings; for this table it used them. A kinematic calibration also

@@ -25,10 +25,15 @@ contain the duration of a reading, which the paper does not state. The **imperfe
 file `real`) is simulated, too: it has aged and warmed up since its calibration, and is under a
 lamp. Then it was re-zeroed: its calibration was corrected with one press at each of three marks,
 while the strip was on a kitchen scale ([drift.md](drift.md)). The board compensates the creep and
-the hysteresis of this strip's silicone ([calibration.md](calibration.md#silicone)). In the tests of
-the force, the force rises from 0.6 to 9.5 N and falls again.
+the hysteresis of this strip's silicone ([calibration.md](calibration.md#silicone)). The **strip
+made at home** (sensor file `first`) is simulated, too. It has the effects that such a strip
+probably has, such as dust and uneven dye, at assumed sizes ([simulation.md](simulation.md)). An
+indenter calibrated it; then a finger re-zeroed it and pressed it. In the tests of the force, the
+force rises from 0.6 to 9.5 N and falls again.
 
 """
+# Name of the columns of each sensor file.
+_STRIPS = {"default": "ours", "real": "imperfect strip", "first": "strip made at home"}
 _PICTURES = {
     "position": "Response along the strip, and its deviation from a straight line.",
     "resolution": "Resolution, accuracy and scatter, and the Cramer-Rao bound of the scatter.",
@@ -46,7 +51,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
     Parameters
     ----------
     runs : list of Run
-        Results of the default strip for each exposure, then those of the sensor file `real`.
+        Results of the default strip for each exposure, then those of the other sensor files.
     departures_um : list of float
         Results of `family.departure_um` for the default strip, for each exposure.
 
@@ -202,15 +207,15 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
     """
     lines = [_HEAD.format(length_mm=length_mm, seed=_SEED)]
     columns = [
-        f"{'ours' if i < len(departures_um) else 'imperfect strip'}, "
-        f"{run.summary['reading_ms']:.3g} ms a reading"
-        for i, run in enumerate(runs)
+        f"{name}, {run.summary['reading_ms']:.3g} ms a reading"
+        for name, of_exposures in _by_strip(runs, len(departures_um))
+        for run in of_exposures
     ]
     head = ["", "section", "published", *columns, "what the simulation cannot show"]
     lines += [_row(head), _row(["---"] * len(head))]
     for what, section, published, ours, limit in rows(runs, departures_um):
         lines.append(_row([what, section, published, *ours, limit]))
-    lines.append(_resolutions([run.summary for run in runs], len(departures_um)))
+    lines.append(_resolutions(runs, len(departures_um)))
     shown = runs[len(departures_um) - 1].summary["reading_ms"]
     lines.append("\n## Figures\n\nAll figures show the simulated default sensor ")
     lines.append(f"at {shown:.3g} ms a reading.\n\n")
@@ -219,12 +224,14 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
     return "".join(lines).rstrip() + "\n"
 
 
-def _resolutions(found: list[dict], exposures: int) -> str:
-    """Return a paragraph that compares the resolutions of position and force with the paper's.
+def _by_strip(runs: list[Run], exposures: int) -> list[tuple[str, list[Run]]]:
+    """Return the name of each strip, and its runs: one for each exposure."""
+    starts = range(0, len(runs), exposures)
+    return [(name, runs[i : i + exposures]) for name, i in zip(_STRIPS.values(), starts)]
 
-    `found` are the summaries of all runs: first of the default strip for each exposure, then of the
-    sensor file `real` for each exposure. `exposures` is the number of exposures.
-    """
+
+def _resolutions(runs: list[Run], exposures: int) -> str:
+    """Return a paragraph that compares the resolutions of position and force with the paper's."""
     text = (
         "\nThe paper states no integration time, no rate and no filter. Perhaps it measured "
         "both resolutions\nwith the same duration of a reading. In this case, compare the "
@@ -234,7 +241,8 @@ def _resolutions(found: list[dict], exposures: int) -> str:
         "| not stated | paper | 7 µm | 5 mN |\n"
     )
     for i in range(exposures):
-        for strip, one in ("ours", found[i]), ("imperfect strip", found[exposures + i]):
+        for strip, of_exposures in _by_strip(runs, exposures):
+            one = of_exposures[i].summary
             position, force = one["position"]["resolution_um"], one["force"]["resolution_mN"]
             text += (
                 f"| {one['reading_ms']:.3g} ms | {strip} | {position:.1f} µm | {force:.1f} mN |\n"
@@ -259,10 +267,12 @@ def main(docs: Path) -> None:
         runs.append(run)
     for path in figures.draw(runs[-1], responses, figures.folder(docs / "paper")):
         print(path)
-    real = load(SensorFile, "real")
-    for exposure_us in EXPOSURES_US:
-        print(f"real, {exposure_us} us ...", file=sys.stderr)
-        runs.append(characterize(real, _SEED, exposure_us, hand=Hand(marks=3, scale=True)))
+    _, *others = _STRIPS
+    for name in others:
+        hand = Hand(marks=3, scale=True, by_hand=True)
+        for exposure_us in EXPOSURES_US:
+            print(f"{name}, {exposure_us} us ...", file=sys.stderr)
+            runs.append(characterize(load(SensorFile, name), _SEED, exposure_us, hand=hand))
     page = docs / "paper.md"
     atomic.write_text(
         document(runs, departures_um, sensor.length_mm), page, atomic.begins("a page", b"# ")

@@ -181,6 +181,14 @@ def test_the_far_end_reflects_light_that_returns_by_the_whole_guide(sensor):
         assert there == pytest.approx(direct + 0.04 * mirrored)
 
 
+@pytest.mark.parametrize("name", ["default", "first"])
+def test_many_narrow_contacts_are_computed_at_once(name):
+    optics = Optics(load(SensorFile, name))
+    places = np.array([0.5, 30.5, 84.5])
+    one_by_one = [optics.press(at, 0.0, 0.1, 40.0, share=0.0) for at in places.tolist()]
+    assert optics.narrow(places, 0.1, 40.0) == pytest.approx(np.array(one_by_one))
+
+
 def table(path, nm, values, head="nm,value\n", between=","):
     path.write_text(head + "".join(f"{a:g}{between}{b:g}\n" for a, b in zip(nm, values)))
 

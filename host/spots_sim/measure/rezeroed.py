@@ -100,8 +100,9 @@ def silent_bench(stage: Stage, presser: StagePresser) -> Bench:
 def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
     """Calibrate a simulated sensor, change the sensor, and correct the calibration (re-zero).
 
-    The table ``[change]`` of the sensor file describes the change. Returns the text lines of the
-    corrected calibration.
+    The table ``[change]`` of the sensor file describes the change. A stage calibrates the strip,
+    and a finger presses the marks of the re-zero. Returns the text lines of the corrected
+    calibration.
 
     Raises
     ------
@@ -109,7 +110,7 @@ def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
         If the sensor's readings do not allow a calibration.
     """
     with Rig(sensor, 0, DEFAULT_US, 1) as rig:
-        age(rig, sensor.change, Hand(len(MARKS)), 0)
+        age(rig, sensor.change, Hand(len(MARKS), by_hand=True), 0)
         return rig.shifted_lines
 
 

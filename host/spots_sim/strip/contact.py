@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from .files import ContactFile
 
 
@@ -34,7 +36,9 @@ def coupling(contact: ContactFile, force_mN: float) -> float:
 
 
 _CELL_MM = 1.0  # remaining contact is computed in cells of this length along the strip
-_LEAST = 1e-7  # contact share in a cell; less is no light
+_BEYOND_MM = 20  # a finger may reach beyond the ends of the strip
+_LONGEST = 1.5  # longest strain of a strip, plus 1
+_LEAST = 1e-7  # contact share of a cell; less is no light
 
 
 class Sticking:
@@ -44,20 +48,27 @@ class Sticking:
     ----------
     contact : ContactFile
         Table of the sensor file, with ``sticking_percent`` and ``sticking_s``.
+    length_mm : float
+        Length of the strip in mm.
+
+    Attributes
+    ----------
+    places_mm : numpy.ndarray, shape (n,)
+        Middles of the cells, in mm from the sensor's end.
+    free : bool
+        Whether no contact remained at the last call of `remaining`.
     """
 
-    def __init__(self, contact: ContactFile):
+    def __init__(self, contact: ContactFile, length_mm: float):
         self._kept = contact.sticking_percent / 100
         self._decay_s = contact.sticking_s
-        self._cells: dict[int, float] = {}  # remaining contact share by cell
+        cells = np.arange(-_BEYOND_MM, math.ceil(_LONGEST * length_mm) + _BEYOND_MM)
+        self.places_mm = (cells + 0.5) * _CELL_MM
+        self.free = True
+        self._shares = np.zeros(len(cells))
         self._time_s = 0.0
 
-    @property
-    def free(self) -> bool:
-        """Whether no contact remained at the last call of `remaining`."""
-        return not self._cells
-
-    def remaining(self, presses, shares, time_s: float) -> list[tuple[float, float]]:
+    def remaining(self, presses, shares, time_s: float) -> np.ndarray | None:
         """Return the remaining contact in addition to that of the presses.
 
         Parameters
@@ -71,26 +82,24 @@ class Sticking:
 
         Returns
         -------
-        list of tuple
-            For each cell with a remaining contact: its middle in mm from the sensor's end, and its
-            contact share.
+        numpy.ndarray, shape (n,), or None
+            Contact share of each cell; None if no contact remains.
         """
-        pressed: dict[int, float] = {}
+        elapsed_s, self._time_s = time_s - self._time_s, time_s
+        if self.free and not presses:
+            return None
+        remaining = self._shares
+        remaining *= math.exp(-elapsed_s / self._decay_s)
+        pressed = np.zeros(len(remaining))
         for press, share in zip(presses, shares):
             width_mm = max(press.width_mm, _CELL_MM)
-            low_mm = press.position_mm - width_mm / 2
+            low_mm = press.position_mm - width_mm / 2 + _BEYOND_MM * _CELL_MM
             high_mm = low_mm + width_mm
-            for i in range(math.floor(low_mm / _CELL_MM), math.ceil(high_mm / _CELL_MM)):
+            first, last = math.floor(low_mm / _CELL_MM), math.ceil(high_mm / _CELL_MM)
+            for i in range(max(first, 0), min(last, len(pressed))):
                 covered_mm = min((i + 1) * _CELL_MM, high_mm) - max(i * _CELL_MM, low_mm)
-                pressed[i] = pressed.get(i, 0.0) + share * covered_mm / width_mm
-        kept = math.exp((self._time_s - time_s) / self._decay_s)
-        self._time_s = time_s
-        cells = {i: kept * share for i, share in self._cells.items() if kept * share > _LEAST}
-        for i, share in pressed.items():
-            cells[i] = max(cells.get(i, 0.0), self._kept * share)
-        self._cells = cells
-        return [
-            ((i + 0.5) * _CELL_MM, share - pressed.get(i, 0.0))
-            for i, share in cells.items()
-            if share > pressed.get(i, 0.0)
-        ]
+                pressed[i] += share * covered_mm / width_mm
+        np.maximum(remaining, self._kept * pressed, out=remaining)
+        remaining[remaining < _LEAST] = 0.0
+        self.free = not remaining.any()
+        return None if self.free else np.maximum(remaining - pressed, 0.0)

@@ -208,30 +208,54 @@ class Optics:
             decay, spread = self._spread(width_mm, strain, tilt_percent, steepness)
             guided = np.exp(-decay * position_mm) * spread
         else:
-            guided = self._uneven(position_mm, width_mm, strain, bend_deg, tilt_percent, steepness)
+            guided, slope = self._uneven(position_mm, strain, bend_deg, steepness)
+            guided *= self._spread(width_mm, strain, tilt_percent, steepness * slope)[1]
         if self.coloured:
             guided *= 1 + (1 - share) * self._gap
         if skin and self._skin is not None:
             guided *= self._skin
         return kept * (self._lit @ guided)
 
-    def _uneven(self, position_mm, width_mm, strain, bend_deg, tilt_percent, steepness):
-        # The dye moves with the stretched material.
+    def narrow(
+        self, places_mm: np.ndarray, strain: float = 0.0, bend_deg: float = 0.0
+    ) -> np.ndarray:
+        """Return what `press` returns, for many contacts without width and with a small share.
+
+        Parameters
+        ----------
+        places_mm : numpy.ndarray, shape (n,)
+            Distances of the contacts from the sensor's end of the strip, in mm.
+        strain, bend_deg : float
+            As for `press`.
+
+        Returns
+        -------
+        numpy.ndarray, shape (n, d)
+            Count rates of each contact for d diodes.
+        """
+        steepness = self._steepness(0.0)
+        kept = 1 - self._stretch.bend_loss_percent / 100 * bend_deg / 180
+        guided, _ = self._uneven(places_mm[:, None], strain, bend_deg, steepness)
+        if self.coloured:
+            guided *= 1 + self._gap
+        return kept * (guided @ self._lit.T)
+
+    def _uneven(self, position_mm, strain, bend_deg, steepness):
+        # The share of the light that arrives, and the derivative of the path by the position. The
+        # dye moves with the stretched material.
         path_mm, slope = self._path.at(position_mm / (1 + strain), bend_deg)
-        _, spread = self._spread(width_mm, strain, tilt_percent, steepness * slope)
         decay, _ = self._spread(0.0, strain, 0.0, steepness)
         dyed = decay - self._clear
-        path_mm *= 1 + strain
-        guided = np.exp(-self._clear * position_mm - dyed * path_mm) * spread
+        path_mm = path_mm * (1 + strain)
+        guided = np.exp(-self._clear * position_mm - dyed * path_mm)
         if self._far_end:
             # Light that starts towards the far end returns by the whole guide.
             end_mm = self._length_mm * (1 + strain)
             end_path_mm = (1 + strain) * self._path.at(self._length_mm, bend_deg)[0]
-            back = np.exp(
+            guided += self._far_end * np.exp(
                 -self._clear * (2 * end_mm - position_mm) - dyed * (2 * end_path_mm - path_mm)
             )
-            guided += self._far_end * back * spread
-        return guided
+        return guided, slope
 
     def _steepness(self, share: float) -> float:
         # The path in the dyed guide, divided by the distance along the strip.

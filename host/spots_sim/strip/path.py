@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from .change import Change
 from .files import SensorFile
 
@@ -45,21 +47,21 @@ class DyedPath:
         )
         self.is_even = not (self._swing or self._pieces or self._bent[2])
 
-    def at(self, place_mm: float, bend_deg: float) -> tuple[float, float]:
+    def at(self, place_mm, bend_deg: float) -> tuple:
         """Return the path to a place, and its increase with the place.
 
         Parameters
         ----------
-        place_mm : float
+        place_mm : float or numpy.ndarray
             Distance from the sensor's end of the unstretched strip, in mm.
         bend_deg : float
             Bending angle in degrees.
 
         Returns
         -------
-        path_mm : float
+        path_mm : float or numpy.ndarray
             Length of the path in mm.
-        slope : float
+        slope : float or numpy.ndarray
             Its derivative by `place_mm`.
         """
         start_mm, long_mm, longer = self._bent
@@ -67,11 +69,11 @@ class DyedPath:
         path_mm, slope = place_mm, 1.0
         for start_mm, long_mm, longer in (*self._pieces, bent):
             inside_mm = place_mm - start_mm
-            path_mm += longer * min(max(inside_mm, 0.0), long_mm)
-            if 0 <= inside_mm < long_mm:
-                slope += longer
+            path_mm = path_mm + longer * np.minimum(np.maximum(inside_mm, 0.0), long_mm)
+            slope = slope + longer * ((inside_mm >= 0) & (inside_mm < long_mm))
         if self._swing:
             angle = self._per_mm * place_mm + self._phase
-            path_mm += self._swing / self._per_mm * (math.cos(self._phase) - math.cos(angle))
-            slope += self._swing * math.sin(angle)
+            swing_mm = self._swing / self._per_mm
+            path_mm = path_mm + swing_mm * (math.cos(self._phase) - np.cos(angle))
+            slope = slope + self._swing * np.sin(angle)
         return path_mm, slope

@@ -64,7 +64,10 @@ class World:
         self._warm_start = warm
         self._pin_on = False
         self._memory = None if sensor.silicone.ideal else Memory(sensor.silicone)
-        self._sticking = Sticking(sensor.contact) if sensor.contact.sticking_percent else None
+        self._sticking = (
+            Sticking(sensor.contact, sensor.length_mm) if sensor.contact.sticking_percent else None
+        )
+        self._cells: tuple = None, None, None  # optics and pose, and the light of each cell
 
     def collect(self, start_us: float, end_us: float, led_mA: float) -> dict[str, float]:
         """Return the counts of each diode for an ideal converter at gain 1x.
@@ -176,7 +179,14 @@ class World:
         if self._sticking is None:
             return self._parts
         left = self._sticking.remaining(presses, self._shares, time_s)
-        return self._parts + [self._part(pose, share, place_mm) for place_mm, share in left]
+        if left is None:
+            return self._parts
+        optics, before, rates = self._cells
+        if optics is not self._optics or before != pose:
+            places_mm = self._sticking.places_mm
+            rates = self._optics.narrow(places_mm, pose.strain, pose.bend_deg)
+            self._cells = self._optics, pose, rates
+        return [*self._parts, left @ rates]
 
     def _part(self, pose, share, place_mm, width_mm=0.0, tilt_percent=0.0, skin=False):
         # The count rates by a contact share at a place.
