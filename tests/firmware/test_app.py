@@ -184,6 +184,26 @@ def test_before_the_sensor_has_started_a_note_says_so():
     assert note == "the calibration is not in use until the sensor answers"
 
 
+def test_without_a_computer_the_led_shows_what_the_strip_waits_for():
+    board = Board(calibration=[])
+    shown = []
+    board.app.signal = shown.append
+    board.lose()
+    for _ in range(4):
+        board.app.step()
+    assert shown[-4:] in ([0, 2, 0, 2], [2, 0, 2, 0])  # blinks
+    board.find()
+    assert shown[-1] == 2  # lit: a calibration is missing
+    board = Board(calibration=LINES)
+    shown = []
+    board.app.signal = shown.append
+    board.lose()
+    board.find()
+    assert shown[-1] == 0
+    board.command("cal clear")
+    assert shown[-1] == 2
+
+
 def test_a_note_says_why_the_sensor_is_lost():
     board = Board(calibration=LINES)
     board.lose()

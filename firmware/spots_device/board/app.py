@@ -3,6 +3,7 @@
 import gc
 
 from .. import const
+from ..keys.reports import CAPS_LOCK
 from ..reading.calibration import CalibrationSlot
 from ..reading.frame import Framer, Time32
 from ..reading.strip import Strip
@@ -113,10 +114,16 @@ class BoardApp:
     ticks_us, sleep_us : callable
         Functions of the clock with which a pass waits for the next sample. A runtime can replace
         them.
+    signal : callable or None
+        ``signal(leds)`` lights the board's LED as the keyboard LEDs `leds`. Without a computer, the
+        LED shows the state of the strip: it blinks while no sensor answers, is lit until there is a
+        calibration, and is then dark, until a host switches caps lock on.
     """
 
     index = 0
     sensors = 1
+    signal = None
+    _lit = 0
 
     def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):
         self._board = board
@@ -241,6 +248,7 @@ class BoardApp:
             self.uses.pump()
         if self.reconnect.lost:
             self._time.update()  # must be updated more often than the ticks wrap
+            self._blink()
             self.reconnect.search()
             return
         wait_us = self._ticks_diff(self._pacing.due, self.ticks_us())
@@ -400,7 +408,14 @@ class BoardApp:
         self._time.update()
         self.uses.apply(found)
         self.strip.configure()
+        if self.signal and not self.reconnect.lost:
+            self.signal(CAPS_LOCK if found is None else 0)
         return why_not
+
+    def _blink(self):
+        if self.signal:  # called every 0.1 s, the pause between two searches
+            self._lit ^= CAPS_LOCK
+            self.signal(self._lit)
 
     def _sensor_lost(self):
         self.release_keys()

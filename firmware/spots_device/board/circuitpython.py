@@ -111,7 +111,9 @@ def main():
         sensor = _open_sensor(board_config, clock)
     serial = CdcSerial(usb_cdc.data, clock)
     app = BoardApp(board_config, runtime, uid, sensor, clock, serial, usb)
-    if usb and usb._led is not None and app.boot_faults():
+    if usb and usb._led is not None:
+        app.signal = usb._show_leds
+    if app.signal and app.boot_faults():
         blink(usb._show_leds, _sleep_ms)
     if app.sensors == 1:
         app.ticks_us, app.sleep_us = clock.ticks_early_us, clock.sleep_early_us

@@ -97,7 +97,9 @@ def main():
 
         sensor = _open_sensor(board_config, time)
     app = BoardApp(board_config, runtime, uid, sensor, time, StdioSerial(), usb)
-    if usb and usb._led is not None and app.boot_faults():
+    if usb and usb._led is not None:
+        app.signal = usb._show_leds
+    if app.signal and app.boot_faults():
         blink(usb._show_leds, time.sleep_ms)
     app.interrupt_at = micropython.kbd_intr
     run(app, _watchdog, _traceback, time.sleep_ms, machine.reset)

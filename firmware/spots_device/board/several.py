@@ -112,6 +112,7 @@ class StripApp(BoardApp):
         if self._again is not None and self._clock.ticks_diff(now, self._again) < 0:
             return
         self._time.update()
+        self._blink()
         try:
             self.strip.start()
         except (OSError, SensorError) as error:
