@@ -15,6 +15,7 @@ from spots.keyboard.layout import load as layout
 from spots.link.connect import upload
 from spots.web.board_feed import BoardReader, finder
 from spots.web.state import PageState
+from spots_sim.chip.as7341 import AS7341
 from spots_sim.person.stage import NEAR_UM, Stage, calibrate
 from spots_sim.strip.change import Change
 from spots_sim.strip.files import SensorFile, load
@@ -239,3 +240,28 @@ def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_pat
 def test_monitor_has_no_next_step_for_a_calibrated_board(capsys):
     assert main(["monitor", "--port", "virtual", "--seconds", "0.5"]) == 0
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("channel", [0, 3, 5])
+@pytest.mark.parametrize("calibrated", [False, True])
+@pytest.mark.parametrize("counts", [0, 65_535])
+def test_a_channel_that_is_dead_or_full_is_named(channel, calibrated, counts, monkeypatch):
+    sensor = load(SensorFile, "default")
+    lines = calibrate(sensor) if calibrated else ()
+    convert = AS7341._convert
+
+    def stuck(chip, duration_us):
+        converted, saturation = convert(chip, duration_us)
+        converted[channel] = min(counts, chip._full_scale())
+        return converted, saturation
+
+    with Stage(sensor) as stage:
+        if lines:
+            upload(stage.board, lines)
+        monkeypatch.setattr(AS7341, "_convert", stuck)
+        stage.press(NEAR_UM, 8_000)
+        found = [f for f in examine_board(stage.board) if f.check == "channels"]
+    name = stage.board.info["plan"][channel]
+    assert [finding.ok for finding in found] == [False]
+    assert f"channel {name} (ADC {channel})" in found[0].text
+    assert ("no light" if counts == 0 else "full scale") in found[0].text

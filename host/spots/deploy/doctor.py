@@ -32,6 +32,9 @@ _LIT_S = 0.02
 _WITHIN_S = 10.0
 _DIM = 0.01  # share of full scale; with less light, a position is mostly noise
 _BRIGHTEST = 0.95  # share of full scale; with more light, a channel may saturate
+# A channel that counts less than this while another one counts `_DIM` of full scale is dead. The
+# dye leaves every channel more light than this.
+_DEAD = 1.0
 # Least rate, as a share of the highest possible rate: transfers and dark frames take time, too.
 _SLOWEST = 0.7
 _RATE_S = 0.5  # least duration of the spectra; the commands before and after take far less time
@@ -159,14 +162,16 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
     full_scale = state["full_scale"]
     least = _DIM * full_scale
     try:
-        light, brightest, fits = _led_light(board, reading_s)
+        lit = _led_light(board, reading_s)
     except SpotsError as error:  # an LED that is always on has no dark frame yet
         yield Finding("light", False, str(error))
         return
-    if light < least:
+    if lit.light < least:
         text = f"no light yet: press firmly near the sensor within {_WITHIN_S:.0f} s, and hold"
         yield Finding("light", True, text)
-        light, brightest, fits = _await(board, reading_s, lambda lit: lit >= least)
+        lit = _await(board, reading_s, lambda light: light >= least)
+    light = lit.light
+    yield from _channels(state, lit, light >= least)
     if light >= least and state["led"] == "always":
         # The board cannot switch this LED, and a press also couples ambient light into the strip.
         text = (
@@ -175,35 +180,73 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
         )
         yield Finding("light", True, text)
         pressed = light
-        light -= _await(board, reading_s, lambda lit: lit <= pressed / 2)[0]
+        light -= _await(board, reading_s, lambda light: light <= pressed / 2).light
     text = f"the LED gives {100 * max(light, 0) / full_scale:.1f} % of full scale"
-    dim, bright = light < least, brightest > _BRIGHTEST * full_scale
+    dim, bright = light < least, lit.peak > _BRIGHTEST * full_scale
     if dim:
         text += f": press firmly and run 'spots command auto', or check {_WIRES[state['led']]}"
     elif bright:
         text += ": press at the sensor's end and run 'spots command auto'"
     yield Finding("light", not dim and not bright, text)
-    if not fits:
+    if not lit.fits:
         text = "the press does not fit the calibration; to correct a drift of the strip, "
         yield Finding("fit", False, text + "run 'spots rezero'")
 
 
-def _await(
-    board: Board, reading_s: float, done: Callable[[float], bool]
-) -> tuple[float, int, bool]:
+class _Light(NamedTuple):
+    """Light of the LED, measured between two dark frames.
+
+    Attributes
+    ----------
+    light : float
+        Counts due to the LED, in the channel where they are largest; 0 without a sample.
+    peak : int
+        Largest raw count in any channel while the LED was on; 0 without a sample.
+    fits : bool
+        Whether the spectrum of at least one sample fits the calibration, see `decode.MISFIT`; True
+        without a sample.
+    net : list of float
+        Largest count of each channel due to the LED; empty without a sample.
+    dark : list of float
+        Mean count of each channel with the LED off.
+    """
+
+    light: float
+    peak: int
+    fits: bool
+    net: list[float]
+    dark: list[float]
+
+
+def _channels(state: Get, lit: _Light, pressed: bool) -> Iterator[Finding]:
+    """Yield a problem for each channel that is dead, or full without light.
+
+    `pressed` is whether the LED gives light in any channel; only then a dead channel is seen.
+    """
+    for i, dark in enumerate(lit.dark):
+        name = f"channel {state['plan'][i]} (ADC {i}) of the sensor"
+        advice = "check the sensor's window and its solder joints, or replace the sensor"
+        if dark > _BRIGHTEST * state["full_scale"]:
+            text = f"{name} is at full scale although the LED is off: darken the strip, or {advice}"
+            yield Finding("channels", False, text)
+        elif pressed and lit.net[i] < _DEAD:
+            text = f"{name} counts no light while another one counts {max(lit.net):.0f}: {advice}"
+            yield Finding("channels", False, text)
+
+
+def _await(board: Board, reading_s: float, done: Callable[[float], bool]) -> _Light:
     """Call `_led_light` repeatedly until ``done(light)`` is true, for 10 s at most.
 
-    `reading_s` is the duration of a reading, in seconds. Return the light, the peak and the fit of
-    the last call, see `_led_light`.
+    `reading_s` is the duration of a reading, in seconds. Return the result of the last call.
     """
     end_s = board.now_s() + _WITHIN_S
     while True:
         lit = _led_light(board, reading_s)
-        if done(lit[0]) or board.now_s() >= end_s:
+        if done(lit.light) or board.now_s() >= end_s:
             return lit
 
 
-def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
+def _led_light(board: Board, reading_s: float) -> _Light:
     """Measure the light of the LED, by samples with the LED on between two dark frames.
 
     A press also couples ambient light into the strip, and ambient light changes. So for each
@@ -219,13 +262,7 @@ def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
 
     Returns
     -------
-    light : float
-        Counts due to the LED, in the channel where they are largest; 0 without a sample.
-    peak : int
-        Largest raw count in any channel while the LED was on; 0 without a sample.
-    fits : bool
-        Whether the spectrum of at least one sample fits the calibration, see `decode.MISFIT`; True
-        without a sample.
+    _Light
     """
     before = board.command("dark")["dark"]
     begun_s = board.now_s() + reading_s / 2
@@ -237,13 +274,15 @@ def _led_light(board: Board, reading_s: float) -> tuple[float, int, bool]:
     )
     samples = list(islice(lit, count))
     after = board.command("dark")["dark"]
-    if not samples:
-        return 0, 0, True
     dark = [max(pair) / decode.DARK_SAMPLES for pair in zip(before, after)]
+    if not samples:
+        return _Light(0, 0, True, [], dark)
     counts = [spectrum.counts for spectrum in samples]
-    least = map(min, zip(*counts))
+    least, most = (map(one, zip(*counts)) for one in (min, max))
+    net = [max(0.0, lit - off) for lit, off in zip(most, dark)]
     fits = not all(spectrum.flags & decode.MISFIT for spectrum in samples)
-    return max(lit - dark for lit, dark in zip(least, dark)), max(map(max, counts)), fits
+    light = max(lit - off for lit, off in zip(least, dark))
+    return _Light(light, max(map(max, counts)), fits, net, dark)
 
 
 def _lamps(board: Board, state: Get) -> Iterator[Finding]:
