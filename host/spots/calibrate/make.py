@@ -83,8 +83,9 @@ def _made(session: Session, say: Callable[[str], None]) -> file.CalibrationFile:
     if surface and not surface.taken.force_mN.any():
         lines.append("relative")
     elif surface and (compensated := fit_session(hand, lines, surface.sizes.force_share)):
-        lines.append(compensated.line)
-        _validate(lines)
+        if compensated.line:
+            lines.append(compensated.line)
+            _validate(lines)
         say(str(compensated))
     marks = presses(session.of("mark"))
     if surface:

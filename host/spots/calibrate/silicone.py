@@ -52,7 +52,9 @@ class Compensated(NamedTuple):
     hysteresis_percent, creep_percent : tuple of (float, float)
         Value and standard deviation, in per cent. Hysteresis: largest difference between the
         forces that are read during unloading from 10 N and during loading, divided by 10 N.
-        Creep: growth of the measured force in 60 s, while the true force is constant.
+        Creep: growth of the measured force in 60 s, while the true force is constant. No silicone
+        has a negative value: if one is significant, `line` is empty. Other negative values are not
+        compensated.
     """
 
     line: str
@@ -62,11 +64,27 @@ class Compensated(NamedTuple):
     hysteresis_percent: tuple[float, float]
     creep_percent: tuple[float, float]
 
+    @property
+    def impossible(self) -> bool:
+        """Whether an effect is significant, and has a sign that no silicone has."""
+        return any(map(_is_impossible, (self.hysteresis_percent, self.creep_percent)))
+
     def __str__(self) -> str:
-        return (
-            "silicone: hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s; the "
-            "board compensates both"
-        ).format(*self.hysteresis_percent, *self.creep_percent)
+        effects = (
+            "silicone: hysteresis {:.1f} ± {:.1f} % of 10 N, creep {:.1f} ± {:.1f} % in 60 s; "
+        )
+        effects = effects.format(*self.hysteresis_percent, *self.creep_percent)
+        if self.impossible:
+            return effects + (
+                "no silicone has a negative value, so the board compensates neither: press the "
+                "strip everywhere with 10 N (1 kg) several times, then begin another session"
+            )
+        return effects + "the board compensates both"
+
+
+def _is_impossible(effect: tuple[float, float]) -> bool:
+    value, sigma = effect
+    return value < -_SURE * sigma
 
 
 def fit_session(points: list[Point], lines: list[str], force_share: float) -> Compensated | None:
@@ -84,8 +102,8 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
     Returns
     -------
     Compensated or None
-        The compensation; None if no press has two forces, or if the presses show neither hysteresis
-        nor creep.
+        The compensation, whose line is empty if an effect is impossible; None if no press has two
+        forces, or if the presses show neither hysteresis nor creep.
 
     Raises
     ------
@@ -108,6 +126,8 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
             rows.append((time_s, force_mN, decode.force_mN, i))
     recorded = np.array(rows).T
     found = fit_silicone(*recorded, force_share=max(force_share, _SHARE_MIN))
+    if found.impossible:
+        return found
     off = found.after_mN / np.nanmean(recorded[1])
     if off > _OFF_MAX:
         raise SpotsError(
@@ -171,22 +191,31 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
     # Successive errors are correlated: each second of the recording counts as one measurement.
     noise_mN = _NOISE_MN * max(1 / float(np.median(np.diff(time_s))), 1.0) ** 0.5
     information, values = columns.T @ columns / noise_mN**2, columns.T @ off / noise_mN**2
-    priors = [_prior(plays, creep, columns.shape[1]) for plays in _SIZES for creep in _SIZES]
-    prior = max(priors, key=lambda prior: _evidence(prior, information, values))
-    spread = np.linalg.inv(np.eye(len(prior)) + information * np.outer(prior, prior))
-    spread *= np.outer(prior, prior)
-    change = spread @ values
-    after = off - columns @ change
-    spread = spread[:terms, :terms] * max(float(np.mean(after**2)) / noise_mN**2, 1.0)
-    found = change[:terms]
-    gain, *rest = np.round((np.eye(terms)[0] + found) * ONE_Q12).astype(int).tolist()
-    weights, shares = rest[: len(PLAYS_MN)], rest[len(PLAYS_MN) :]
-    numbers = gain, *PLAYS_MN, *weights, *TAUS_MS, *shares
     effects = np.zeros((2, terms))
     effects[0, 1 : 1 + len(PLAYS_MN)] = 2 * np.array(PLAYS_MN) / _FULL_MN
     effects[1, 1 + len(PLAYS_MN) :] = -np.expm1(-_CREEP_MS / np.array(TAUS_MS))
-    sizes = [(100 * float(e @ found), 100 * float(np.sqrt(e @ spread @ e))) for e in effects]
-    sure = any(abs(value) > _SURE * sigma for value, sigma in sizes)
+    pairs = [(plays, creep) for plays in _SIZES for creep in _SIZES]
+    expected = max(
+        pairs, key=lambda pair: _evidence(_prior(*pair, columns.shape[1]), information, values)
+    )
+    while True:
+        prior = _prior(*expected, columns.shape[1])
+        spread = np.linalg.inv(np.eye(len(prior)) + information * np.outer(prior, prior))
+        spread *= np.outer(prior, prior)
+        change = spread @ values
+        after = off - columns @ change
+        spread = spread[:terms, :terms] * max(float(np.mean(after**2)) / noise_mN**2, 1.0)
+        found = change[:terms]
+        sizes = [(100 * float(e @ found), 100 * float(np.sqrt(e @ spread @ e))) for e in effects]
+        impossible = any(map(_is_impossible, sizes))
+        if impossible or all(value >= 0 for value, _ in sizes):
+            break
+        # An effect that is negative by chance is not compensated.
+        expected = tuple(size if value >= 0 else 0.0 for size, (value, _) in zip(expected, sizes))
+    gain, *rest = np.round((np.eye(terms)[0] + found) * ONE_Q12).astype(int).tolist()
+    weights, shares = rest[: len(PLAYS_MN)], rest[len(PLAYS_MN) :]
+    numbers = gain, *PLAYS_MN, *weights, *TAUS_MS, *shares
+    sure = any(value > _SURE * sigma for value, sigma in sizes) and not impossible
     return Compensated(
         " ".join(map(str, ("silicone", *numbers))) if sure else "",
         np.sqrt(np.diag(spread)) * ONE_Q12,
