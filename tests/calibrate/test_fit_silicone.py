@@ -175,3 +175,17 @@ def test_the_board_and_the_host_correct_alike(sensor, calibration):
     # The host does not get the dark samples, so its steps of creep are at other times.
     assert np.abs(board[2] - host).max() <= 3
     assert np.array_equal(board[4], plain[4])  # positions are those without compensation
+
+
+def test_a_fit_with_an_impossible_sign_is_refused():
+    # The measured force decreases while the true one is constant: the opposite of creep.
+    time_s = np.arange(0.0, 120.0, 0.05)
+    place = time_s // 30
+    held_s = time_s % 30
+    force_mN = np.where(held_s < 25, 2000.0 + 1500.0 * (place % 3), 0.0)
+    read_mN = force_mN * (1 + 0.15 * np.expm1(-held_s / 4))
+    fitted = fit_silicone(time_s, force_mN, read_mN, place)
+    assert fitted.creep_percent[0] < -5
+    assert fitted.impossible
+    assert fitted.line == ""
+    assert "no silicone has a negative value" in str(fitted)

@@ -288,5 +288,5 @@ def test_two_presses_at_once_do_not_fit_one(decoder):
 def test_a_dark_window_neither_begins_nor_ends_a_touch(decoder):
     decoder.update(LIT, 1, NO_DARK, 0)
     decoder.update(NO_DARK, 1, NO_DARK, decode.LED_OFF)
-    assert decoder.flags == decode.LED_OFF | decode.TOUCHING
+    assert decoder.flags == decode.LED_OFF
     assert decoder.position_um == 0

@@ -31,6 +31,7 @@ from spots_device.sensor.exposure import MAX_US
 # Counts of presses at the two ends of the default sensor's strip, and of more and less light.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
 FEEBLE = [count // 3 for count in FAR]
+FAINT = [count // 24 for count in NEAR]
 TWO_FINGERS = [(near + far) // 2 for near, far in zip(NEAR, FAR)]
 DARK = [3, 4, 3, 5, 4, 4]
 NONE, FULL = [0] * 6, [65_535] * 6
@@ -38,6 +39,7 @@ UNEVEN = [65_535, 1] * 3
 
 UNCALIBRATED, REAL, LEAST, LARGEST, SOFT = range(5)
 DARK_WINDOW_MS = 150  # longer than a dark window, at 10 ms a sample
+ALIEN_MS = 160  # light that no presses cause requests a dark window
 DARK_FRAME_MS = 750  # longer than a dark frame of 16 windows
 
 
@@ -70,14 +72,15 @@ SCENES = {
     "a dark frame on request": scene(TOUCHING, NEAR, request_dark=True, lasts_ms=DARK_FRAME_MS),
     "a finger near the sensor": scene(TOUCHING, NEAR),
     "a finger at the far end": scene(TOUCHING, FAR),
-    "a feeble touch": scene(TOUCHING, FEEBLE),
+    "less than a tenth of its light": scene(TOO_DARK, FAINT),
     "a finger, averaged": scene(TOUCHING, NEAR, average=64, lasts_ms=1500),
     "two fingers": scene(TOUCHING | MISFIT, TWO_FINGERS),
     "analog saturation": scene(TOUCHING | SATURATED, NEAR, saturated=True),
-    "as much light as fits": scene(TOUCHING | SATURATED | MISFIT, FULL),
+    "as much light as fits": scene(TOUCHING | SATURATED | MISFIT, FULL, lasts_ms=ALIEN_MS),
     "nobody": scene(TOO_DARK, DARK),
     "less light than in the dark": scene(TOO_DARK, NONE),
     "a channel without light": scene(TOO_DARK, [*NEAR[:5], 0]),
+    "a feeble touch": scene(TOUCHING | TOO_DARK, FEEBLE),  # beyond the far end
     "a port that takes nothing": scene(None, NEAR, port_takes=False),
     "a port that takes again": scene(TOUCHING, NEAR),
     "a stall of three samples": scene(TOUCHING, FAR, stall_us=30_000),
@@ -96,8 +99,10 @@ SCENES = {
     ),
     "a finger after that": scene(TOUCHING, NEAR),
     "nobody after that": scene(TOO_DARK, DARK, dark=NONE),
-    "the least table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN, LEAST, dark=NONE, lasts_ms=400),
-    "the largest table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN[::-1], LARGEST, dark=NONE),
+    "the least table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN, LEAST, dark=NONE, lasts_ms=300),
+    "the largest table": scene(
+        TOUCHING | SATURATED | MISFIT, UNEVEN[::-1], LARGEST, dark=NONE, lasts_ms=ALIEN_MS
+    ),
     "the largest table, averaged": scene(
         TOUCHING | SATURATED | MISFIT, UNEVEN, LARGEST, average=64, lasts_ms=1500, dark=NONE
     ),
@@ -106,8 +111,11 @@ SCENES = {
 }
 WITH_DARK_WINDOW = {
     "a dark frame on request",
+    "as much light as fits",
     "the dark window when it lifts",
     "the least table",
+    "the largest table",
+    "the largest table, averaged",
     "nobody for long",
 }
 AFTER_A_GAP = {
@@ -294,7 +302,8 @@ def test_every_scene_is_what_its_name_says(frames, name):
     assert bool(readings) == played["port_takes"]
     if not readings:
         return
-    assert readings[-1].flags & ~DARK_SUBTRACTED == flags
+    lit = [reading for reading in readings if not reading.flags & LED_OFF]
+    assert lit[-1].flags & ~DARK_SUBTRACTED == flags
     assert list(spectra[-1].counts) == played["lit"]
     assert any(reading.flags & LED_OFF for reading in readings) == (name in WITH_DARK_WINDOW)
     assert bool(readings[0].flags & DROPPED) == (name in AFTER_A_GAP)

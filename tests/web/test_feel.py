@@ -16,7 +16,7 @@ ONCE = """
 name = "x"
 [[layer]]
 name = "a"
-keys = ["sticky b", "A"]
+keys = ["once b", "A"]
 [[layer]]
 name = "b"
 keys = ["1", "2"]

@@ -4,10 +4,7 @@ A contact is a finger on the strip. A board without USB HID sends keys as frames
 functions that are switched off are not imported, which saves memory.
 """
 
-import gc
-import sys
-
-from ..fingers.state import STATE, TWO
+from ..fingers.state import STATE, STUCK_T, TWO
 from ..reading import decode as d
 
 # Name of each USB interface, and the setting that enables it.
@@ -17,20 +14,9 @@ _NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
 
 def check_layout(lines):
     """Raise LayoutError, a ValueError, if lines (list of str) are not a valid layout."""
-    _parse(lines)
+    from ..keys.layout import Layout  # imported only if a layout is used
 
-
-def _parse(lines):
-    from ..keys import layout
-
-    made = layout.parse(lines or layout.default_lines())
-    if sys.implementation.name != "cpython":
-        # A board has no memory for a module that is used once. The package refers to it, too.
-        package, name = layout.__name__.rsplit(".", 1)
-        del sys.modules[layout.__name__], layout
-        delattr(sys.modules[package], name)
-        gc.collect()
-    return made
+    Layout(lines)
 
 
 class Uses:
@@ -49,7 +35,7 @@ class Uses:
         a function ``send(report) -> bool`` for each opened interface; on failure it raises OSError
         with a sentence. `usb` is None on a board without USB HID.
     layout_lines : list of str
-        Validated lines of a `keymap.KeyMap`; an empty list selects ten keys in a row.
+        Validated lines of a `layout.Layout`; an empty list selects ten keys in a row.
 
     Attributes
     ----------
@@ -88,9 +74,6 @@ class Uses:
         self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
         self._keys_on = self._gamepad_on = self.active = False
         self.layout_lines = layout_lines
-        if self._values["keys"] or self._values["gamepad"]:
-            # The largest module first, while the memory is in one piece.
-            from ..fingers import tracker  # noqa: F401
         self._open(self._wanted())
 
     def use_layout(self, lines):
@@ -243,21 +226,10 @@ class Uses:
             True for a press, False for a release.
         """
         self._framer.key(self._sensor, page, usage, modifiers, pressed)
-        self._flush()
-
-    def _flush(self):
         if self._keyboard is not None:
             self._keyboard.flush()
         if self._consumer is not None:
             self._consumer.flush()
-
-    def has_room(self):
-        """Return whether the queues have room for the reports of a key event."""
-        # Not `all` with a generator, which allocates.
-        for output in self.outputs:  # noqa: SIM110
-            if not output.outbox.has_room():
-                return False
-        return True
 
     def stuck(self):
         """Record that the present touch is no finger, because it has not moved for long."""
@@ -332,6 +304,7 @@ class Uses:
                     self._contacts = ContactTracker(None), Fingers(self._framer)
                 own, fingers = self._contacts
                 own.set_layout(self._get_layout(), calibration.length_um, calibration.decay)
+                own.state[STUCK_T] = 0  # without keys, no touch is an object
             except MemoryError:
                 self._memory_fault = _NO_MEMORY
                 return
@@ -346,7 +319,9 @@ class Uses:
 
     def _get_layout(self):
         if self._layout is None:
-            self._layout = _parse(self.layout_lines)
+            from ..keys.layout import Layout, default_lines
+
+            self._layout = Layout(self.layout_lines or default_lines())
         return self._layout
 
     def _wanted(self):

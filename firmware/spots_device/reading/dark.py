@@ -213,6 +213,7 @@ class Baseline:
         view = memoryview(dark.state)
         self._level = view[d.REST : d.REST + CHANNELS]  # counts, Q12
         self.floor = view[d.FLOOR : d.FLOOR + CHANNELS]
+        self._stick = view[d.STICK : d.STICK + CHANNELS]
         self._state[d.SHIFT] = _Q
         self.samples = 0
         self.left = 0
@@ -253,6 +254,7 @@ class Baseline:
                 ratio = exposure_us / calibration.conditions.exposure_us
                 level = min(int(calibration.rest[i] * ratio), _LEVEL_MAX >> _POOL_SHIFT)
             self._level[i] = level << _POOL_SHIFT
+        self._unstick()
         self._restart()
 
     def take(self):
@@ -261,14 +263,24 @@ class Baseline:
         for i in range(CHANNELS):
             level = (state[d.SUMS + i] * 4 // state[d.SAMPLES] << 10) - self._dark.mean[i]
             self._level[i] = max(level, 0)
+        self._unstick()
         self._restart()
+
+    def _unstick(self):
+        # Forget the last touch and the light that sticks, see sticking.py.
+        self._state[d.STUCK] = self._state[d.PEAK] = self._state[d.PEAK_LIGHT] = 0
+        for i in range(CHANNELS):
+            self._stick[i] = 0
 
     def update(self):
         """Compute `floor` again; must be called after a change of dark frame or baseline."""
         shift = self._state[d.SHIFT]
         half = 1 << shift >> 1
         for i in range(CHANNELS):
-            self.floor[i] = self._dark.mean[i] + self._level[i] + half >> shift
+            floor = self._dark.mean[i] + self._level[i] + half
+            if self._state[d.STUCK] >= d.STUCK_LEAST:
+                floor += self._stick[i]
+            self.floor[i] = floor >> shift
 
     # The three methods below allocate nothing.
 
@@ -341,7 +353,7 @@ class Baseline:
 
     def _off(self, i):
         lit = self._before[i] + self._after[i] << 7
-        return lit - (self._dark.window[i] << 8) - (self._level[i] >> 2)
+        return lit - (self._dark.window[i] << 8) - (self._level[i] + self._stick[i] >> 2)
 
     def _spread(self, i):
         # The light before the window is that of a single sample, times four.

@@ -96,7 +96,19 @@ DARK = 66  # counts in Q12: mean of the dark frame
 # brightness, and two sizes of the cross-sensitivity. The second look-up replaces the first three by
 # force, tolerance, and share of the cross-sensitivity.
 FOUND = 72
-STATE_SIZE = 77
+# Touch and sticking contact, see sticking.py.
+STICK = 77  # counts in Q12: light that sticks; six elements, one for each channel
+STUCK = 83  # counts in Q8: sum of these six
+PEAK = 84  # Q20 of log2: largest brightness of the present or last touch; 0 before the first one
+PEAK_LIGHT = 85  # counts: largest sum of the six counts of a sample in this touch
+FAINT = 86  # whether the last reading of this touch had less than a tenth of its peak
+# Readings since a touch ended that agree with `STICK`; 0 in a touch, -1 if there is too much light.
+AGREE = 87
+FADE = 88  # Q24: share of `STICK` that decays in 64 us
+TOUCHED = 89  # `TOUCHING` if a finger touched in the last reading with the LED on, else 0
+# `TOO_DARK` if position or force is beyond the calibrated range, else 0; only in portable code.
+BEYOND = 90
+STATE_SIZE = 91
 
 CHECK = 2  # value of `WANTED`: a dark window for the present mean
 
@@ -108,6 +120,23 @@ IDLE_US_MAX = 1_000_000  # us: largest stored time without a touch
 ODD_US_MAX = 300_000  # us
 ODD_COUNTS = 24  # counts
 ODD_EVERY_US = 2_000_000  # us: least age of a dark frame that is taken again for this reason
+ALIEN = 8  # tolerances: presses cause a smaller misfit, ambient light a larger one
+# A force is beyond the calibrated range if its light is more than this above the largest one, Q20
+# of log2 (2 %). A position is beyond it by half the distance of two knots.
+BEYOND_Q20 = 30_000
+
+# Limits of `sticking.unstick`.
+LEFT = 3_483_000  # 10, as a difference of brightness in Q20 of log2: below its peak, a touch ends
+LEFT_LOG2 = 3  # log2 of the largest ratio of a touch's peak to the light that sticks after it
+STUCK_NOISE = 5 << 8  # counts in Q8: largest noise of a sum over six channels
+STUCK_LEAST = 8 << 8  # counts in Q8: less light is not subtracted
+STICK_MAX = (1 << 24) - 1  # counts in Q12
+AGREE_MAX = 16
+STEPS_MAX = 15_625  # 1 s, in steps of 64 us
+SHARE_MAX = 1 << 14  # Q16: largest share that decays in a reading
+FADE_START = 54  # 20 s, as a time constant
+FADE_MIN = 18  # 60 s
+FADE_MAX = 21_475  # 0.05 s
 
 # Indices of the array `head`, the header of a frame.
 KIND = 0  # kind and sensor
@@ -154,6 +183,7 @@ class Decode:
     def __init__(self):
         self.state = array("i", bytes(4 * STATE_SIZE))
         self.state[FLAGS] = NOT_CALIBRATED
+        self.state[FADE] = FADE_START
         self.calibration = None
         self.scale(1, 4)
 

@@ -15,6 +15,7 @@ from struct import pack_into
 from ..sensor.smux import CHANNELS
 from . import decode as d
 from .log2 import GUARD, LIMIT, TABLE, Q
+from .sticking import unstick
 
 TOUCH_BODY = "<BiiiH"  # flags, contrast, brightness, position_um, force_mN
 _TOUCH = "<BHHH" + TOUCH_BODY[1:]  # with the header
@@ -100,7 +101,7 @@ def _follow_light(state, flags, two):
     # that two fingers may have caused the reading.
     lasted_us = state[d.TAKEN] * state[d.EXPOSURE_US]
     state[d.TAKEN] = state[d.PENDING] = 0
-    if flags & d.TOUCHING:
+    if state[d.TOUCHED]:
         state[d.IDLE_US] = 0
     elif state[d.IDLE_US] < d.IDLE_US_MAX:
         state[d.IDLE_US] += lasted_us
@@ -108,6 +109,8 @@ def _follow_light(state, flags, two):
         # Readings of two fingers look like ambient light. They have less weight in the detection,
         # because a dark frame costs readings.
         _odd_light(state, flags, lasted_us >> 3 if two else lasted_us)
+    if not flags & (d.LED_OFF | d.NOT_CALIBRATED) and (state[d.PEAK] or flags & d.TOUCHING):
+        unstick(state, flags, lasted_us)
     aged = state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]
     state[d.DUE] = 1 if state[d.WANTED] or aged else 0
 
@@ -117,7 +120,7 @@ def _odd_light(state, flags, lasted_us):
     if flags & (d.TOUCHING | d.LED_OFF):
         odd = flags & d.MISFIT
     else:
-        level = state[d.LIGHT] // state[d.SAMPLES] + 1
+        level = state[d.LIGHT] // state[d.SAMPLES] + 1 - (state[d.STUCK] >> 8)
         if not state[d.LEVEL]:
             _expect(state)
         odd = abs(level - state[d.LEVEL]) > d.ODD_COUNTS
@@ -135,6 +138,8 @@ def _expect(state):
     for i in range(d.FLOOR, d.FLOOR + CHANNELS):
         floor += state[i]
     state[d.LEVEL] = floor // state[d.FLOOR_SAMPLES] + 1
+    if state[d.STUCK] >= d.STUCK_LEAST:
+        state[d.LEVEL] -= state[d.STUCK] >> 8
 
 
 def estimate(state, tables, flags):
@@ -154,13 +159,13 @@ def estimate(state, tables, flags):
     flags : int
         Flag bits that apply to the sums: `decode.SATURATED`, `decode.DARK_SUBTRACTED`, `LED_OFF`.
     """
-    touching = state[d.FLAGS] & d.TOUCHING
+    touching = state[d.TOUCHED]
     state[d.CONTRAST] = state[d.BRIGHTNESS] = state[d.POSITION_UM] = state[d.FORCE_MN] = 0
     if not tables[d.SEGMENTS]:
         flags |= d.NOT_CALIBRATED
     if flags & d.LED_OFF:
         # Without light a touch cannot be detected: the state of the touch does not change.
-        state[d.FLAGS] = flags | touching
+        state[d.FLAGS] = flags
         return
     light = state[d.SUMS] + state[d.SUMS + 1] + state[d.SUMS + 2]
     state[d.LIGHT] = light + state[d.SUMS + 3] + state[d.SUMS + 4] + state[d.SUMS + 5]
@@ -169,6 +174,7 @@ def estimate(state, tables, flags):
     elif tables[d.SEGMENTS]:
         flags |= _judge(state, touching) if _locate(state, tables) else d.TOO_DARK
     state[d.FLAGS] = flags
+    state[d.TOUCHED] = flags & d.TOUCHING
 
 
 def _size_table():
@@ -223,11 +229,14 @@ def _locate(state, tables):
     _dots(tables, place, state)
     brightness = state[d.FOUND + 1] - state[d.LOG_SAMPLES]
     place += 2 * CHANNELS
+    state[d.BEYOND] = _beyond(tables, place, state[d.FOUND])
     look_up(tables, place, state[d.FOUND], state, 3)
     brightness -= state[d.FOUND + 2]
     state[d.BRIGHTNESS] = brightness
     if brightness < tables[tables[d.FORCES] + 1]:
         return False
+    if brightness > tables[tables[d.FORCES] + tables[tables[d.FORCES]]] + d.BEYOND_Q20:
+        state[d.BEYOND] = d.TOO_DARK
     state[d.POSITION_UM] = state[d.FOUND]
     state[d.MISFIT_Q12] = misfit - state[d.FOUND + 1]
     look_up(tables, tables[d.FORCES], brightness, state, 2)
@@ -236,6 +245,18 @@ def _locate(state, tables):
     if tables[d.CROSS]:
         _cross(tables, place, state)
     return True
+
+
+def _beyond(tables, place, at):
+    # Return `TOO_DARK` if the argument `at` of a table is beyond the table's ends by more than half
+    # the distance of two knots; else 0.
+    low = place + 1
+    high = place + tables[place]
+    if at < tables[low] - (tables[low + 1] - tables[low] >> 1):
+        return d.TOO_DARK
+    if at > tables[high] + (tables[high] - tables[high - 1] >> 1):
+        return d.TOO_DARK
+    return 0
 
 
 def _cross(tables, place, state):
@@ -269,6 +290,13 @@ def _judge(state, touching):
         # for a key, see tracker.TWO_FIT.
         if abs(misfit - state[d.DRIFT]) <= tolerance:
             flags |= d.TOO_DARK
+        elif (
+            touching
+            and abs(misfit - state[d.DRIFT]) > d.ALIEN * tolerance
+            and state[d.AGE_US] >= d.ODD_US_MAX
+            and state[d.AGE_STEP_US]
+        ):
+            state[d.WANTED] |= d.CHECK  # a lamp was switched on: measure it under the finger
     force_mN = state[d.FORCE_MN]
     least_mN = state[d.TOUCH_OFF_MN]
     if not touching:
@@ -282,6 +310,7 @@ def _judge(state, touching):
                 return flags
         state[d.LEARNS] = 3
     if not force_mN or force_mN < least_mN:
+        state[d.FAINT] = 0
         return flags & d.MISFIT
     # Drift shifts the misfit of all presses equally. A touch gives this shift in its third reading
     # with at least four times the force at which touches begin; in fainter readings the noise
@@ -292,7 +321,14 @@ def _judge(state, touching):
         if not state[d.LEARNS]:
             _learn(state, misfit, tolerance)
             return _judge(state, d.TOUCHING)  # with the new drift
-    return flags | d.TOUCHING
+    if not touching or state[d.BRIGHTNESS] >= state[d.PEAK] - d.LEFT:
+        state[d.FAINT] = 0
+    elif state[d.FAINT]:
+        state[d.FAINT] = 0
+        return flags & d.MISFIT
+    else:
+        state[d.FAINT] = 1  # the touch ends at the second reading: another finger may be arriving
+    return (flags or state[d.BEYOND]) | d.TOUCHING
 
 
 def _learn(state, misfit, tolerance):

@@ -18,6 +18,7 @@ import micropython
 from ..sensor.smux import CHANNELS
 from . import decode as d
 from .log2 import GUARD, TABLE, Q
+from .sticking import unstick
 
 
 def _crc_table():
@@ -60,14 +61,14 @@ def process(work, flags: int) -> int:
         return 0
     # Each `break` ends the estimate.
     while True:
-        touching = state[d.FLAGS] & d.TOUCHING
+        touching = state[d.TOUCHED]
         for i in range(d.CONTRAST, d.FORCE_MN + 1):
             state[i] = 0
         if tables[d.SEGMENTS] == 0:
             flags |= d.NOT_CALIBRATED
         if flags & d.LED_OFF:
-            flags |= touching
             break
+        state[d.TOUCHED] = 0
 
         light = 0
         is_dark = 0
@@ -119,6 +120,7 @@ def process(work, flags: int) -> int:
             state[d.COARSE_SUM + row] = high + (((state[d.FOUND] ^ sign) - sign) >> 13)
 
         # Row 0: the segment's table of positions; row 1: the table of forces.
+        beyond = 0
         at = (state[d.CONTRAST_SUM] ^ sign) - sign
         for row in range(2):
             knots = tables[first]
@@ -133,11 +135,16 @@ def process(work, flags: int) -> int:
             n = (tables[low] ^ sign) - sign
             at -= n
             width = (tables[low + 1] ^ sign) - sign - n
+            half = width >> 1
+            if row:
+                if at > width + d.BEYOND_Q20:
+                    beyond = d.TOO_DARK
+            elif at + half < 0 or at > width + half:
+                beyond = d.TOO_DARK
             if at < 0:
                 at = 0
             if at > width:
                 at = width
-            half = width >> 1
             cross = tables[d.CROSS]
             if row == 0:
                 place = first
@@ -195,7 +202,19 @@ def process(work, flags: int) -> int:
         off = misfit - ((state[d.DRIFT] ^ sign) - sign)
         force_mN = state[d.FORCE_MN]
         least_mN = state[d.TOUCH_OFF_MN]
-        if touching == 0:
+        step = 0
+        if touching:
+            n = (state[d.BRIGHTNESS] ^ sign) - sign
+            if n < ((state[d.PEAK] ^ sign) - sign) - d.LEFT:
+                step = 1
+            if (
+                flags & d.MISFIT
+                and uint(off + d.ALIEN * tolerance) > uint(2 * d.ALIEN * tolerance)
+                and state[d.AGE_US] >= d.ODD_US_MAX
+                and state[d.AGE_STEP_US]
+            ):
+                state[d.WANTED] = state[d.WANTED] | d.CHECK
+        else:
             least_mN = state[d.TOUCH_ON_MN]
             if flags & d.MISFIT and uint(off + tolerance) > most:
                 least_mN <<= 2
@@ -203,8 +222,8 @@ def process(work, flags: int) -> int:
                     state[d.WANTED] = state[d.WANTED] | d.CHECK
                     break
             state[d.LEARNS] = 3
+        faint = 0
         if force_mN and force_mN >= least_mN:
-            flags |= d.TOUCHING
             if state[d.LEARNS] and force_mN >> 2 >= state[d.TOUCH_ON_MN]:
                 state[d.LEARNS] = state[d.LEARNS] - 1
                 if state[d.LEARNS] == 0:
@@ -218,8 +237,15 @@ def process(work, flags: int) -> int:
                         state[d.DRIFT] = n
                         off = misfit - n
                     state[d.SEEN] = misfit
-            if flags & d.MISFIT and uint(off + tolerance) <= most:
-                flags |= d.TOO_DARK
+            if step == 0 or state[d.FAINT] == 0:
+                faint = step
+                flags |= d.TOUCHING
+                state[d.TOUCHED] = d.TOUCHING
+                if flags & d.MISFIT == 0:
+                    flags |= beyond
+                elif uint(off + tolerance) <= most:
+                    flags |= d.TOO_DARK
+        state[d.FAINT] = faint
         break
     state[d.FLAGS] = flags
     us = state[d.TAKEN] * state[d.EXPOSURE_US]
@@ -235,7 +261,7 @@ def process(work, flags: int) -> int:
     state[d.TAKEN] = 0
     state[d.PENDING] = 0
     n = state[d.IDLE_US]
-    if flags & d.TOUCHING:
+    if state[d.TOUCHED]:
         n = 0
     elif n < d.IDLE_US_MAX:
         n += us
@@ -244,12 +270,15 @@ def process(work, flags: int) -> int:
         if flags & (d.TOUCHING | d.LED_OFF):
             step = flags & d.MISFIT
         else:
-            n = state[d.LIGHT] // state[d.SAMPLES] + 1
+            n = state[d.LIGHT] // state[d.SAMPLES] + 1 - (state[d.STUCK] >> 8)
             if state[d.LEVEL] == 0:
                 at = 0
                 for i in range(CHANNELS):
                     at += state[d.FLOOR + i]
-                state[d.LEVEL] = at // state[d.FLOOR_SAMPLES] + 1
+                at = at // state[d.FLOOR_SAMPLES] + 1
+                if state[d.STUCK] >= d.STUCK_LEAST:
+                    at -= state[d.STUCK] >> 8
+                state[d.LEVEL] = at
             n -= state[d.LEVEL]
             step = 0
             if n > d.ODD_COUNTS or n + d.ODD_COUNTS < 0:
@@ -258,12 +287,12 @@ def process(work, flags: int) -> int:
         if step:
             n = state[d.ODD_US]
             if n < d.ODD_US_MAX:
-                if two:
-                    us >>= 3
-                n += us
+                n += us >> 3 if two else us
             elif state[d.AGE_US] >= d.ODD_EVERY_US:
                 state[d.WANTED] = 1 if state[d.AGE_STEP_US] else 0
         state[d.ODD_US] = n
+    if flags & (d.LED_OFF | d.NOT_CALIBRATED) == 0 and (state[d.PEAK] or flags & d.TOUCHING):
+        unstick(work[d.STATE], flags, us)
     n = state[d.WANTED]
     if state[d.AGE_US] >= state[d.EVERY_US] and state[d.IDLE_US] >= state[d.IDLE_MIN_US]:
         n = 1

@@ -68,8 +68,8 @@ class Device(toml.Strict, kw_only=True):
     march : str or None
         Architecture for ``mpy-cross -march``; None for bytecode only, and for CircuitPython.
     viper : bool
-        Whether MicroPython's viper compiles the firmware's modules `burst`, `kernel` and `locate`
-        to machine code; requires `march`.
+        Whether MicroPython's viper compiles the firmware's modules `burst`, `kernel`, `locate` and
+        `sticking` to machine code; requires `march`.
     board_id : str or None
         CircuitPython's ID of the board, in boot_out.txt; None for MicroPython.
     download : str or None

@@ -28,6 +28,10 @@ _CAUSES = {
         "two fingers touch the strip, or the spectrum does not fit one press; next: lift all "
         "fingers and wipe the strip; if that changes nothing, a re-zero is advised: spots rezero"
     ),
+    decode.TOO_DARK: (
+        "force or position is beyond the calibrated range; next: press less hard, and stretch the "
+        "strip less"
+    ),
 }
 
 

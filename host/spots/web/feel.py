@@ -12,8 +12,7 @@ from ..controller.controller_settings import ControllerSettings
 from ..controller.controller_settings import load as load_controller
 from ..errors import SpotsError
 from ..keyboard.key_engine import KeyEngine
-from ..keyboard.layout import KeyLayout, parts_of, typed
-from ..keyboard.reach import causes
+from ..keyboard.layout import KeyLayout, typed
 from ..link.board import Board
 from ..link.frames import Key, Touch
 from ..link.untrusted import Untrusted
@@ -153,13 +152,13 @@ class Feel:
         Parameters
         ----------
         page, usage, modifiers : int
-            HID usage page, usage, and bits of all modifier keys that are down after the event.
+            HID usage page, usage, and bits of the modifier keys.
         pressed : bool
             True for a press, False for a release.
         """
-        event = page, usage
+        event = page, usage, modifiers
         if pressed:
-            self._down[event] = self._place(page, usage, modifiers)
+            self._down[event] = self._place(action(*event))
             layer, index = self._down[event]
         else:
             layer, index = self._down.pop(event, (None, None))
@@ -167,21 +166,15 @@ class Feel:
         self._state.add_event({"kind": "key", "pressed": pressed, **what})
         self._show()
 
-    def _place(self, page: int, usage: int, modifiers: int) -> tuple[str | None, int | None]:
-        """Return layer and index of the key that presses a usage, preferably with its modifiers."""
+    def _place(self, wanted: int) -> tuple[str | None, int | None]:
         if self._engine is None:
             return None, None
         layers = self._layout.layers
-        found = None, None
         for layer in (self._engine.layer, *layers):
             for index, key in enumerate(layers[layer]):
-                for slot in key.actions.values():
-                    for one in causes(slot, self._layout.behaviours):
-                        if one == action(page, usage, modifiers):
-                            return layer, index
-                        if parts_of(one)[:2] == (page, usage) and found == (None, None):
-                            found = layer, index
-        return found
+                if wanted in key.actions.values():
+                    return layer, index
+        return None, None
 
     def _show(self) -> None:
         """Put the changed parts into the state of the web UI."""
