@@ -13,6 +13,7 @@ from spots_sim.board.identity import board_id
 from spots_sim.measure.bound import Bound
 from spots_sim.measure.effects import errors, main, with_keys
 from spots_sim.measure.rig import Rig
+from spots_sim.person.by_hand import calibrate_by_hand
 from spots_sim.person.person import follow_pipe, line_of
 from spots_sim.person.stage import Stage
 from spots_sim.strip.change import Change
@@ -314,6 +315,18 @@ def test_errors_of_a_strip_are_measured_by_force(sensor):
         assert 1 < moved.bias_mm < moved.worst_bias_mm < 5
         (missed,) = errors(rig, (0.01,), readings=2, places=(0.5,))
         assert missed.missing_percent == 100
+
+
+def test_a_person_calibrates_the_strip_by_hand(sensor):
+    with Rig(sensor, 0, 10_000, 1) as rig:
+        by_stage = rig.lines
+        made = calibrate_by_hand(rig.stage, seed=1, count=22)
+        assert (made.gain, made.exposure_us) == (rig.conditions.gain, 10_000)
+        rig.use(made.lines)
+        assert rig.lines == made.lines != by_stage
+        (firm,) = errors(rig, (3.0,), readings=6, places=(0.2, 0.5, 0.8))
+    assert firm.error_mm < 0.25
+    assert firm.missing_percent == 0
 
 
 def test_the_program_prints_errors_or_what_is_wrong(monkeypatch, capsys):

@@ -23,6 +23,7 @@ from spots import toml
 from spots.cli import arguments
 from spots.errors import SpotsError
 
+from ..person.by_hand import calibrate_by_hand
 from ..strip.files import SensorFile, load
 from .measurements import PLACES, bound_of
 from .rezeroed import Hand, age
@@ -208,6 +209,12 @@ def main() -> None:
     parser.add_argument("--forces", type=float, nargs="+", default=FORCES_N, help="forces in N")
     parser.add_argument("--readings", type=int, default=_READINGS, help="readings a place (20)")
     parser.add_argument(
+        "--person",
+        type=int,
+        metavar="SEED",
+        help="a simulated person calibrates with 45 presses, instead of the stage",
+    )
+    parser.add_argument(
         "--leak",
         type=float,
         nargs=2,
@@ -243,6 +250,8 @@ def measured(options: argparse.Namespace) -> list[Errors]:
     hand = Hand(options.rezero, by_hand=options.by_hand)
     hand.check()
     with Rig(sensor, options.seed, options.exposure_us, options.average) as rig:
+        if options.person is not None:
+            rig.use(calibrate_by_hand(rig.stage, options.person).lines)
         held = rig.stage.held
         held.bend_deg, held.leak_share = options.bend, options.leak[0] / 100
         held.leak_mm = options.leak[1]

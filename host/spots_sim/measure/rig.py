@@ -120,7 +120,7 @@ class Rig:
             Shift of each channel at each mark, in units of log2.
         """
         self._shift = place_um, shifts
-        self._use()
+        self._send()
 
     def set_average(self, average: int) -> None:
         """Set the number of samples that the board averages in a reading."""
@@ -130,7 +130,14 @@ class Rig:
     def _use(self) -> None:
         check_light(self.along[0], self._pressed)
         fitted = fit(self.along, self._pressed, self.noise, self.conditions)
-        self.lines = (*fitted, *rest.line(self.stage.reader.rest), *self._silicone)
+        self.use((*fitted, *rest.line(self.stage.reader.rest), *self._silicone))
+
+    def use(self, lines) -> None:
+        """Use another calibration of this strip: `lines`, a sequence of str."""
+        self.lines = tuple(lines)
+        self._send()
+
+    def _send(self) -> None:
         upload(self.board, self.shifted_lines)
         self.board.command(f"set average={self.average}")
         self._dark = np.array(self._dark_frame()) / DARK_SAMPLES

@@ -1,0 +1,83 @@
+"""A simulated person who calibrates a simulated strip by hand, in a terminal that nobody sees."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import tempfile
+from functools import partial
+from pathlib import Path
+
+from rich.console import Console
+
+from spots.calibrate import calibration_file, steps
+from spots.calibrate.bench import Bench
+from spots.calibrate.guide import Guide
+from spots.calibrate.presser import Presser
+from spots.calibrate.session import Session
+
+from .person import Habits, Person, follow
+from .stage import Stage
+
+PRESSES = 45  # of a session
+_USUAL = Habits()
+_PATIENCE_S = 25.0  # timeout of a press; longer than the delays of the person
+
+
+class _Terminal(io.StringIO):
+    def __init__(self, person: Person):
+        super().__init__()
+        self._person, self._question = person, ""
+
+    def write(self, text: str) -> int:
+        self._question = text.strip() or self._question
+        for line in text.splitlines():
+            self._person.hear(line)
+        return super().write(text)
+
+    def readline(self, size: int = -1) -> str:
+        return self._person.answer(self._question) + "\n"
+
+
+def calibrate_by_hand(
+    stage: Stage, seed: int, habits: Habits = _USUAL, count: int = PRESSES
+) -> calibration_file.CalibrationFile:
+    """Let a simulated person calibrate a strip with a scale, at the present settings of its board.
+
+    Parameters
+    ----------
+    stage : Stage
+        Strip and board; the stage itself does not press.
+    seed : int
+        Random seed of the person's errors.
+    habits : Habits
+        Errors of the person.
+    count : int
+        Number of presses.
+
+    Returns
+    -------
+    CalibrationFile
+
+    Raises
+    ------
+    SpotsError
+        If the session gives no calibration.
+    """
+    person = Person(partial(follow, stage.held), stage.length_um / 1000, habits, seed)
+    terminal = _Terminal(person)
+    guide = Guide(Console(file=terminal, width=200), stdin=terminal)
+    presser = Presser(guide)
+    presser.patience_s = _PATIENCE_S
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "hand.toml"
+        bench = Bench(stage.reader, presser, guide, stage.length_um, path)
+        options = argparse.Namespace(plan=None, keep_settings=True)
+        try:
+            steps.calibrate(
+                bench, Session(path.with_suffix(".jsonl")), "fine", count, None, options
+            )
+        finally:
+            vars(stage.held).pop("presses", None)  # the path of the person's finger ends
+            stage.release()
+        return calibration_file.load(path)
