@@ -377,18 +377,35 @@ def test_a_lifted_press_leaves_a_part_of_its_contact_that_decays(sensor):
         assert left == pytest.approx(kept * pressed, rel=3e-3)
 
 
-def test_a_slide_leaves_its_contact_along_its_way(sensor):
-    sticky = quiet(sensor, contact__sticking_percent=1.0, contact__sticking_s=1e9)
+def test_a_slide_leaves_contact_only_where_it_lifts(sensor):
+    sticky = quiet(sensor, contact__sticking_percent=1.0, contact__sticking_s=0.5)
     held, world = held_world(sticky, 20.0, 3000.0, 4.0)
-    for at_mm in np.arange(20.0, 60.1, 0.5).tolist():
-        held.press = Press(at_mm, 3000.0, 4.0)
-        collected(world)
+    plain_held, plain = held_world(quiet(sensor))
+    for i, at_mm in enumerate(np.arange(20.0, 60.1, 0.5).tolist()):
+        held.press = plain_held.press = Press(at_mm, 3000.0, 4.0)
+        pressed = collected(world, 0.01 * i)
+        assert pressed == pytest.approx(collected(plain, 0.01 * i))
+    for force_mN in (2000.0, 1000.0, 200.0):  # a lift takes time
+        i += 1
+        held.press = Press(60.0, force_mN, 4.0)
+        collected(world, 0.01 * i)
     held.press = None
-    # 44 mm of the strip have been under the finger of 4 mm.
-    share = coupling(sensor.contact, 3000.0)
-    way = 44 / 4 * 0.01 * share * Optics(sensor).press(40.0, 44.0)
-    expected = way * Optics(sensor).source_uW_cm2(20.0) * 10.0
-    assert collected(world) == pytest.approx(expected, rel=1e-2)
+    left = collected(world, 0.01 * (i + 1))
+    assert left == pytest.approx(0.01 * np.exp(-0.04 / 0.5) * pressed, rel=3e-3)
+
+
+def test_a_press_beside_what_remains_adds_to_it_and_one_on_it_does_not(sensor):
+    sticky = quiet(sensor, contact__sticking_percent=2.0, contact__sticking_s=1e9)
+    held, world = held_world(sticky, 20.5, 6000.0, 4.0)
+    collected(world)
+    remaining = 0.02 * coupling(sensor.contact, 6000.0)
+    for at_mm, added in ((20.5, 0.0), (60.5, remaining)):
+        held.press = Press(at_mm, 1000.0, 4.0)
+        share = coupling(sensor.contact, 1000.0)
+        optics = Optics(sensor)
+        expected = share * optics.press(at_mm, 4.0) + added * optics.press(20.5, 4.0)
+        expected *= optics.source_uW_cm2(20.0) * 10.0
+        assert collected(world, 1.0) == pytest.approx(expected, rel=1e-3)
 
 
 def test_contact_that_remains_is_seen_between_the_touches_of_a_scenario(sensor):

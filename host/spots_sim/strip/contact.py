@@ -42,7 +42,7 @@ _LEAST = 1e-7  # contact share of a cell; less is no light
 
 
 class Sticking:
-    """Contact that remains where a press has lifted, or from where it has moved, and decays.
+    """Contact that remains where a press has lifted, and decays; a sliding press takes it along.
 
     Parameters
     ----------
@@ -66,6 +66,7 @@ class Sticking:
         self.places_mm = (cells + 0.5) * _CELL_MM
         self.free = True
         self._shares = np.zeros(len(cells))
+        self._held: list[tuple[float, float, float]] = []  # place, width and contact of presses
         self._time_s = 0.0
 
     def remaining(self, presses, shares, time_s: float) -> np.ndarray | None:
@@ -88,18 +89,35 @@ class Sticking:
         elapsed_s, self._time_s = time_s - self._time_s, time_s
         if self.free and not presses:
             return None
+        kept = math.exp(-elapsed_s / self._decay_s)
         remaining = self._shares
-        remaining *= math.exp(-elapsed_s / self._decay_s)
-        pressed = np.zeros(len(remaining))
+        remaining *= kept
+        pressed, held = np.zeros(len(remaining)), []
         for press, share in zip(presses, shares):
-            width_mm = max(press.width_mm, _CELL_MM)
-            low_mm = press.position_mm - width_mm / 2 + _BEYOND_MM * _CELL_MM
-            high_mm = low_mm + width_mm
-            first, last = math.floor(low_mm / _CELL_MM), math.ceil(high_mm / _CELL_MM)
-            for i in range(max(first, 0), min(last, len(pressed))):
-                covered_mm = min((i + 1) * _CELL_MM, high_mm) - max(i * _CELL_MM, low_mm)
-                pressed[i] += share * covered_mm / width_mm
-        np.maximum(remaining, self._kept * pressed, out=remaining)
+            place_mm, width_mm = press.position_mm, max(press.width_mm, _CELL_MM)
+            sticking = self._kept * share
+            for before in [one for one in self._held if abs(one[0] - place_mm) < width_mm]:
+                self._held.remove(before)
+                sticking = max(sticking, kept * before[2])
+            held.append((place_mm, width_mm, sticking))
+            self._add(pressed, place_mm, width_mm, share)
+        for place_mm, width_mm, sticking in self._held:
+            lifted = np.zeros(len(remaining))
+            self._add(lifted, place_mm, width_mm, kept * sticking)
+            np.maximum(remaining, lifted, out=remaining)
+        self._held = held
         remaining[remaining < _LEAST] = 0.0
-        self.free = not remaining.any()
-        return None if self.free else np.maximum(remaining - pressed, 0.0)
+        self.free = not (held or remaining.any())
+        found = np.maximum(remaining - pressed, 0.0)
+        for (place_mm, width_mm, sticking), share in zip(held, shares):
+            if sticking > share:  # while the press lifts
+                self._add(found, place_mm, width_mm, sticking - share)
+        return found if found.any() else None
+
+    def _add(self, cells: np.ndarray, place_mm: float, width_mm: float, share: float) -> None:
+        low_mm = place_mm - width_mm / 2 + _BEYOND_MM * _CELL_MM
+        high_mm = low_mm + width_mm
+        first, last = math.floor(low_mm / _CELL_MM), math.ceil(high_mm / _CELL_MM)
+        for i in range(max(first, 0), min(last, len(cells))):
+            covered_mm = min((i + 1) * _CELL_MM, high_mm) - max(i * _CELL_MM, low_mm)
+            cells[i] += share * covered_mm / width_mm

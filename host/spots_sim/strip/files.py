@@ -152,8 +152,8 @@ class ContactFile(toml.Strict):
         end of the unstretched strip in mm, and contact in per cent of a full contact. The light
         of the dust adds to that of a press.
     sticking_percent, sticking_s : float
-        Share of the contact that remains where a press has lifted, or from where it has moved; and
-        the time constant of its decay in s.
+        Share of the contact that remains where a press has lifted, and the time constant of its
+        decay in s.
     skin_percent : float
         Red light that the skin of a finger reflects back into the strip, in per cent of the light
         of the press; an indenter is black. Skin reflects less green and blue light.
