@@ -174,6 +174,18 @@ def test_the_share_of_a_force_below_all_touches_is_that_of_the_weakest_touch():
     assert abs(firm[3]) < 100 < max(abs(knot[3]) for knot in knots)
 
 
+@pytest.mark.parametrize("mode_percent", [6.0, -6.0])
+def test_a_corrected_position_is_on_the_strip(mode_percent):
+    strip = Strip(seed=9, mode_percent=mode_percent)
+    decode = Decoded()
+    decode.calibration = Calibration(strip.lines())
+    for force_mN in FORCES_MN:
+        for place_um in (0, 300, strip.length_um - 300, strip.length_um):
+            decode.update_mean(strip.bound.counts(place_um, force_mN))
+            assert 0 <= decode.position_um <= strip.length_um
+            assert abs(decode.position_um - place_um) < 2500
+
+
 def test_a_stretched_strip_has_the_correction_too():
     strip = Strip(seed=7, mode_percent=5.0)
     along = strip.presses(np.linspace(0, strip.length_um, 33), [FIRM_MN], ALONG)

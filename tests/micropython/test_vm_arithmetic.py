@@ -45,7 +45,6 @@ from spots_device.reading.calibration import (
 )
 from spots_device.reading.decode import (
     CRC_SIZE,
-    CROSS_UM,
     DARK_SUBTRACTED,
     HEADER_SIZE,
     LED_OFF,
@@ -237,7 +236,7 @@ def test_estimate(compare, rng):
         if i > 3:
             checked = 1, 10_000
         cases.append((tables, limits, checked, readings))
-    width = (CROSS_UM + 2 + decode.BEYOND - decode.STICK) * 30
+    width = (decode.TOLERANCE_Q12 + 2 + decode.BEYOND - decode.STICK) * 30
     for case in cases:  # the heap has no room for all cases
         compare("estimate", [case], width=width)
 

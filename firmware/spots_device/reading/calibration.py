@@ -236,7 +236,7 @@ def pack(weights, bounds, segments, tables, forces, room=()):
     packed = room if len(room) >= needed else array("i", range(needed))
     packed[SEGMENTS] = len(bounds)
     packed[FORCES] = size
-    packed[CROSS] = cross
+    packed[CROSS] = cross and (max([knot[1] for table in tables for knot in table]) or 1)
     for i in range(2 * CHANNELS):
         packed[WEIGHTS + i] = weights[i]
     place = ends
@@ -392,7 +392,7 @@ def _check_table(name, knots):
         if a[1] == b[1] or (b[1] > a[1]) != rises:
             raise CalibrationError("the table of '%s' is not monotone" % name)
         if any(step * (abs(b[i] - a[i]) + 1) >= 1 << 30 for i in range(1, len(a))):
-            raise CalibrationError("the knots of '%s' lie too far apart: use a paler dye" % name)
+            raise CalibrationError("the knots of '%s' lie too far apart: add knots" % name)
 
 
 def _check_cross(forces, strains):

@@ -37,7 +37,7 @@ LED_OFF = 1 << 7
 # then its other columns.
 SEGMENTS = 0  # number of segments
 FORCES = 1  # index of the table of forces
-CROSS = 2  # 1 if the tables have the columns of the cross-sensitivity, else 0
+CROSS = 2  # um: length, if the tables have the columns of the cross-sensitivity; else 0
 WEIGHTS = 3  # Q13: six weights of the coarse contrast, then six of the misfit
 BOUNDS = 15
 
@@ -60,7 +60,6 @@ SEEN = 13  # Q12: drift that the last touch gave
 LIGHT = 14  # counts: sum of the six sums
 MISFIT_Q12 = 15  # Q12: misfit to one press, if the position is known
 TOLERANCE_Q12 = 16  # Q12: tolerance of this misfit
-CROSS_UM = 17  # um: correction for the cross-sensitivity, which `POSITION_UM` contains
 IDLE_US = 20  # us: time without a touch
 # Change of the ambient light, see dark.py.
 LEVEL = 21  # counts + 1: sum of the floor; 0 from a dark window until a reading without a touch
@@ -196,7 +195,6 @@ class Decode:
     def calibration(self, calibration):
         self._calibration = calibration
         self.tables = _NO_TABLES
-        self.state[CROSS_UM] = 0
         self.compensation = None
         if calibration is not None:
             self.compensation = calibration.compensation

@@ -243,7 +243,7 @@ def _locate(state, tables):
     state[d.FORCE_MN] = state[d.FOUND]
     state[d.TOLERANCE_Q12] = state[d.FOUND + 1]
     if tables[d.CROSS]:
-        _cross(tables, place, state)
+        _cross(tables, state)
     return True
 
 
@@ -259,24 +259,16 @@ def _beyond(tables, place, at):
     return 0
 
 
-def _cross(tables, place, state):
-    # Correct position and misfit for the cross-sensitivity. `place` is the index of the table of
-    # positions. The corrected position is within this table.
+def _cross(tables, state):
+    # Correct position and misfit for the cross-sensitivity.
     share = state[d.FOUND + 2]
     state[d.MISFIT_Q12] -= state[d.FOUND + 4] * share >> 12
-    before = state[d.POSITION_UM]
-    at = before + (state[d.FOUND + 3] * share >> 12)
-    size = tables[place]
-    low = tables[place + 1 + size]
-    high = tables[place + 2 * size]
-    if low > high:
-        low, high = high, low
-    if at < low:
-        at = low
-    elif at > high:
-        at = high
+    at = state[d.POSITION_UM] + (state[d.FOUND + 3] * share >> 12)
+    if at < 0:
+        at = 0
+    elif at > tables[d.CROSS]:
+        at = tables[d.CROSS]
     state[d.POSITION_UM] = at
-    state[d.CROSS_UM] = at - before
 
 
 def _judge(state, touching):

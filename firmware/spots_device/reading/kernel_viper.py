@@ -145,11 +145,11 @@ def process(work, flags: int) -> int:
                 at = 0
             if at > width:
                 at = width
-            cross = tables[d.CROSS]
-            if row == 0:
-                place = first
-                cross *= 2
-            for i in range(3 - row + cross):
+            cross = (tables[d.CROSS] ^ sign) - sign
+            columns = 3 - row
+            if cross:
+                columns += 2 - row
+            for i in range(columns):
                 low += knots
                 n = tables[low]
                 state[d.FOUND + i] = tables[low + 1] - n
@@ -177,22 +177,12 @@ def process(work, flags: int) -> int:
             state[d.MISFIT_Q12] = state[d.MISFIT_Q12] - ((at * n) >> 12)
             at = (state[d.FOUND + 3] ^ sign) - sign
             at = (at * n) >> 12
-            n = (state[d.POSITION_UM] ^ sign) - sign
-            at += n
-            # The position is within the table.
-            knots = tables[place]
-            low = (tables[place + 1 + knots] ^ sign) - sign
-            high = (tables[place + 2 * knots] ^ sign) - sign
-            if low > high:
-                width = low
-                low = high
-                high = width
-            if at < low:
-                at = low
-            if at > high:
-                at = high
+            at += (state[d.POSITION_UM] ^ sign) - sign
+            if at < 0:
+                at = 0
+            elif at > cross:
+                at = cross
             state[d.POSITION_UM] = at
-            state[d.CROSS_UM] = at - n
 
         misfit = (state[d.MISFIT_Q12] ^ sign) - sign
         # A number n is within the tolerance if n + tolerance, unsigned, is at most twice it.

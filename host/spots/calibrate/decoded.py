@@ -8,6 +8,7 @@ from spots_device.reading.decode import (
     CROSS,
     FLOOR,
     FLOOR_SAMPLES,
+    FORCES,
     SAMPLES,
     SEGMENTS,
     SUMS,
@@ -48,7 +49,7 @@ class Segment:
     def __init__(self, tables, place):
         self.position = tables[place : place + CHANNELS]
         self.force = tables[place + CHANNELS : place + 2 * CHANNELS]
-        columns = columns_of(tables, place + 2 * CHANNELS, 4 + 2 * tables[CROSS])
+        columns = columns_of(tables, place + 2 * CHANNELS, 4 + 2 * bool(tables[CROSS]))
         self.contrasts, self.positions_um, self.fits, self.offsets, *self.cross = columns
 
 
@@ -72,6 +73,12 @@ def segments_of(calibration: Calibration) -> tuple[Segment, ...]:
     """Return a view of each segment's weights and tables; writing to it changes the calibration."""
     tables = memoryview(calibration.tables)
     return tuple(Segment(tables, tables[BOUNDS + 2 * i + 1]) for i in range(tables[SEGMENTS]))
+
+
+def shares_of(calibration: Calibration) -> memoryview:
+    """Return the share of the cross-sensitivity at each brightness of the table of forces, Q12."""
+    tables = memoryview(calibration.tables)
+    return columns_of(tables, tables[FORCES], 4)[3]
 
 
 class Decoded(Decode):

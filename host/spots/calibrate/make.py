@@ -9,6 +9,7 @@ from msgspec.structs import replace
 
 from spots.calibrate.decoded import Decoded
 from spots_device.reading.calibration import Calibration, CalibrationError
+from spots_device.reading.decode import CROSS
 
 from ..errors import SpotsError
 from . import calibration_file as file
@@ -99,7 +100,7 @@ def _made(session: Session, say: Callable[[str], None]) -> file.CalibrationFile:
         lines=tuple(lines),
         residuals=[_residual(session, lines, at, along[at], pressed, *limits) for at in along],
         marks=_marks(marks),
-        **_joint(session, say),
+        **_joint(session, lines, say),
     )
 
 
@@ -128,16 +129,26 @@ def _marks(pressed: Presses) -> file.Marks | None:
     )
 
 
-def _joint(session: Session, say: Callable[[str], None]) -> dict:
+def _joint(session: Session, lines: list[str], say: Callable[[str], None]) -> dict:
     turned = session.of("joint")
     if not turned:
         return {}
+    decode = Decoded()
+    decode.calibration = Calibration(lines)
+    if decode.tables[CROSS]:
+        # The board had perhaps no correction for the force of the indenter.
+        turned = [replace(p, position_um=_position_um(decode, p.counts)) for p in turned]
     try:
         return {"joint": fit_joint(turned), "joint_marks": joint_marks(turned)}
     except SpotsError as error:
         # The joint may be unfinished; the calibration of the strip does not need the joint.
         say(f"the calibration is written without the joint: {error}")
         return {}
+
+
+def _position_um(decode: Decoded, counts) -> float:
+    decode.update_mean(counts)
+    return float(decode.position_um)
 
 
 def _residual(

@@ -24,6 +24,7 @@ from . import calibration_file as file
 from . import rest
 from .bench import Bench
 from .calibrate import opened
+from .cross_lines import CrossLines
 from .drift import described
 from .session import Wanted
 from .shift import shifted
@@ -101,11 +102,19 @@ def rezero(
     place_um, logs = marks.place_um[at], np.array(marks.logs)
     bench.guide.begin("re-zero", presses * len(place_um), table.conditions.plan, bench.length_um)
     force_now_mN = force_mN or marks.force_mN
+    original = made.original or made.lines
+    cross = CrossLines(original)
     angles_deg = (marks.angle_deg or (None,) * len(logs))[at]
     shifts = []
     for x_um, log, angle_deg in zip(place_um, logs[at], angles_deg):
         wanted = Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN, angle_deg=angle_deg)
-        shifts.append(_shift(bench, wanted, log, marks, presses))
+        # The colour of firm presses: the drift does not contain the effect of another force.
+        firm = log - cross.logs(x_um, np.exp2(log))
+
+        def shift(counts, x_um=x_um, firm=firm) -> np.ndarray:
+            return np.log2(counts) - cross.logs(x_um, counts / longer) - firm
+
+        shifts.append(_shift(bench, wanted, shift, marks, presses))
     shifts = np.array(shifts)
     if force_mN is None:  # the mean shift of all channels is due to another force
         shifts -= shifts.mean(axis=1, keepdims=True)
@@ -122,7 +131,6 @@ def rezero(
         shifts=tuple(map(tuple, shifts.round(6).tolist())),
         drift=described(place_um, logs[at], shifts, table.conditions.plan),
     )
-    original = made.original or made.lines
     lines = tuple(rest.replaced(shifted(original, place_um, shifts), reader.rest / longer))
     return replace(made, lines=lines, original=original, rezeros=[*made.rezeros, done])
 
@@ -221,23 +229,23 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     return shifts + (straight_um - off_um)[:, None] * slopes
 
 
-def _shift(bench: Bench, wanted: Wanted, log: np.ndarray, marks: file.Marks, presses: int):
+def _shift(bench: Bench, wanted: Wanted, shift, marks: file.Marks, presses: int) -> np.ndarray:
     """Ask for presses at a mark until `presses` of them agree; return their mean shift, shape (6,).
 
-    The shift is a change of log2 of the counts. `wanted` is the press to ask for, and `log` is log2
-    of its counts at the calibration. `marks` are all marks of the calibration; a press nearer to
-    another mark is repeated.
+    The shift is a change of log2 of the counts. `wanted` is the press to ask for, and `shift` is a
+    function that returns the shift for its counts. `marks` are all marks of the calibration; a
+    press nearer to another mark is repeated.
     """
     logs, limit_um = np.array(marks.logs), _STRAY_SHARE * (marks.place_um[1] - marks.place_um[0])
     colour_per_um = (logs[2] - logs[0]) / (marks.place_um[2] - marks.place_um[0])
     colour_per_um -= colour_per_um.mean()
-    found = np.empty((0, len(log)))
+    found = np.empty((0, logs.shape[1]))
     for _ in range(presses + _STRAYS):
         reading = bench.take(wanted, given_up="nothing was saved")
         if wanted.angle_deg is None:
             bench.release()
         bench.guide.taken(wanted, reading)
-        found = np.vstack([found, np.log2(reading.counts) - log])
+        found = np.vstack([found, shift(reading.counts)])
         off_um = found @ colour_per_um / (colour_per_um @ colour_per_um)
         good = np.abs(off_um) <= limit_um
         if len(found) == presses:

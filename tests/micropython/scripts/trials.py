@@ -27,7 +27,7 @@ _BURST_US = 390
 _CLEAR_US = 73
 
 _encoded = bytearray(880)
-_COMPARED = 18  # elements of a state, up to the correction of the position
+_COMPARED = 17  # elements of a state, up to the tolerance of the misfit
 _decode = Decode()
 _decode.scale(1, 4)
 _head = array("i", bytes(4 * d.HEAD_SIZE))
