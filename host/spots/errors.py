@@ -64,15 +64,13 @@ def path_text(value: object, what: str) -> str:
     Raises
     ------
     SpotsError
-        If the value is neither a text nor a path, or the text is empty or has a zero.
+        If the value is neither a text nor a path.
     """
     text: Any = (
         os.fspath(cast("os.PathLike[str]", value)) if hasattr(value, "__fspath__") else value
     )
     if not isinstance(text, str):
         raise SpotsError(f"{what} must be a text or a pathlib.Path, not {value!r}")
-    if not text or "\0" in text:
-        raise SpotsError(f"{what} must be a name, not {text!r}")
     return text
 
 

@@ -1,9 +1,13 @@
 """Fits a model of a strip's light to presses whose positions and forces have errors.
 
 For a press at the position x with the force F, the model of log2 of the counts of channel c is
-``s_c(x) + g(F)``: by Eq. 1 of the paper (docs/paper.md), position and force act on the logarithm
-separately. `s_c` and `g` are Chebyshev series whose coefficients have a Gaussian prior. The prior
-is narrower for higher degrees, and has a different width for each channel. An error of the position
+``s_c(x) + g(F) + t_c(x, F)``. By Eq. 1 of the paper (docs/paper.md), position and force act on the
+logarithm separately, so t_c is 0 unless the colour of a press depends on its force. `s_c` and `g`
+are Chebyshev series whose coefficients have a Gaussian prior. The prior is narrower for higher
+degrees, and has a different width for each channel. `t_c` is a sum of products of polynomials in
+the position and in the square root of the light. It is 0 at a firm press, and so is its mean over
+all channels. One part is a shift of the position, which changes the channels in proportion to the
+slopes of `s_c`; the other part changes each channel by itself. An error of the position
 shifts the channels in proportion to the slopes of `s_c`; an error of the force shifts all channels
 alike. The sizes of these errors and of the coefficients are those with the largest evidence
 (marginal likelihood; Rasmussen and Williams, Gaussian Processes for Machine Learning, section
@@ -26,6 +30,8 @@ from .presses import FIRM_MN, FULL_MN, Noise, Presses
 from .ruler import common_error_um
 
 _PLACE, _FORCE = 8, 7  # number of coefficients of s_c and g
+_CROSS_PLACE, _CROSS_LIGHT = 3, 2  # number of polynomials of t_c in position and light
+_APART = np.linalg.svd(np.ones((1, CHANNELS)))[2][1:].T  # differences of channels from their mean
 _BENDS = _PLACE * np.arange(CHANNELS) + 2  # indices of the coefficients of degree 2 of s_c
 _CONCAVE_MAX = 30.0  # standard deviations; above, erfc() would underflow
 _RATIO = 0.3  # ratio of the expected coefficients of successive degrees
@@ -63,6 +69,10 @@ class Sizes:
         Force at which the strip begins to give light, as a share of the least force of the presses.
     misfit : float
         Standard deviation of a channel's log2(counts) from the model, in log2 units.
+    shift_um : float
+        Expected shift of the position of a very weak press, in um.
+    cross : float
+        Expected size of the other part of t_c for a very weak press, in log2 units.
     """
 
     place_um: float = 300.0
@@ -72,6 +82,8 @@ class Sizes:
     rise: float = 0.3
     dark_share: float = 0.8
     misfit: float = 3e-4
+    shift_um: float = 0.0
+    cross: float = 0.0
 
 
 # Values of each size that `fitted` tries, see `Sizes`.
@@ -83,6 +95,8 @@ _GRIDS = {
     "rise": (0.03, 0.1, 0.3, 1.0),
     "dark_share": (0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98),
     "misfit": (3e-4, 1e-3, 3e-3, 1e-2),
+    "shift_um": (0.0, 100.0, 300.0, 1000.0, 3000.0),
+    "cross": (0.0, 0.003, 0.01, 0.03, 0.1),
 }
 # Each channel has its own expected bend. The curves `s_c` of most channels are nearly straight,
 # because these channels receive a narrow band of the spectrum. Errors of the ruler bend all curves
@@ -92,6 +106,11 @@ _SEARCHED = [
     for name in _GRIDS
     for channel in (range(CHANNELS) if name == "bends" else (None,))
 ]
+# Sizes of t_c from which the search for them starts, and the least increase of the evidence by t_c.
+_CROSSED = {"shift_um": 1000.0, "cross": 0.003}
+_CROSS_EVIDENCE = 5.0
+_CROSS_FROM = 20  # least number of presses with a known force for t_c
+_PLAIN = [one for one in _SEARCHED if one[0] not in _CROSSED]
 
 
 @dataclass(eq=False)
@@ -140,8 +159,15 @@ class Surface:
         bends = np.outer(sizes.bends, _RATIO ** (np.arange(_PLACE) - 2.0))
         rises = sizes.rise * _RATIO ** (np.arange(_FORCE) - 1.0)
         bends[:, :2] = rises[0] = _WIDE
-        self._prior = np.concatenate([bends.ravel(), rises])
-        self._mean = start._mean if start else np.zeros_like(self._prior)
+        cross = np.outer(_RATIO ** np.arange(_CROSS_PLACE), _RATIO ** np.arange(_CROSS_LIGHT))
+        cross = np.outer([sizes.shift_um, *[sizes.cross] * (CHANNELS - 1)], cross).ravel()
+        if not cross.any():
+            cross = cross[:0]
+        self._prior = np.concatenate([bends.ravel(), rises, cross])
+        self._mean = np.zeros_like(self._prior)
+        if start:
+            known = start._mean[: len(self._prior)]
+            self._mean[: len(known)] = known
         for _ in range(1 if start else _ROUNDS):
             self._solve()
 
@@ -189,7 +215,28 @@ class Surface:
         force *= (np.asarray(force_mN) > 0)[:, None]
         channels = np.einsum("ij,nk->nijk", np.eye(CHANNELS), place)
         channels = channels.reshape(len(place), CHANNELS, -1)
-        return np.concatenate([channels, np.repeat(force[:, None], CHANNELS, axis=1)], axis=2)
+        rows = [channels, np.repeat(force[:, None], CHANNELS, axis=1)]
+        if self.sizes.shift_um or self.sizes.cross:
+            light = self._light(force_mN)
+            powers = np.stack([light**n - 1 for n in range(1, _CROSS_LIGHT + 1)], axis=1)
+            slopes = self._slopes(place_um)
+            ways = np.broadcast_to(_APART, (len(place), *_APART.shape))
+            ways = np.concatenate([(slopes - slopes.mean(1, keepdims=True))[:, :, None], ways], 2)
+            cross = np.einsum("nci,nj,nk->ncijk", ways, place[:, :_CROSS_PLACE], powers)
+            rows.append(cross.reshape(len(place), CHANNELS, -1))
+        return np.concatenate(rows, axis=2)
+
+    @property
+    def _rise(self) -> np.ndarray:
+        """Coefficients of g, from degree 0."""
+        first = CHANNELS * _PLACE
+        return np.concatenate([[0.0], self._mean[first : first + _FORCE]])
+
+    def _light(self, force_mN) -> np.ndarray:
+        """Return the square root of the light of n forces; 1 for a firm and an unknown force."""
+        force_mN = np.where(np.asarray(force_mN) > 0, force_mN, FIRM_MN)
+        firm, *logs = chebyshev.chebval(self._share(np.append(FIRM_MN, force_mN)), self._rise)
+        return np.exp2((np.array(logs) - firm) / 2)
 
     def _share(self, force_mN) -> np.ndarray:
         lit = np.log(np.maximum(np.asarray(force_mN) - self._dark_mN, 1.0))
@@ -202,8 +249,7 @@ class Surface:
 
     def _rises(self, force_mN) -> np.ndarray:
         """Return the derivatives of log2(counts) with respect to log(force) at n forces."""
-        series = np.concatenate([[0.0], self._mean[CHANNELS * _PLACE :]])
-        rises = chebyshev.chebval(self._share(force_mN), chebyshev.chebder(series))
+        rises = chebyshev.chebval(self._share(force_mN), chebyshev.chebder(self._rise))
         lit = np.maximum(np.asarray(force_mN) - self._dark_mN, 1.0)
         return np.maximum(rises * 2 / (self._high - self._low) * force_mN / lit, 0.1)
 
@@ -257,6 +303,8 @@ class Surface:
         pressed between its ends.
         """
         sizes = replace(self.sizes, bends=(max(self.sizes.bends),) * CHANNELS)
+        if sizes.shift_um or sizes.cross:
+            sizes = replace(sizes, **_CROSSED)
         return replace(self, sizes=sizes, start=self)
 
     def moved(self) -> Surface:
@@ -404,7 +452,8 @@ class Surface:
         """
         place, force = self._grid(11, dark_mN)
         places, forces = self._targets(place, force)
-        targets = places[force == force.max()], forces
+        crossed = self.sizes.shift_um or self.sizes.cross
+        targets = places if crossed else places[force == force.max()], forces
         place, force = self._grid(22, dark_mN)
         counts = 2.0 ** self.logs(place, force)
         rows = self._rows(place, force)
@@ -439,10 +488,20 @@ def fitted(
     -------
     Surface
     """
-    best = Surface(presses, noise, samples, length_um, sizes)
+    plain = replace(sizes, shift_um=0.0, cross=0.0)
+    best = _best(Surface(presses, noise, samples, length_um, plain), _PLAIN)
+    if (presses.force_mN > 0).sum() < _CROSS_FROM:
+        return best
+    crossed = sizes if sizes.shift_um or sizes.cross else replace(best.sizes, **_CROSSED)
+    crossed = _best(Surface(presses, noise, samples, length_um, crossed), _SEARCHED)
+    return crossed if crossed.evidence > best.evidence + _CROSS_EVIDENCE else best
+
+
+def _best(best: Surface, searched: list[tuple[str, int | None]]) -> Surface:
+    """Change the sizes `searched` one after the other while this increases the evidence."""
     for _ in range(_SWEEPS):
         before = best
-        for name, channel in _SEARCHED:
+        for name, channel in searched:
             grid, value = _GRIDS[name], getattr(best.sizes, name)
             at = grid.index(value if channel is None else value[channel])
             for step in (-1, 1):

@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ class Replay(Board):
         return self._recording.stats
 
     @property
-    def doubts(self) -> Sequence[str]:
+    def doubts(self) -> list[str]:
         """What is wrong with the frames that were played, see `Recording.doubts`."""
         return self._recording.doubts
 
