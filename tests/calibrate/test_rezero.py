@@ -203,6 +203,9 @@ def test_light_common_to_all_channels_moves_the_brightness_alone(made):
         if old.startswith("x "):
             moved = [int(b) - int(a) for a, b in zip(old.split()[1:], new.split()[1:])]
             assert moved == [0, 0, 0, 1 << 18]
+        elif old.startswith("spectrum "):
+            moved = [int(b) - int(a) for a, b in zip(old.split()[1:], new.split()[1:])]
+            assert moved == [0] + [1 << 14] * 6
         else:
             assert new == old
 

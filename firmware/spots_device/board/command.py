@@ -16,6 +16,7 @@ from .settings import LIMITS, checksum
 LINE_MAX = 255
 _LINES_MAX = 400  # lines of an upload
 _BYTES_MAX = 16_000
+_PART_MAX = TEXT_MAX - 60  # characters of the lines in a reply, with quotes and commas
 NAME_MAX = 20  # characters of an unknown name that the reply repeats
 _NO_MEMORY = "no memory is left for this command: reboot and try again"
 
@@ -116,7 +117,8 @@ class Replies:
 class Upload:
     """Receives a text line by line, for one of the commands ``cal`` and ``layout``.
 
-    The host sends ``begin``, the lines, and ``end`` with a checksum; or ``clear``.
+    The host sends ``begin``, the lines, and ``end`` with a checksum; or ``clear``. ``lines N``
+    reads the stored text from its line N on, counted from 0.
 
     Parameters
     ----------
@@ -127,12 +129,15 @@ class Upload:
     use : callable
         ``use(lines) -> str or None`` uses the lines; an empty list removes the stored text. The
         result is a note for the user, or None. It raises ValueError if the lines are invalid.
+    stored : callable
+        ``stored()`` returns the lines in use.
     """
 
-    def __init__(self, command, what, use):
+    def __init__(self, command, what, use, stored):
         self._command = command
         self._what = what
         self._use = use
+        self._stored = stored
         self.forget()
 
     def forget(self):
@@ -162,6 +167,8 @@ class Upload:
         if verb == "clear":
             self.forget()
             return _noted({}, self._use([]))
+        if verb == "lines" and self._lines is None:
+            return self._part(words)
         if self._lines is None:
             raise ValueError("send '%s begin' first" % self._command)
         if verb != "end":
@@ -171,6 +178,18 @@ class Upload:
         if words[1:] != [checksum(lines)]:
             raise ValueError("the checksum differs: send the %s again" % self._what)
         return _noted({self._what: words[1]}, self._use(lines))
+
+    def _part(self, words):
+        # As many lines as fit into a reply. With their quotes, commas and the rest of the reply,
+        # they have at most `TEXT_MAX` characters.
+        lines = self._stored()
+        first = int(words[1]) if words[1:] and words[1].isdigit() else 0
+        last = first
+        room = _PART_MAX
+        while last < len(lines) and room >= len(lines[last]):
+            room -= len(lines[last]) + 4
+            last += 1
+        return {"lines": lines[first:last], "of": len(lines)}
 
     def _keep(self, line):
         if not line:
@@ -201,7 +220,8 @@ class Commands:
                           'dark off'
       rest                take the present light as the baseline
       stream KIND ...     select the frames of each sample: touch, spectrum, contact, off
-      layout, cal         upload a layout or a calibration, line by line
+      layout, cal         upload a layout or a calibration, line by line; 'cal lines N'
+                          returns the stored lines from line N on
       save                store settings, layout and calibration
       sync                the board's time, and the kinds of frames that it streams
       reboot              restart the firmware
@@ -217,8 +237,8 @@ class Commands:
         self._app = app
         self._replies = app.replies
         self._uploads = {
-            "cal": Upload("cal", "calibration", app.use_calibration),
-            "layout": Upload("layout", "layout", app.use_layout),
+            "cal": Upload("cal", "calibration", app.use_calibration, lambda: app.calibration.lines),
+            "layout": Upload("layout", "layout", app.use_layout, lambda: app.uses.layout_lines),
         }
 
     def handle(self, line):

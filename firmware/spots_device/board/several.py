@@ -35,6 +35,7 @@ _PUNCTUAL_US = const(500)
 _STAYS_US = const(4_000)
 _PREFIX = "sensor="
 _UPLOADS = ("cal", "layout")
+_FIRST = ["begin"], ["clear"]  # words of the first line of an upload
 _FOR_ALL = ("save", "reboot")  # commands that concern all strips
 
 
@@ -239,9 +240,9 @@ class SeveralApp(StripApp):
                 return {"re": name, "error": "sensor must be one of " + ", ".join(known)}
             index = int(number)
             line = " ".join(words)
-        elif name in _UPLOADS and words[1:] not in (["begin"], ["clear"]):
+        elif name in _UPLOADS and words[1:2] != ["lines"] and words[1:] not in _FIRST:
             index = self._uploads_to
-        if name in _UPLOADS:
+        if name in _UPLOADS and words[1:2] != ["lines"]:
             self._uploads_to = index
         if name == "reboot":
             for part in self._others:

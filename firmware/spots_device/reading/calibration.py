@@ -19,6 +19,10 @@ with examples of their values::
                                (sum 0), six for the force (sum 8192); one line for each segment
     f 123456 1000 900          knot: brightness, force in mN, tolerance of the misfit (Q12);
                                optional: share of the cross-sensitivity (Q12)
+    spectrum 5000 812345 ...   position in um, log2 of the six counts of a firm press there (Q16);
+                               only for the host, see spots/link/press_spectra.py; optional
+    tint 5000 -65536 12 ...    position in um, brightness minus that of a firm press (Q16), change
+                               of log2 of the six counts with the force (Q16); only for the host
     silicone 4200 300 1000 ... compensation of hysteresis and creep: factor of the force (Q12);
                                half widths in mN of three play operators, their three weights
                                (Q12); three time constants in ms, their three shares of the force
@@ -60,6 +64,7 @@ _SIZE_MAX = 1 << 17
 # Name of a statement: number of its integers.
 _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6, "rest": 6, "silicone": 13}
 _OPTIONAL = "rest", "silicone"
+_FOR_HOST = {"spectrum": 7, "tint": 8}
 _MANY = {"segment": 12, "f": 3}
 # Further integers of a line, all or none, for the cross-sensitivity.
 _CROSS = {"f": 1, "x": 2}
@@ -357,6 +362,8 @@ def _take(line, words, seen, strains):
         seen[name] = _integers(line, _ONCE[name])
     elif line == "relative":
         seen[line] = None
+    elif name in _FOR_HOST:
+        _integers(line, _FOR_HOST[name])
     else:
         raise CalibrationError("'%s' is not a line of a calibration: remove it" % line[:40])
 

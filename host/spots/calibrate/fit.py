@@ -19,6 +19,7 @@ from spots_device.reading.calibration import ONE_Q13, WEIGHT_SUM_MAX, Conditions
 from spots_device.reading.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
+from ..link import press_spectra
 from .cross import Change, change
 from .monotone import monotone
 from .presses import Noise, Presses
@@ -103,6 +104,7 @@ def fit(
         _statement("coarse", coarse),
         _statement("fit", test),
         *(_statement("segment", [*position, *force]) for position, force in parts),
+        *press_spectra.statements(rest.ends_um, rest.logs),
     ]
     dimmer = (brightnesses - firm) / ONE_Q20
     sigma_um, sigma_misfit = _sigmas(rest, parts, test, noise, dimmer)
@@ -125,6 +127,9 @@ def fit(
     sure = forces >= end
     cross = _cross(rest, parts, test, pressed, noise, dimmer, sure, sigma_um, sigma_misfit)
     shares = [np.round(cross.shares * ONE_Q12)] if cross else []
+    if cross:
+        tint = cross.change
+        lines += press_spectra.tint_statements(tint.ends_um, tint.lights, tint.logs)
     lines += [_statement("f", knot) for knot in zip(brightnesses, forces, tolerances, *shares)]
     for strain, curve in curves.items():
         lines.append(f"strain {strain}")

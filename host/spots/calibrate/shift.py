@@ -17,6 +17,7 @@ from spots_device.reading.log2 import ONE as ONE_Q20
 from spots_device.sensor.smux import CHANNELS
 
 from ..errors import SpotsError
+from ..link import press_spectra
 from .fit import ONE_Q12
 
 
@@ -70,6 +71,9 @@ def shifted(lines, place_um, shifts) -> list[str]:
     rows = [_integers(line) for line in lines]
     weights = {name: values for name, values in rows if name in ("coarse", "fit")}
     segments = [values for name, values in rows if name == "segment"]
+    for name, values in rows:
+        if name == "spectrum":
+            press_spectra.shifted(values, polynomial.polyval(values[0], curve))
     begins = [i for i, (name, _) in enumerate(rows) if name == "strain"]
     for begin, end in zip(begins, [*begins[1:], len(rows)]):
         places = [values[1] for name, values in rows[begin:end] if name == "x"]
