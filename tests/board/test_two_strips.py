@@ -11,8 +11,9 @@ import pytest
 import spots
 from spots.deploy import staging
 from spots.errors import SpotsError
-from spots.link.board import Board
-from spots.link.connect import prepare
+from spots.link.advice import stored_calibration
+from spots.link.board import Board, of_sensor
+from spots.link.connect import prepare, upload
 from spots.link.frames import Touch
 from spots.terminal.monitor import watch
 from spots_device.board.settings import checksum
@@ -162,6 +163,17 @@ def test_a_command_between_the_lines_of_an_upload_does_not_change_its_strip():
             board.command("cal end 00000000")
         with pytest.raises(SpotsError, match="send 'cal begin' first"):
             board.command("cal end 00000000 sensor=0")
+
+
+def test_the_calibration_of_each_strip_can_be_read():
+    lines = calibrate(SENSOR)
+    with opened() as board:
+        for number in (0, 1):
+            upload(board, strip_lines(lines, number), number)
+        for number in (0, 1):
+            info = board.command(of_sensor("hello", number))
+            board.calibration = None
+            assert stored_calibration(board, info, number) == list(strip_lines(lines, number))
 
 
 def test_a_board_for_one_strip_of_two_is_like_a_board_with_one_strip():

@@ -68,14 +68,14 @@ def test_a_finger_types_and_the_end_of_the_time_lets_go(board):
 @pytest.mark.parametrize("end", [SpotsError("unplugged"), KeyboardInterrupt(), ValueError()])
 def test_whatever_ends_it_lets_go(board, monkeypatch, end):
     """The pressed key is released if the board is unplugged, at Ctrl-C, and at a defect."""
-    touches = board.touches
+    frames = board.frames
 
     def ended(seconds):
         if board.now_s() > HELD_S + 0.5:
             raise end
-        return touches(seconds)
+        return frames(seconds)
 
-    monkeypatch.setattr(board, "touches", ended)
+    monkeypatch.setattr(board, "frames", ended)
     with Computer() as computer:
         with pytest.raises(type(end)):
             type_on(board, load("digits"), computer)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from soak import file_fight
+from soak import false_advice, file_fight
 from soak.soak import soak_command
 from spots.cli.arguments import number, seed
 from spots.errors import SpotsError
@@ -43,7 +43,14 @@ def main(arguments: list[str] | None = None) -> int:
         help="instead, let programs, a person and a failing disk fight over each kind of file, in "
         "N random schedules",
     )  # fmt: skip
+    parser.add_argument(
+        "--advice",
+        action="store_true",
+        help="instead, type on strips without an error, and count the advice to re-zero them",
+    )
     options = parser.parse_args(arguments)
+    if options.advice:
+        return int(false_advice.count(options.hours, options.seed) > 0)
     if options.files:
         file_fight.fight(options.files)
         return 0

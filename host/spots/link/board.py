@@ -160,7 +160,7 @@ class Board(AbstractContextManager["Board"]):
         Time in seconds for which a streaming board may be unplugged before SpotsError is raised.
     calibration : list of str or None
         Lines of the latest calibration that this object uploaded to sensor 0; None if there was no
-        upload. They cannot be read from a board, which reports only their checksum.
+        upload; see also `advice.stored_calibration`.
     read_only : bool
         True for a recording or a remote board, which no command can change.
     ended : bool

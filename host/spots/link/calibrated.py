@@ -10,11 +10,11 @@ from typing import Any
 
 from ..errors import SpotsError
 from ..signals import resumed
+from .advice import advice_for, streams
 from .board import Board
 from .board_errors import in_words
 from .frames import Touch
 from .replies import Hello
-from .untrusted import Untrusted
 
 
 def hello_calibrated(board: Board) -> Hello:
@@ -90,8 +90,8 @@ def fed(
 
     If the engine detects an object that is not a finger, the light at that moment becomes the
     board's baseline, which is subtracted from the light of a touch. When this process is resumed
-    after Ctrl-Z, stale readings are dropped, and ``engine.release()`` is called. When all readings
-    become untrusted, the cause is printed on stderr.
+    after Ctrl-Z, stale readings are dropped, and ``engine.release()`` is called. Advice is printed
+    on stderr if readings are untrusted or probably wrong.
 
     Parameters
     ----------
@@ -114,17 +114,20 @@ def fed(
     result : object
         What the engine returned for the reading or the tick.
     """
-    board.command("stream touch")
+    advice = advice_for(board, board.info)
+    board.command("stream " + " ".join(streams(board.info)))
     end_s = None if seconds is None else board.now_s() + seconds
-    since_s, untrusted = -math.inf, Untrusted()
+    since_s = -math.inf
     while not board.ended and (end_s is None or board.now_s() < end_s):
         if resumed():
             engine.release()
             since_s = board.now_s()
-        for touch in board.touches(tick_s):
-            if touch.sensor == 0 and (touch.time_s or 0.0) >= since_s:
-                untrusted.warn(touch, board.now_s())
-                yield touch, engine.take(touch, board.now_s())
+        for frame in board.frames(tick_s):
+            if frame.sensor or (frame.time_s or 0.0) < since_s:
+                continue
+            advice.warn(frame, board.now_s())
+            if isinstance(frame, Touch):
+                yield frame, engine.take(frame, board.now_s())
         yield None, engine.tick(board.now_s())
         if engine.rests and not board.read_only:
             with contextlib.suppress(SpotsError):  # a missing reply does not matter

@@ -1,7 +1,5 @@
 """Explains to the user why all readings of a strip are untrusted, and what to do."""
 
-import sys
-
 from spots_device.fingers.tracker import TWO_FIT
 from spots_device.reading import decode
 
@@ -33,6 +31,11 @@ _CAUSES = {
         "strip less"
     ),
 }
+# Instead of a misfit, if the light of the untouched strip changes.
+_LIGHT = (
+    "the ambient light changes; next: shade the strip from sun and lamps, and run 'spots doctor' "
+    "near a lamp that flickers"
+)
 
 
 class Untrusted:
@@ -54,7 +57,7 @@ class Untrusted:
         self._last_s: float | None = None  # of the last reading, if it was untrusted
         self._misfit_press = False
 
-    def take(self, touch: Touch, now_s: float) -> None:
+    def take(self, touch: Touch, now_s: float, light_moves: bool = False) -> None:
         """Take a reading and update `sentence`.
 
         Parameters
@@ -63,6 +66,8 @@ class Untrusted:
             The next reading of the strip.
         now_s : float
             Time at which the reading arrived, in seconds by the clock of `Board.now_s`.
+        light_moves : bool, optional
+            Whether the ambient light changes, which is then the probable cause of a misfit.
         """
         # Without a press, `TOO_DARK` is always set. It is cleared here, because `TWO_FIT`, which
         # is `TOO_DARK` with `MISFIT`, has its meaning only during a press.
@@ -81,19 +86,5 @@ class Untrusted:
         self._last_s = now_s
         self._misfit_press = touch.touching and flag in (TWO_FIT, decode.MISFIT)
         if self._lasted_s >= _UNTRUSTED_S:
-            self.sentence = f"every reading is untrusted, because {_CAUSES[flag]}"
-
-    def warn(self, touch: Touch, now_s: float) -> None:
-        """Take a reading, and print `sentence` on stderr when readings become untrusted.
-
-        Parameters
-        ----------
-        touch : Touch
-            The next reading of the strip.
-        now_s : float
-            Time at which the reading arrived, in seconds by the clock of `Board.now_s`.
-        """
-        before = self.sentence
-        self.take(touch, now_s)
-        if self.sentence and not before:
-            print(f"spots: {self.sentence}", file=sys.stderr, flush=True)
+            cause = _LIGHT if light_moves and flag & decode.MISFIT else _CAUSES[flag]
+            self.sentence = f"every reading is untrusted, because {cause}"

@@ -6,11 +6,11 @@ from contextlib import suppress
 from rich.console import Group
 
 from ..errors import CommandError
+from ..link.advice import advice_for, streams
 from ..link.board import Board, of_sensor
 from ..link.calibrated import next_step
 from ..link.frames import Touch
 from ..link.replies import Hello
-from ..link.untrusted import Untrusted
 from .view import Judge, Pace, StripView, drawn, plain
 
 PLAIN_LINES_PER_S = 4
@@ -39,14 +39,14 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
     """
     board.patience_s = math.inf
     with suppress(KeyboardInterrupt), drawn(not quiet) as display:
-        board.stream("touch", *(["spectrum"] if display else []))
+        board.stream(*(("touch", "spectrum") if display else streams(board.info)))
         infos = _infos(board)
         several = len(infos) > 1
         views = [
             StripView(info, f"{board.port}#{number}" if several else board.port)
             for number, info in enumerate(infos)
         ]
-        untrusted = [Untrusted() for _ in infos]
+        advices = [advice_for(board, info, number) for number, info in enumerate(infos)]
         advising = not quiet and not next_step(infos[0])  # otherwise the command prints it
         started_s = board.now_s()
         pace = Pace()
@@ -67,11 +67,11 @@ def watch(board: Board, seconds: float | None, quiet: bool, judge: Judge | None 
         for frame in board.frames(seconds):
             if frame.sensor >= len(views):
                 continue
-            now_s, view, doubt = board.now_s(), views[frame.sensor], untrusted[frame.sensor]
+            now_s, view, advice = board.now_s(), views[frame.sensor], advices[frame.sensor]
             view.take(frame)
-            if isinstance(frame, Touch) and advising:
-                (doubt.take if display else doubt.warn)(frame, now_s)
-                view.advice = doubt.sentence
+            if advising:
+                (advice.take if display else advice.warn)(frame, now_s)
+                view.advice = advice.sentence
             if isinstance(frame, Touch) and judge is not None:
                 judge.take(frame, now_s)
             if display and pace.due(now_s):

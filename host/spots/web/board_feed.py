@@ -216,6 +216,7 @@ class BoardReader:
             if shown:
                 health.took(now_s, now_s - frame.time_s)
         elif isinstance(frame, Spectrum):
+            feel.take_spectrum(frame, board.now_s())
             if shown:
                 self._state.put("spectrum", {"counts": frame.counts})
         elif isinstance(frame, Contact):

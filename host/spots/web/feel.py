@@ -13,9 +13,9 @@ from ..controller.controller_settings import load as load_controller
 from ..errors import SpotsError
 from ..keyboard.key_engine import KeyEngine
 from ..keyboard.layout import KeyLayout, typed
+from ..link.advice import advice_for
 from ..link.board import Board
-from ..link.frames import Key, Touch
-from ..link.untrusted import Untrusted
+from ..link.frames import Key, Spectrum, Touch
 from ..outputs.devices import AXIS_MAX
 from ..outputs.usages import name_of
 from ..terminal.view import flag_words
@@ -62,7 +62,7 @@ class Feel:
         self._does = gestures.pressed_by if gestures else lambda gesture: ""
         self._engine = self._gestures = self._controller = None
         self._own = info.get("keys")  # if true, the engine only tracks the layers
-        self._untrusted, self._silent = Untrusted(), ""
+        self._advice, self._silent = advice_for(board, info), ""
         self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> key in the layout
         self._shown: dict[str, object] = {}
         length_um = info.get("length_um")
@@ -94,7 +94,7 @@ class Feel:
             Positions of the fingers that the board reported for this reading, in um.
         """
         self._state.put("touch", _message(touch, now_s, fingers))
-        self._untrusted.take(touch, now_s)
+        self._advice.take(touch, now_s)
         self._silent = ""
         self._try()
         for engine in self._engines:
@@ -117,6 +117,18 @@ class Feel:
 
     def _tried_key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
         self._state.add_event({"kind": "tried", "name": _name(page, usage), "pressed": pressed})
+
+    def take_spectrum(self, spectrum: Spectrum, now_s: float) -> None:
+        """Process the spectrum of the reading that `take` processed last.
+
+        Parameters
+        ----------
+        spectrum : Spectrum
+            The spectrum.
+        now_s : float
+            Time at which it arrived, as for `take`.
+        """
+        self._advice.take(spectrum, now_s)
 
     def take_key(self, key: Key) -> None:
         """Show a key event from a board that is itself a keyboard; ignore it from other boards."""
@@ -181,7 +193,7 @@ class Feel:
         parts = {
             "keys": self._engine and self._keys(),
             "stick": self._controller and self._stick(),
-            "untrusted": self._silent or self._untrusted.sentence,
+            "untrusted": self._silent or self._advice.sentence,
         }
         for name, value in parts.items():
             if value != self._shown.get(name):

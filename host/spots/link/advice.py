@@ -1,0 +1,149 @@
+"""Advice for the user: why readings are untrusted or probably wrong, and what to do."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
+
+from ..errors import SpotsError
+from .board import Board, of_sensor
+from .frames import Reading, Spectrum, Touch
+from .notice import Floor, Notice, notice_for
+from .untrusted import Untrusted
+
+# Spectra of shorter readings would cost a board too much time.
+_READING_US_MIN = 5000
+
+
+class Advice:
+    """Watches the readings of a strip, and returns advice.
+
+    Parameters
+    ----------
+    notice : Notice, optional
+        Looks for a drift; without it, only untrusted readings are reported.
+
+    Attributes
+    ----------
+    sentence : str
+        Cause and remedy; empty if all is well.
+    """
+
+    def __init__(self, notice: Notice | None = None):
+        self.sentence = ""
+        self.notice = notice
+        self._untrusted = Untrusted()
+        self._floor = notice.floor if notice else Floor()
+
+    def take(self, frame: Reading, now_s: float) -> None:
+        """Take a frame of the strip and update `sentence`.
+
+        Parameters
+        ----------
+        frame : Touch, Spectrum, Key or Contact
+            The next frame of the strip; only touches and spectra are used.
+        now_s : float
+            Time at which the frame arrived, in seconds by the clock of `Board.now_s`.
+        """
+        notice = self.notice
+        if isinstance(frame, Touch):
+            self._untrusted.take(frame, now_s, self._floor.moving)
+        elif not isinstance(frame, Spectrum):
+            return
+        if notice is None:
+            self._floor.follow(frame)
+        else:
+            notice.take(frame)
+        self.sentence = self._untrusted.sentence or (notice.sentence if notice else "")
+
+    def warn(self, frame: Reading, now_s: float) -> None:
+        """Take a frame, and print `sentence` on stderr when there is something to report.
+
+        Parameters
+        ----------
+        frame : Touch, Spectrum, Key or Contact
+            The next frame of the strip.
+        now_s : float
+            Time at which the frame arrived, as for `take`.
+        """
+        before = self.sentence
+        self.take(frame, now_s)
+        if self.sentence and not before:
+            print(f"spots: {self.sentence}", file=sys.stderr, flush=True)
+
+
+def streams(settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the kinds of frames that an application streams for `Advice`.
+
+    Parameters
+    ----------
+    settings : Mapping
+        Settings of the board, such as `Board.info`.
+
+    Returns
+    -------
+    tuple of str
+    """
+    reading_us = settings.get("exposure_us", 0) * settings.get("average", 1)
+    return ("touch", "spectrum") if reading_us >= _READING_US_MIN else ("touch",)
+
+
+def advice_for(board: Board, info: Mapping[str, Any], sensor: int = 0) -> Advice:
+    """Return the `Advice` for a strip of a board.
+
+    Parameters
+    ----------
+    board : Board
+        The board; its calibration is read if it is not known.
+    info : Mapping
+        The reply to ``hello`` for this strip.
+    sensor : int, optional
+        Number of the strip on the board.
+
+    Returns
+    -------
+    Advice
+    """
+    return Advice(notice_for(stored_calibration(board, info, sensor), info))
+
+
+def stored_calibration(
+    board: Board, info: Mapping[str, Any], sensor: int = 0
+) -> Sequence[str] | None:
+    """Return the lines of the calibration that a board uses; None if they are unknown.
+
+    Parameters
+    ----------
+    board : Board
+        The board.
+    info : Mapping
+        The reply to ``hello`` for this strip.
+    sensor : int, optional
+        Number of the strip on the board.
+
+    Returns
+    -------
+    sequence of str or None
+        None also if the firmware of the board cannot return its calibration.
+    """
+    name = info.get("calibration")
+    if name is None:
+        return None
+    known = board.calibration if sensor == 0 else None
+    if known is not None and checksum(known) == name:
+        return known
+    lines: list[str] = []
+    try:
+        while not board.read_only:
+            reply = board.command(of_sensor(f"cal lines {len(lines)}", sensor))
+            part: Any = reply.get("lines")
+            if not isinstance(part, list) or not part:
+                break
+            lines += map(str, cast(list[Any], part))
+    except SpotsError:
+        return None
+    found: str = checksum(lines)
+    return lines if found == name else None
