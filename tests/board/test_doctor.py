@@ -218,16 +218,62 @@ def test_replies_are_not_counted_as_readings():
     assert rate.text == "100.0 readings a second of 100.0 that exposure and average allow"
 
 
-@pytest.mark.parametrize(("change", "fits"), [(Change(), True), (Change(die_nm=1.0), False)])
-def test_a_strip_that_has_drifted_is_to_be_re_zeroed(change, fits):
+def fits_of(change, position_um=NEAR_UM, mark=None):
+    """Return the findings of the checks of a press on a strip that has changed."""
     sensor = load(SensorFile, "default")
     with Stage(sensor) as stage:
         upload(stage.board, calibrate(sensor))
         stage.held.changed = change
+        stage.press(position_um, 8_000)
+        return list(examine_board(stage.board, mark))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (Change(), "the press fits the calibration"),
+        (Change(temperature_K=3.0), "the press fits the calibration"),
+        (Change(die_nm=1.0), "the blue light of the LED"),
+        # No flag shows the noisy readings of these two.
+        (Change(phosphor_nm=0.5), "wrong by 1.2 mm, the probable cause is the phosphor of the LED"),
+        (Change(tilt_percent=-3.0), "the light at the glued ends"),
+    ],
+)
+def test_a_strip_that_has_drifted_is_to_be_re_zeroed(change, words):
+    (found,) = [finding for finding in fits_of(change) if finding.check == "fit"]
+    assert found.ok is words.startswith("the press fits")
+    assert words in found.text
+    assert found.ok or "of the strip, run 'spots rezero'" in found.text
+
+
+@pytest.mark.parametrize(("dye_percent", "ok"), [(0.0, True), (-5.0, False)])
+def test_a_press_at_a_mark_shows_the_error_that_no_spectrum_shows(dye_percent, ok):
+    *others, verdict = fits_of(Change(dye_percent=dye_percent), 40_000, 40.0)
+    assert verdict.check == "mark"
+    assert verdict.ok is ok
+    assert all(finding.ok for finding in others)
+    error_mm = float(re.search(r"([+-]\d.\d\d) mm", verdict.text)[1])
+    assert error_mm == pytest.approx(0.0 if ok else -2.0, abs=0.1)
+    assert ok or "spots rezero" in verdict.text
+
+
+@pytest.mark.parametrize("mark", [-1.0, 86.0])
+def test_a_mark_beside_the_strip_is_refused(mark):
+    *_, verdict = fits_of(Change(), mark=mark)
+    assert not verdict.ok
+    assert "give a place from 0 to 85 mm" in verdict.text
+
+
+def test_a_mark_that_nobody_presses_is_reported():
+    sensor = load(SensorFile, "default")
+    with Stage(sensor) as stage:
+        upload(stage.board, calibrate(sensor))
         stage.press(NEAR_UM, 8_000)
-        found = [finding for finding in examine_board(stage.board) if finding.check == "fit"]
-    assert [finding.ok for finding in found] == [False] * (not fits)
-    assert all("of the strip, run 'spots rezero'" in finding.text for finding in found)
+        for verdict in examine_board(stage.board, 40.0):
+            if verdict.check == "mark":
+                stage.release()
+    assert not verdict.ok
+    assert "no press at 40 mm" in verdict.text
 
 
 def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_path, capsys):

@@ -96,9 +96,16 @@ def doctor(parser: Parser):
     examples:
       spots doctor
       spots doctor --port /dev/ttyACM0
+      spots doctor --mark 40
     """
     parser.add_argument("--port", help=f"{arguments.PORTS}; the only board on USB if not given")
-    return calls("spots.deploy.doctor:doctor", "port")
+    parser.option(
+        "--mark",
+        "MM",
+        "also ask for a press at this distance from the sensor's end, and print its error",
+        type=arguments.number("a place on the strip in mm", 0, 1000),
+    )
+    return calls("spots.deploy.doctor:doctor", "port", "mark")
 
 
 def calibrate(parser: Parser):

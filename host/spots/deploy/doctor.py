@@ -18,9 +18,11 @@ from ..link.calibrated import next_step, start_fault
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
 from ..link.ports import no_port, scheme_name
-from ..link.replies import Get
+from ..link.replies import Get, Hello
 from ..link.serial_link import SerialLink
+from .finding import Finding
 from .place import on_port, restarted, the_board
+from .press_check import at_mark, fit
 from .prompt import Prompt
 
 _SPECTRA = 12  # least number of spectra from which the rate is measured
@@ -47,26 +49,15 @@ _WIRES = {
 }
 
 
-class Finding(NamedTuple):
-    """Result of one check of ``spots doctor``.
-
-    Attributes
-    ----------
-    check : str
-        Name of the check.
-    ok : bool
-        Whether the board passed the check.
-    text : str
-        What was found and, after a failure, what to do.
-    """
-
-    check: str
-    ok: bool
-    text: str
-
-
-def doctor(port: str | None = None) -> None:
+def doctor(port: str | None = None, mark: float | None = None) -> None:
     """Check a board and print the result of each check.
+
+    Parameters
+    ----------
+    port : str, optional
+        Serial port, or another value of ``--port``; by default the only board.
+    mark : float, optional
+        Place of a press that is compared with its measured position, in mm.
 
     Raises
     ------
@@ -74,21 +65,33 @@ def doctor(port: str | None = None) -> None:
         If a check found a problem.
     """
     problems = 0
-    for check, ok, text in examine(port):
+    for check, ok, text in examine(port, mark):
         problems += not ok
         print(f"{'ok' if ok else 'problem':8} {check:10} {printable(text)}")
     if problems:
         raise SpotsError(f"problems found: {problems}; follow the advice in the lines above")
 
 
-def examine(port: str | None = None) -> Iterator[Finding]:
-    """Check a port and its board; yield each result; stop if no further check is possible."""
+def examine(port: str | None = None, mark: float | None = None) -> Iterator[Finding]:
+    """Check a port and its board; stop if no further check is possible.
+
+    Parameters
+    ----------
+    port, mark
+        As for `doctor`.
+
+    Yields
+    ------
+    Finding
+        Result of a check.
+    """
     check, advice = "port", ""
     try:
         if not scheme_name(port):
             port = port or the_board()[-1]
             if os.name == "posix" and not os.path.exists(port):
-                raise SpotsError(no_port(port))
+                yield Finding(check, False, no_port(port))
+                return
             yield Finding(check, True, port)
             check = "permission"
             SerialLink(port).close()
@@ -101,7 +104,7 @@ def examine(port: str | None = None) -> Iterator[Finding]:
         yield Finding(check, False, f"{error}{more}")
         return
     with board:
-        yield from examine_board(board)
+        yield from examine_board(board, mark)
 
 
 def _opened(port: str | None) -> Board:
@@ -124,8 +127,21 @@ def _opened(port: str | None) -> Board:
     return restarted(ports)
 
 
-def examine_board(board: Board) -> Iterator[Finding]:
-    """Check a board that answers, and yield the result of each check."""
+def examine_board(board: Board, mark: float | None = None) -> Iterator[Finding]:
+    """Check a board that answers.
+
+    Parameters
+    ----------
+    board : Board
+        The board.
+    mark : float, optional
+        Place of a press in mm, see `doctor`.
+
+    Yields
+    ------
+    Finding
+        Result of a check.
+    """
     yield Finding("hello", True, "{board}, {runtime}, id {id}".format(**board.info))
     text = firmware = board.info["firmware"]
     if firmware != __version__:
@@ -156,6 +172,8 @@ def examine_board(board: Board) -> Iterator[Finding]:
     step = next_step(hello)
     text = f"not yet; {step}" if step else f"a strip of {hello['length_um'] / 1000:g} mm"
     yield Finding("calibrated", True, text)
+    if mark is not None:
+        yield from _mark(board, state, hello, mark)
 
 
 def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
@@ -172,6 +190,8 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
         lit = _await(board, reading_s, lambda light: light >= least)
     light = lit.light
     yield from _channels(state, lit, light >= least)
+    whole = light >= least and min(lit.net) >= _DEAD
+    fits = fit(board, state, lit.dark) if whole else None
     if light >= least and state["led"] == "always":
         # The board cannot switch this LED, and a press also couples ambient light into the strip.
         text = (
@@ -188,9 +208,21 @@ def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:
     elif bright:
         text += ": press at the sensor's end and run 'spots command auto'"
     yield Finding("light", not dim and not bright, text)
-    if not lit.fits:
-        text = "the press does not fit the calibration; to correct a drift of the strip, "
-        yield Finding("fit", False, text + "run 'spots rezero'")
+    if fits:
+        yield fits
+
+
+def _mark(board: Board, state: Get, hello: Hello, mark_mm: float) -> Iterator[Finding]:
+    length_um = hello["length_um"]
+    if not length_um:
+        yield Finding("mark", False, "a mark needs a calibration: run 'spots calibrate'")
+    elif not 0 <= 1000 * mark_mm <= length_um:
+        text = f"--mark {mark_mm:g} is not on the strip of {length_um / 1000:g} mm"
+        yield Finding("mark", False, f"{text}: give a place from 0 to {length_um / 1000:g} mm")
+    else:
+        text = f"press at {mark_mm:g} mm from the sensor's end within 10 s, and hold for 2 s"
+        yield Finding("mark", True, text)
+        yield at_mark(board, state, mark_mm)
 
 
 class _Light(NamedTuple):
@@ -202,9 +234,6 @@ class _Light(NamedTuple):
         Counts due to the LED, in the channel where they are largest; 0 without a sample.
     peak : int
         Largest raw count in any channel while the LED was on; 0 without a sample.
-    fits : bool
-        Whether the spectrum of at least one sample fits the calibration, see `decode.MISFIT`; True
-        without a sample.
     net : list of float
         Largest count of each channel due to the LED; empty without a sample.
     dark : list of float
@@ -213,7 +242,6 @@ class _Light(NamedTuple):
 
     light: float
     peak: int
-    fits: bool
     net: list[float]
     dark: list[float]
 
@@ -276,13 +304,12 @@ def _led_light(board: Board, reading_s: float) -> _Light:
     after = board.command("dark")["dark"]
     dark = [max(pair) / decode.DARK_SAMPLES for pair in zip(before, after)]
     if not samples:
-        return _Light(0, 0, True, [], dark)
+        return _Light(0, 0, [], dark)
     counts = [spectrum.counts for spectrum in samples]
     least, most = (map(one, zip(*counts)) for one in (min, max))
     net = [max(0.0, lit - off) for lit, off in zip(most, dark)]
-    fits = not all(spectrum.flags & decode.MISFIT for spectrum in samples)
     light = max(lit - off for lit, off in zip(least, dark))
-    return _Light(light, max(map(max, counts)), fits, net, dark)
+    return _Light(light, max(map(max, counts)), net, dark)
 
 
 def _lamps(board: Board, state: Get) -> Iterator[Finding]:
