@@ -1,7 +1,7 @@
 """What a computer types: from the reports of a USB keyboard, and from a virtual keyboard."""
 
 from spots.outputs.devices import Keyboard
-from spots.outputs.usages import USAGES, name_of
+from spots.outputs.usages import MODIFIERS_FROM, USAGES, is_modifier, name_of
 
 SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
 _SHIFT = 0x22
@@ -34,13 +34,19 @@ class Computer(Keyboard):
         super().__init__()
         self.text = ""
         self.log = []
+        self._typed = []
 
     def _set(self, one, pressed):
         self.log.append(("+" if pressed else "-") + one.name)
-        if pressed and not 0xE0 <= one.usage <= 0xE7:
-            down = [each.usage for each in self._down if 0xE0 <= each.usage <= 0xE7]
-            bits = sum(1 << usage - 0xE0 for usage in down)
-            self.text += typed(one.page, one.usage, bits)
+        if pressed and not is_modifier(one.page, one.usage):
+            down = [each.usage for each in self._down if is_modifier(each.page, each.usage)]
+            bits = sum(1 << usage - MODIFIERS_FROM for usage in down)
+            self._typed.append((one.page, typed(one.page, one.usage, bits)))
+            self.text += self._typed[-1][1]
+
+    def typed_on(self, page):
+        """Return what the keys of a HID usage page typed."""
+        return [text for each, text in self._typed if each == page]
 
     @property
     def down(self):

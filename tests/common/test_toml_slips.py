@@ -15,7 +15,7 @@ from spots_sim.strip import files
 LAYER = 'name = "x"\n[[layer]]\nname = "a"\nkeys = '
 SLIPS = [
     ("layout", LAYER + '[{ tap = "A", hodl = "B" }]', "did you mean hold?"),
-    ("layout", LAYER + '["A"]\n[tuning]\nflavour = "tap-prefered"', "did you mean tap-preferred?"),
+    ("layout", LAYER + '["A"]\n[tuning]\nflavor = "tap-prefered"', "did you mean tap-preferred?"),
     ("board", "titel = 'x'", "did you mean title?"),
     ("board", "title = 'x'\nruntime = 'micropithon'\n[device]", "did you mean micropython?"),
     ("calibration", "bord = 'x'", "did you mean board?"),

@@ -9,8 +9,8 @@ from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import (
     KEYBOARD,
     LIMITS,
-    Layout,
     action,
+    parse,
 )
 from spots_device.keys.merge import Merger
 from spots_device.reading.decode import TOO_DARK, TOUCHING
@@ -37,26 +37,30 @@ class Desk:
     ----------
     events : list of (int, bool)
         Usage of each key event, and whether the key was pressed; ``modifiers`` has the modifiers of
-        each press.
+        each press. ``usages`` has the same of single usages.
     """
 
     def __init__(self, *lines, length_um=LENGTH_UM, decay=DECAY, number=int):
         self._number = number
         self.events = []
         self.modifiers = []
+        self.usages = []
         self.rests = 0
         self.now_ms = (TICKS * 1024 // 1000) - 300  # the ticks wrap after 300 ms
         self.pad = Keypad(self, Merger())
-        self.pad.set_layout(Layout(lines), number(length_um), number(decay))
+        self.pad.set_layout(parse(lines), number(length_um), number(decay))
         self.lift(60)
 
     def usage(self, page, usage, modifiers, pressed):
-        pass
+        self.usages.append((int(usage), pressed))
 
     def key(self, page, usage, modifiers, pressed):
         self.events.append((int(usage), pressed))
         if pressed:
             self.modifiers.append(int(modifiers))
+
+    def has_room(self):
+        return True
 
     def stuck(self):
         self.rests += 1
@@ -96,6 +100,11 @@ class Desk:
 def clicks(*usages):
     """Return the events (usage, pressed) of keys that are typed one after the other."""
     return [event for usage in usages for event in ((usage, True), (usage, False))]
+
+
+def rolled(first, second):
+    """Return the events of two keys of which the second is pressed before the first is released."""
+    return [(first, True), (second, True), (first, False), (second, False)]
 
 
 def limit(name):

@@ -145,7 +145,7 @@ def test_a_sensor_that_returns_without_memory_for_keys_does_not_end_the_loop(mon
     board.app.use_layout(default_lines())
     board.lose()
     board.app.uses._layout = None
-    monkeypatch.setattr(layout_module.Layout, "__init__", full)
+    monkeypatch.setattr(layout_module, "parse", full)
     board.find()
     assert "no memory is left for keys" in board.app.apply_calibration()
 
@@ -153,7 +153,7 @@ def test_a_sensor_that_returns_without_memory_for_keys_does_not_end_the_loop(mon
 def test_memory_that_ran_out_once_is_not_reported_for_ever(monkeypatch):
     board = Board(calibration=LINES)
     with monkeypatch.context() as patch:
-        patch.setattr(layout_module.Layout, "__init__", full)
+        patch.setattr(layout_module, "parse", full)
         assert "no memory is left for keys" in board.command("set keys=1")["note"]
     assert "no memory" not in board.command("set keys=1")["note"]
 

@@ -20,13 +20,26 @@ _PREFIX = "of_"
 WORDS_MAX = 11  # VM_MAX_STATE_ON_STACK in MicroPython's py/objfun.c
 _BYTECODE = 0  # kind of code in an .mpy file
 
-# Functions that run for every sample of a calibrated and touched strip that streams TOUCH frames.
+# Functions that run for every sample of a calibrated and touched strip that streams TOUCH frames,
+# and those of the keys.
 EACH_SAMPLE = {
     "board/app": "_pass",
     "sensor/as7341": "poll",
     "sensor/fifo": "read",
     "sensor/registers": "read fetch stamp",
     "fingers/tracker": "take",
+    "keys/caps": "press shifted",
+    "keys/dance": "press released beside tick forget _decide",
+    "keys/engine": "press release_one firm move tick forget is_certain same_key layer _put _run "
+    "_remove _next _beside _do _let_go _begin _open_at _tap _prepare _decide _is_hold _close "
+    "_press_firmly _is_swiped _swipe _may_swipe _slide _slide_one _tap_due _act click start "
+    "_switch_layer _press_key _behave _end _row_at _again_at _is_near _is_on_one click_alone",
+    "keys/keypad": "tick down at firm up next second left stuck",
+    "keys/merge": "press release mask _hold _wanted _set _switch _report _find",
+    "keys/morph": "press released",
+    "keys/repeat": "press pressed",
+    "keys/reports": "key flush put pump expire has_room _append",
+    "keys/sticky": "press release pressed tick forget holds _finish _change",
     "reading/frame": "send _send_body",
     "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _judge "
     "_follow_light _odd_light",

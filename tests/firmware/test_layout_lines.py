@@ -12,19 +12,19 @@ from spots_device.keys.layout import (
     LAYERS_MAX,
     LIMITS,
     TOGGLE,
-    Layout,
     LayoutError,
     action,
     default_lines,
+    parse,
 )
 
 SOUND = ["layer 0 0", key(0, 500, letter(4)), key(500, 1000, action(CONSUMER, 0xE9))]
 
 
 def test_what_is_left_out_is_the_default_and_milliseconds_become_ticks():
-    layout = Layout(["tapping_ms 1024", *SOUND])
-    assert layout.tapping_t == 1000
-    assert layout.quick_t == LIMITS["quick_ms"][2] * 1000 // 1024
+    layout = parse(["tapping_term_ms 1024", *SOUND])
+    assert layout.tapping_term_t == 1000
+    assert layout.quick_tap_t == LIMITS["quick_tap_ms"][2] * 1000 // 1024
     assert layout.detect == LIMITS["detect"][2]
     assert layout.pages == (7, 12)
     assert (layout.first(0), layout.first(1)) == (0, 2 * KEY_SIZE)
@@ -56,7 +56,7 @@ def test_what_is_left_out_is_the_default_and_milliseconds_become_ticks():
 )
 def test_an_unsound_layout_is_refused(lines, why):
     with pytest.raises(LayoutError, match=why):
-        Layout(lines)
+        parse(lines)
 
 
 @given(st.lists(st.text(max_size=40), max_size=5), st.integers(0, 12))
@@ -64,7 +64,7 @@ def test_no_line_breaks_it(lines, at):
     whole = [*default_lines()]
     whole[at:at] = lines
     try:
-        Layout(whole)
+        parse(whole)
     except LayoutError:
         pass
 

@@ -202,6 +202,9 @@ class Fingers:
         assert pressed != (key in self.down), "a key must be pressed and released in turn"
         (self.down.add if pressed else self.down.remove)(key)
 
+    def has_room(self):
+        return True
+
     def stuck(self):
         pass
 

@@ -43,7 +43,7 @@ from spots.web.pace import PagePace
 from spots_device import PROTOCOL
 from spots_device.board import settings
 from spots_device.keys.keypad import Keypad
-from spots_device.keys.layout import Layout, LayoutError
+from spots_device.keys.layout import LayoutError, parse
 from spots_device.keys.merge import Merger
 from spots_device.reading.calibration import Calibration, CalibrationError
 from spots_device.reading.decode import AVERAGE_MAX
@@ -150,7 +150,7 @@ def calibration(data: bytes) -> None:
 def layout_lines(data: bytes) -> None:
     """Layout on a board: with a valid one, each pressed key is released."""
     try:
-        made = Layout(_text(data).split("\n"))
+        made = parse(_text(data).split("\n"))
     except LayoutError:
         return
     fingers = desk.Fingers()
@@ -208,7 +208,7 @@ def layout_toml(data: bytes) -> None:
     """Layout file: board, terminal and web UI accept a valid one."""
     with _refusing():
         found = layout.load(_file("layout.toml", data))
-        Layout(found.lines)
+        parse(found.lines)
         _draw(keys.picture(found))
         assert layout_shown(found)["layers"]
         for placed in found.layers.values():

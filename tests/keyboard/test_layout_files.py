@@ -9,10 +9,11 @@ from spots.keyboard.keys import say
 from spots.keyboard.layout import FOLDER, load
 from spots.outputs.usages import USAGES
 from spots_device.keys.layout import (
+    HOLD_TAP,
     KEY_SIZE,
     TAP,
-    Layout,
     action,
+    parse,
 )
 from spots_sim.person.typist import Typist
 
@@ -28,7 +29,7 @@ def write(tmp_path, text):
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_every_layout_of_the_package_is_one_that_a_board_takes(name, capsys):
     layout = load(name)
-    board = Layout(layout.lines)
+    board = parse(layout.lines)
     assert board.layers == len(layout.layers)
     assert len(board.keys) == KEY_SIZE * sum(len(keys) for keys in layout.layers.values())
     assert cli.main(["keys", "check", name]) == 0
@@ -54,7 +55,10 @@ keys = [
 [[layer]]
 name = "more"
 swipe_minus = "LEFT_CONTROL+LEFT_ALT+DELETE"
-keys = ["once base", {hold = "layer base"}, {tap = "toggle more"}]
+keys = ["to base", {hold = "sticky last"}, {tap = "toggle more"}]
+[[layer]]
+name = "last"
+keys = ["momentary last"]
 """
 LABELS = ["", "k", "a label that has more characters than there are columns for it in a table"]
 
@@ -65,7 +69,7 @@ def test_a_layout_is_shown_with_all_its_actions_each_on_one_line(label, tmp_path
     layout = load(path)
     stored = [line.split() for line in layout.lines if line.startswith(("layer ", "key "))]
     actions = {int(word) for kind, *words in stored for word in words[2 * (kind == "key") :]}
-    assert len(actions - {0}) == 12
+    assert len(actions - {0}) == 13
     assert cli.main(["keys", "show", str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     for number in actions - {0}:
@@ -100,17 +104,17 @@ def test_keys_divide_the_strip_by_their_widths_with_gaps_between_them(tmp_path):
     ]
     assert [key.actions["tap"] for key in keys] == [action(7, 4), action(7, 5), action(7, 6, 2)]
     assert say(layout, keys[2].actions["tap"]) == "LEFT_SHIFT+C"
-    assert Layout(layout.lines).keys[TAP] == action(7, 4)
+    assert parse(layout.lines).keys[TAP] == action(7, 4)
 
 
 def test_tuning_is_that_of_the_board(tmp_path):
     path = write(
         tmp_path,
-        'name = "x"\n[tuning]\ntapping_ms = 512\nflavour = "tap-preferred"\n'
+        'name = "x"\n[tuning]\ntapping_term_ms = 512\nflavor = "tap-preferred"\n'
         '[[layer]]\nname = "a"\nkeys = ["A"]\n',
     )
-    board = Layout(load(path).lines)
-    assert (board.tapping_t, board.flavour) == (500, 2)
+    board = parse(load(path).lines)
+    assert (board.tapping_term_t, board.flavor) == (500, 2)
 
 
 HEAD = 'name = "x"\n[[layer]]\nname = "a"\n'
@@ -132,11 +136,33 @@ MISTAKES = {
         "line 6: no key leads to layer 'b': add 'toggle b' to a key"
     ),
     'keys = ["toggle b"]\n[[layer]]\nname = "b"\nkeys = ["B"]': (
-        "line 6: no key leaves layer 'b': add 'toggle b' to one of its keys"
+        "line 6: no key leaves layer 'b': add 'toggle b' or 'to a' to one of its keys"
     ),
     'keys = ["A"]\n[[layer]]\nname = "a"\nkeys = ["B"]': "line 3: two layers are called 'a'",
-    'keys = ["A"]\n[tuning]\ntapping_ms = 5': "line 6.*tapping_ms",
-    'keys = ["A"]\n[tuning]\nflavour = "sweet"': "line 6.*sweet",
+    'keys = ["A"]\n[tuning]\ntapping_term_ms = 5': "line 6.*tapping_term_ms",
+    'keys = ["A"]\n[tuning]\nflavor = "sweet"': "line 6.*sweet",
+}
+
+
+MISTAKES |= {
+    'keys = ["layer a"]': "line 4.*'layer NAME' is now 'momentary NAME'",
+    'keys = ["once a"]': "line 4.*'once NAME' is now 'sticky NAME'",
+    'keys = ["A"]\n[tuning]\ntapping_ms = 200': "line 6.*'tapping_ms' is now 'tapping_term_ms'",
+    'keys = ["A"]\n[tuning]\nquick_ms = 200': "line 6.*'quick_ms' is now 'quick_tap_ms'",
+    'keys = ["A"]\n[tuning]\nflavour = "balanced"': "line 6.*'flavour' is now 'flavor'",
+    'keys = ["momentary a"]': "line 4.*the first layer is always on: use 'to a'",
+    'keys = ["sticky bb"]': "line 4.*there is no key 'bb'.*layers are a",
+    'keys = ["tap_dance x"]': r"line 4.*\[tap_dance.x\] does not exist: add this table",
+    'keys = ["tap_dance x"]\n[tap_dance.x]\nactions = ["A", "tap_dance x"]': (
+        r"line 4: in \[tap_dance.x\]: \[tap_dance.x\] refers to itself"
+    ),
+    'keys = ["tap_dance x"]\n[tap_dance.x]\nactions = ["A"]': "line 6.*actions",
+    'keys = ["mod_morph x"]\n[mod_morph.x]\naction = "A"\nmorphed = "B"\nmods = ["C"]': (
+        r"line 8: in \[mod_morph.x\]: 'C' is no modifier"
+    ),
+    'keys = [{tap = "A", flavor = "balanced"}]': (
+        "in layer 'a', key 1: flavor and terms are those of a hold: add one"
+    ),
 }
 
 
@@ -160,3 +186,55 @@ def test_no_file_says_which_there_are():
 def test_a_character_without_a_key_is_told():
     with pytest.raises(SpotsError, match="no key for 'a'"):
         Typist(load("digits"), 85.0, np.random.default_rng(0)).type("a")
+
+
+def test_a_key_can_have_its_own_flavor_and_terms(tmp_path):
+    text = """name = "x"
+[tuning]
+tapping_term_ms = 300
+[[layer]]
+name = "a"
+keys = [
+  {tap = "A", hold = "LEFT_SHIFT", flavor = "hold-preferred", quick_tap_ms = 0},
+  {tap = "B", hold = "LEFT_SHIFT", tapping_term_ms = 1024, require_prior_idle_ms = 128},
+  {tap = "C", hold = "LEFT_SHIFT"},
+]
+"""
+    layout = load(write(tmp_path, text))
+    board = parse(layout.lines)
+    assert [list(board.behaviours[i : i + 5]) for i in (0, 6)] == [
+        [HOLD_TAP, 0, 300 * 125 >> 7, 0, 0],
+        [HOLD_TAP, 1, 1000, 200 * 125 >> 7, 125],
+    ]
+    assert {say(layout, key.actions["hold"]) for key in layout.layers["a"]} == {"LEFT_SHIFT"}
+
+
+NEVER = """name = "x"
+[[layer]]
+name = "a"
+keys = ["A", "to c"]
+[[layer]]
+name = "b"
+keys = ["B", {tap = "2", label = "two"}]
+[[layer]]
+name = "c"
+keys = ["C", %s, "to a"]
+"""
+
+
+@pytest.mark.parametrize("action", ["momentary b", "sticky b"])
+def test_what_can_never_be_typed_is_found_key_by_key(tmp_path, capsys, action):
+    path = write(tmp_path, NEVER % f'"{action}"')
+    assert len(load(path).problems) == 2
+    assert cli.main(["keys", "check", str(path)]) == 2
+    shown = capsys.readouterr()
+    assert [line.split(" can never")[0] for line in shown.out.splitlines()] == [
+        "layer 'b', key 1 (B)",
+        "layer 'b', key 2 (two)",
+    ]
+    assert "2 keys can never be typed" in shown.err
+
+
+def test_a_layer_below_that_can_be_seen_is_no_problem(tmp_path):
+    text = NEVER.replace('"A", "to c"', '"A", "momentary c"') % '"toggle b"'
+    assert load(write(tmp_path, text.replace('keys = ["B"', 'keys = ["toggle b"'))).problems == []

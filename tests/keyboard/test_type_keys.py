@@ -133,7 +133,7 @@ WAITING = """[tuning]
     keys = [
       {tap = "A", double = "B"},
       {tap = "C", hold = "D"},
-      {tap = "once b"},
+      {tap = "sticky b"},
       {tap = "toggle b"},
       {tap = "E", firm = "F"},
     ]

@@ -26,14 +26,21 @@ from spots_device.fingers.state import (
     SAME,
 )
 from spots_device.keys.layout import (
+    BEHAVIOUR,
+    CAPS_WORD,
     CONSUMER,
+    HOLD_TAP,
+    KEY_REPEAT,
     KEYBOARD,
+    MOD_MORPH,
     MOMENTARY,
-    ONCE,
+    STICKY,
+    TAP_DANCE,
+    TO,
     TOGGLE,
-    Layout,
     action,
     default_lines,
+    parse,
 )
 from spots_device.reading import decode
 from spots_device.reading.calibration import (
@@ -444,7 +451,7 @@ def results_of_watch(cases, monkeypatch):
     monkeypatch.setattr(tracker, "watch", watch)
     for lines, length_um, decay, *readings in cases:
         fingers = tracker.ContactTracker(Mock(**{"second.return_value": True}))
-        fingers.set_layout(Layout(lines), length_um, decay)
+        fingers.set_layout(parse(lines), length_um, decay)
         for i in range(0, len(readings), 5):
             fingers.take(*readings[i : i + 5])
     return seen
@@ -453,20 +460,32 @@ def results_of_watch(cases, monkeypatch):
 RICH = [
     "stuck_ms 500",
     "slide_um 2000",
+    f"behaviour 0 {STICKY} 0 {action(MOMENTARY, 1)}",
+    f"behaviour 1 {HOLD_TAP} 3 100 150 50 {action(BEHAVIOUR, 0)}",
+    f"behaviour 2 {TAP_DANCE} 200 {action(KEYBOARD, 16)} {action(KEYBOARD, 17)}",
+    f"behaviour 3 {MOD_MORPH} 2 0 {action(KEYBOARD, 18)} {action(KEYBOARD, 19)}",
+    f"behaviour 4 {KEY_REPEAT}",
+    f"behaviour 5 {CAPS_WORD}",
+    f"behaviour 6 {STICKY} 500 {action(KEYBOARD, 0xE1)}",
     f"layer {action(CONSUMER, 0xE9)} {action(CONSUMER, 0xEA)}",
     *(f"key {low} {low + 100} {action(KEYBOARD, 4 + low // 100, 2)} 0 0 0 0 0" for low in (0, 100)),
     f"key 200 400 {action(KEYBOARD, 7)} 0 {action(KEYBOARD, 8)} 0 0 0",
     f"key 420 500 {action(KEYBOARD, 9)} {action(KEYBOARD, 10)} 0 {action(KEYBOARD, 11)} 0 0",
     f"key 500 700 {action(KEYBOARD, 12)} 0 0 0 {action(KEYBOARD, 13)} {action(KEYBOARD, 14)}",
-    f"key 700 1000 {action(ONCE, 1)} 0 {action(TOGGLE, 1)} 0 0 0",
+    f"key 700 800 {action(BEHAVIOUR, 0)} 0 {action(TOGGLE, 1)} 0 0 0",
+    f"key 800 900 {action(BEHAVIOUR, 2)} 0 0 0 0 0",
+    f"key 900 1000 {action(BEHAVIOUR, 3)} 0 {action(BEHAVIOUR, 1)} {action(BEHAVIOUR, 6)} 0 0",
     "layer 0 0",
-    f"key 0 500 {action(KEYBOARD, 15)} 0 {action(MOMENTARY, 0)} 0 0 0",
-    f"key 500 1000 {action(TOGGLE, 1)} 0 0 0 0 0",
+    f"key 0 300 {action(KEYBOARD, 15)} 0 {action(MOMENTARY, 2)} 0 0 0",
+    f"key 300 500 {action(BEHAVIOUR, 5)} 0 0 0 0 0",
+    f"key 500 1000 {action(TOGGLE, 1)} {action(BEHAVIOUR, 4)} 0 0 0 0",
+    "layer 0 0",
+    f"key 0 1000 {action(TO, 0)} 0 0 {action(BEHAVIOUR, 4)} 0 0",
 ]
 
 
 def test_keypad(compare, rng):
-    layouts = [default_lines(), *([f"flavour {flavour}", *RICH] for flavour in range(3))]
+    layouts = [default_lines(), *([f"flavor {flavor}", *RICH] for flavor in range(4))]
     cases = [(rng.choice(layouts), 85_000, a_finger(rng)) for _ in range(3)]
     for case in cases:  # the heap has no room for the arrays of all cases
         compare("keypad", [case], width=3 * 150)

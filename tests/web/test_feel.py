@@ -16,7 +16,7 @@ ONCE = """
 name = "x"
 [[layer]]
 name = "a"
-keys = ["once b", "A"]
+keys = ["sticky b", "A"]
 [[layer]]
 name = "b"
 keys = ["1", "2"]

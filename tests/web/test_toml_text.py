@@ -119,7 +119,7 @@ def files(draw):
     layers[0]["keys"] += [f"toggle {name}" for name in names[1:]]
     for name, layer in zip(names[1:], layers[1:]):
         layer["keys"].append(f"toggle {name}")
-    numbers = {"press_mN": st.just(401), "firm_mN": st.just(4001), "tapping_ms": st.just(251)}
+    numbers = {"press_mN": st.just(401), "firm_mN": st.just(4001), "tapping_term_ms": st.just(251)}
     tuning = draw(st.fixed_dictionaries({}, optional=numbers))
     content = {"name": draw(LABEL), "layer": layers} | ({"tuning": tuning} if tuning else {})
     writer = Writer(draw)
@@ -235,7 +235,7 @@ def test_zones_layers_and_tuning_come_and_go(tmp_path, file, edits, random):
         elif edit == "add an action" and isinstance(keys[i], dict):
             keys[i]["double"] = "F5"
         elif edit == "add a layer" and len(now["layer"]) < 4 and "more" not in str(now):
-            now["layer"][0]["keys"].append("layer more")
+            now["layer"][0]["keys"].append("momentary more")
             now["layer"].append({"name": "more", "keys": [{}, {"tap": "A", "hold": "B"}]})
         elif edit == "tune":
             now.setdefault("tuning", {})["slide_um"] = 4321

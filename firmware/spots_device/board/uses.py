@@ -4,6 +4,8 @@ A contact is a finger on the strip. A board without USB HID sends keys as frames
 functions that are switched off are not imported, which saves memory.
 """
 
+import sys
+
 from ..fingers.state import STATE, STUCK_T, TWO
 from ..reading import decode as d
 
@@ -14,9 +16,19 @@ _NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
 
 def check_layout(lines):
     """Raise LayoutError, a ValueError, if lines (list of str) are not a valid layout."""
-    from ..keys.layout import Layout  # imported only if a layout is used
+    _parse(lines)
 
-    Layout(lines)
+
+def _parse(lines):
+    from ..keys import layout
+
+    made = layout.parse(lines or layout.default_lines())
+    if sys.implementation.name != "cpython":
+        # A board has no memory for a module that is used once. The package refers to it, too.
+        package, name = layout.__name__.rsplit(".", 1)
+        del sys.modules[layout.__name__]
+        delattr(sys.modules[package], name)
+    return made
 
 
 class Uses:
@@ -35,7 +47,7 @@ class Uses:
         a function ``send(report) -> bool`` for each opened interface; on failure it raises OSError
         with a sentence. `usb` is None on a board without USB HID.
     layout_lines : list of str
-        Validated lines of a `layout.Layout`; an empty list selects ten keys in a row.
+        Validated lines of a `keymap.KeyMap`; an empty list selects ten keys in a row.
 
     Attributes
     ----------
@@ -226,10 +238,21 @@ class Uses:
             True for a press, False for a release.
         """
         self._framer.key(self._sensor, page, usage, modifiers, pressed)
+        self._flush()
+
+    def _flush(self):
         if self._keyboard is not None:
             self._keyboard.flush()
         if self._consumer is not None:
             self._consumer.flush()
+
+    def has_room(self):
+        """Return whether the queues have room for the reports of a key event."""
+        # Not `all` with a generator, which allocates.
+        for output in self.outputs:  # noqa: SIM110
+            if not output.outbox.has_room():
+                return False
+        return True
 
     def stuck(self):
         """Record that the present touch is no finger, because it has not moved for long."""
@@ -319,9 +342,7 @@ class Uses:
 
     def _get_layout(self):
         if self._layout is None:
-            from ..keys.layout import Layout, default_lines
-
-            self._layout = Layout(self.layout_lines or default_lines())
+            self._layout = _parse(self.layout_lines)
         return self._layout
 
     def _wanted(self):

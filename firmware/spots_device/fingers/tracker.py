@@ -144,7 +144,7 @@ class ContactTracker:
 
         Parameters
         ----------
-        layout : layout.Layout
+        layout : keymap.KeyMap
             Layout whose limits are used, see `layout.LIMITS`.
         length_um : int
             Length of the strip in um. With 0, one finger is expected: a movement up to ``jump_um``

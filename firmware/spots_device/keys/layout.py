@@ -2,8 +2,9 @@
 
 Each line is one statement. The statements of `LIMITS`, such as ``detect``, are optional::
 
-    detect 2                   number of consecutive readings that begin a press
-    layer 0 0                  start of a layer: actions for a swipe to the sensor and away from it
+    detect 2                     number of consecutive readings that begin a press
+    behaviour 0 2 0 1048577      behaviour 0: `STICKY`, without a time limit, of layer 1
+    layer 0 0                    start of a layer: actions for a swipe to the sensor and away
     key 0 100 7340036 0 0 0 0 0
 
 The first two numbers of a key are its bounds in thousandths of the strip, from the sensor's end.
@@ -11,34 +12,54 @@ Six actions follow: tap, double tap, hold, firm press, slide to the sensor, slid
 the example, a tap presses the key A: 7 * 2**20 + 4. The action of a slide is repeated each time the
 finger has moved by ``slide_um``.
 
-An action is one integer. Bits 20 and higher are its kind. Kind 0 does nothing. Kinds 7 (keyboard)
-and 12 (consumer) are HID usage pages; then bits 12 to 19 are the modifiers and bits 0 to 11 the
-usage. The kinds `MOMENTARY`, `TOGGLE` and `ONCE` switch a layer on: while the key is held, until
-the action is repeated, or for the next key. Then bits 0 to 11 are the number of the layer.
+An action is one integer. Bits 20 and higher are its kind. Kind 0 does nothing. The kinds `KEYBOARD`
+and `CONSUMER` press a usage of this HID usage page; then bits 12 to 19 are the modifiers and bits 0
+to 11 the usage. The kinds `MOMENTARY`, `TOGGLE` and `TO` switch layers: while the key is held,
+until the action is repeated, or with all other layers off. Then bits 0 to 11 are the number of the
+layer. With the kind `BEHAVIOUR` they are the number of a ``behaviour`` line, which stands before
+the lines that use it. After its number and kind, it has these numbers:
+
+============  ======================================================================================
+`HOLD_TAP`    flavor, three times in ms (tapping term, quick tap, prior idle), action of the hold;
+              only as the hold of a key
+`STICKY`      time in ms after which it ends (0: never), action: a key or `MOMENTARY`
+`TAP_DANCE`   longest time between two taps in ms, action of one tap, of two taps, …
+`MOD_MORPH`   bits of modifiers, bits of those that stay down, action without them, action with one
+`KEY_REPEAT`  none
+`CAPS_WORD`   none
+============  ======================================================================================
 
 The keys of a layer are in ascending order and do not overlap. A press between two keys has no
-action until the finger reaches a key.
+action until the finger reaches a key. Of the layers that are on, the last one counts.
 """
 
 from array import array
 
-# Kinds of actions: HID usage pages.
+from .keymap import KeyMap
+
+# Kinds of actions that press a key: HID usage pages.
 KEYBOARD = 7
 CONSUMER = 12
-# Kinds of actions: layers.
-MOMENTARY = 1  # the layer is on while the key is held
-TOGGLE = 2  # switches the layer on or off
-ONCE = 3  # the layer is on for the next key
+# Other kinds of actions; no HID page with keys has one of these numbers.
+MOMENTARY = 2  # the layer is on while the key is held
+TOGGLE = 3  # switches the layer on or off
+TO = 4  # switches the layer on and all others off
+BEHAVIOUR = 5
+
+# Kinds of behaviours.
+HOLD_TAP, STICKY, TAP_DANCE, MOD_MORPH, KEY_REPEAT, CAPS_WORD = range(1, 7)
 
 HOLD_PREFERRED = 0
 BALANCED = 1
 TAP_PREFERRED = 2
+TAP_UNLESS_INTERRUPTED = 3
 
 LOW, HIGH, TAP, DOUBLE, HOLD, FIRM, SLIDE_MINUS, SLIDE_PLUS = range(8)
 KEY_SIZE = 8
 FULL = 1000  # bound at the far end of the strip
 LAYERS_MAX = 8
 KEYS_MAX = 128
+BEHAVIOURS_MAX = 64
 
 # Name of a statement: minimum, maximum, default. docs/keyboard.md explains the statements.
 LIMITS = {
@@ -51,16 +72,26 @@ LIMITS = {
     "slide_um": (200, 1_000_000, 4_000),
     "swipe_um": (1_000, 1_000_000, 20_000),
     "release_ms": (0, 1_000, 15),
-    "tapping_ms": (10, 60_000, 200),
-    "quick_ms": (0, 60_000, 150),
+    "tapping_term_ms": (10, 60_000, 200),
+    "quick_tap_ms": (0, 60_000, 200),
+    "require_prior_idle_ms": (0, 60_000, 0),
     "double_ms": (10, 60_000, 250),
     "firm_ms": (10, 60_000, 80),
     "swipe_ms": (10, 60_000, 250),
     "stuck_ms": (0, 3_600_000, 30_000),  # 0: a touch without motion is a finger for any duration
-    "flavour": (HOLD_PREFERRED, TAP_PREFERRED, BALANCED),
+    "flavor": (HOLD_PREFERRED, TAP_UNLESS_INTERRUPTED, BALANCED),
 }
 _USAGES = {KEYBOARD: (1, 0xE7), CONSUMER: (1, 0xFFF)}
-_LAYER_ACTIONS = (MOMENTARY, TOGGLE, ONCE)
+_LAYER_ACTIONS = (MOMENTARY, TOGGLE, TO)
+# Kind of a behaviour: least and largest count of its numbers, and how many are no actions.
+_SHAPES = {
+    HOLD_TAP: (5, 5, 4),
+    STICKY: (2, 2, 1),
+    TAP_DANCE: (3, 9, 1),
+    MOD_MORPH: (4, 4, 2),
+    KEY_REPEAT: (0, 0, 0),
+    CAPS_WORD: (0, 0, 0),
+}
 
 
 class LayoutError(ValueError):
@@ -73,113 +104,125 @@ def action(kind, number, modifiers=0):
     Parameters
     ----------
     kind : int
-        `KEYBOARD`, `CONSUMER`, `MOMENTARY`, `TOGGLE` or `ONCE`.
+        `KEYBOARD`, `CONSUMER`, `MOMENTARY`, `TOGGLE`, `TO` or `BEHAVIOUR`.
     number : int
-        HID usage, or number of a layer.
+        HID usage, or number of a layer or behaviour.
     modifiers : int
         Bits of the modifier keys.
     """
     return kind << 20 | modifiers << 12 | number
 
 
-class Layout:
-    """A validated layout.
-
-    Each statement of `LIMITS` is an attribute. Durations are in ticks (see tracker.py), and the
-    names of their attributes end in ``_t`` instead of ``_ms``.
+def parse(lines):
+    """Return the `keymap.KeyMap` of a layout.
 
     Parameters
     ----------
     lines : iterable of str
         Text lines such as ``key 0 100 7340036 0 0 0 0 0``; see the module docstring.
 
-    Attributes
-    ----------
-    keys : array of int
-        `KEY_SIZE` integers for each key. The row of a key is the index of its first integer.
-    pages : tuple of int
-        HID usage pages of all actions.
-
     Raises
     ------
     LayoutError
         If a statement is unknown or out of range, if keys overlap, or if there are no keys or too
-        many keys or layers.
+        many keys, layers or behaviours.
     """
+    values = {name: limits[2] for name, limits in LIMITS.items()}
+    keys = []
+    firsts = []
+    swipes = []
+    behaviours = []
+    for line in lines:
+        words = line.split()
+        if not words:
+            continue
+        name = words[0]
+        if name in LIMITS:
+            low, high, _ = LIMITS[name]
+            (values[name],) = _integers(line, 1)
+            if not low <= values[name] <= high:
+                raise LayoutError("'%s' must be from %d to %d" % (name, low, high))
+        elif name == "behaviour":
+            behaviours.append(_behaviour(line, len(behaviours)))
+        elif name == "layer":
+            firsts.append(len(keys))
+            swipes.extend(_integers(line, 2))
+        elif name == "key":
+            row = _integers(line, KEY_SIZE)
+            after = keys[-KEY_SIZE + HIGH] if firsts and len(keys) > firsts[-1] else 0
+            if not firsts or not after <= row[LOW] < row[HIGH] <= FULL:
+                raise LayoutError("'%s': after 'layer', keys must ascend up to 1000" % line)
+            keys.extend(row)
+        else:
+            raise LayoutError("unknown statement '%s': remove it" % name)
+    if not keys or len(firsts) > LAYERS_MAX or len(keys) > KEYS_MAX * KEY_SIZE:
+        raise LayoutError("a layout needs 1 to %d keys, 1 to %d layers" % (KEYS_MAX, LAYERS_MAX))
+    layout = KeyMap()
+    layout.layers = len(firsts)
+    layout.keys = array("i", keys)
+    layout._firsts = array("i", firsts + [len(keys)])
+    layout._swipes = array("i", swipes)
+    pages = set()
+    layout._begins = array("i")
+    layout.behaviours = array("i")
+    for number, values_of in enumerate(behaviours):
+        layout._begins.append(len(layout.behaviours))
+        kind = values_of[0]
+        for each in values_of[1 + _SHAPES[kind][2] :]:
+            _check(layout, each, pages, behaviours[:number])
+            if kind == STICKY and each >> 20 not in (KEYBOARD, MOMENTARY):
+                raise LayoutError("the action %d is not sticky" % each)
+        if kind == TAP_DANCE:
+            values_of[2:2] = [len(values_of) - 2]  # how many actions follow
+        layout.behaviours.extend(array("i", values_of))
+    layout.kinds = tuple(sorted({values_of[0] for values_of in behaviours}))
+    for row in range(0, len(keys), KEY_SIZE):
+        for slot in range(TAP, KEY_SIZE):
+            _check(layout, keys[row + slot], pages, behaviours, slot == HOLD)
+    for each in swipes:
+        _check(layout, each, pages, behaviours)
+    layout.pages = tuple(sorted(pages))
+    for name, value in values.items():
+        if name.endswith("_ms"):
+            setattr(layout, name[:-2] + "t", _ticks(value))
+        else:
+            setattr(layout, name, value)
+    return layout
 
-    def __init__(self, lines):
-        values = {name: limits[2] for name, limits in LIMITS.items()}
-        keys = []
-        firsts = []
-        swipes = []
-        for line in lines:
-            words = line.split()
-            if not words:
-                continue
-            name = words[0]
-            if name in LIMITS:
-                low, high, _ = LIMITS[name]
-                (values[name],) = _integers(line, 1)
-                if not low <= values[name] <= high:
-                    raise LayoutError("'%s' must be from %d to %d" % (name, low, high))
-            elif name == "layer":
-                firsts.append(len(keys))
-                swipes.extend(_integers(line, 2))
-            elif name == "key":
-                row = _integers(line, KEY_SIZE)
-                after = keys[-KEY_SIZE + HIGH] if firsts and len(keys) > firsts[-1] else 0
-                if not firsts or not after <= row[LOW] < row[HIGH] <= FULL:
-                    raise LayoutError("'%s': after 'layer', keys must ascend up to 1000" % line)
-                keys.extend(row)
-            else:
-                raise LayoutError("unknown statement '%s': remove it" % name)
-        if not keys or len(firsts) > LAYERS_MAX or len(keys) > KEYS_MAX * KEY_SIZE:
-            raise LayoutError(
-                "a layout needs 1 to %d keys, 1 to %d layers" % (KEYS_MAX, LAYERS_MAX)
-            )
-        self.layers = len(firsts)
-        self.keys = array("i", keys)
-        self._firsts = array("i", firsts + [len(keys)])
-        self._swipes = array("i", swipes)
-        pages = set()
-        for row in range(0, len(keys), KEY_SIZE):
-            for slot in range(TAP, KEY_SIZE):
-                self._check(keys[row + slot], pages)
-        for each in swipes:
-            self._check(each, pages)
-        self.pages = tuple(sorted(pages))
-        for name, value in values.items():
-            if name.endswith("_ms"):
-                setattr(self, name[:-2] + "t", value * 125 >> 7)
-            else:
-                setattr(self, name, value)
 
-    def first(self, layer):
-        """Return the row (index in `keys`) of a layer's first key.
-
-        If ``layer == layers``, return the length of `keys`.
-        """
-        return self._firsts[layer]
-
-    def is_on(self, layer, row):
-        """Return whether the key whose first integer is ``keys[row]`` belongs to `layer`."""
-        return self._firsts[layer] <= row < self._firsts[layer + 1]
-
-    def swipe(self, layer, plus):
-        """Return a layer's action for a swipe; `plus` is True for a swipe away from the sensor."""
-        return self._swipes[2 * layer + (1 if plus else 0)]
-
-    def _check(self, action, pages):
-        kind = action >> 20
-        number = action & 0xFFF
-        if kind in _USAGES:
-            low, high = _USAGES[kind]
-            pages.add(kind)
-            if low <= number <= high:
-                return
-        elif (kind in _LAYER_ACTIONS and number < self.layers) or action == 0:
+def _check(layout, action, pages, behaviours, is_hold=False):
+    kind = action >> 20
+    number = action & 0xFFF
+    if kind in _USAGES:
+        low, high = _USAGES[kind]
+        pages.add(kind)
+        if low <= number <= high:
             return
-        raise LayoutError("the action %d is invalid" % action)
+    elif kind == BEHAVIOUR:
+        if number < len(behaviours) and (is_hold or behaviours[number][0] != HOLD_TAP):
+            return
+    elif (kind in _LAYER_ACTIONS and number < layout.layers) or action == 0:
+        return
+    raise LayoutError("the action %d is invalid" % action)
+
+
+def _ticks(ms):
+    return ms * 125 >> 7
+
+
+def _behaviour(line, number):
+    # Returns kind and numbers of a behaviour, with times in ticks.
+    values = _integers(line, len(line.split()) - 1)
+    low, high, _ = _SHAPES.get(values[1] if len(values) > 1 else 0, (1, 0, 0))
+    if values[0] != number or not low <= len(values) - 2 <= high or number >= BEHAVIOURS_MAX:
+        raise LayoutError("'%s': its number must be %d, with a known kind" % (line, number))
+    kind = values[1]
+    times = range(3, 6) if kind == HOLD_TAP else (2,) if kind in (STICKY, TAP_DANCE) else ()
+    for i in times:
+        values[i] = _ticks(values[i])
+    if kind == HOLD_TAP and values[2] > TAP_UNLESS_INTERRUPTED:
+        raise LayoutError("'%s': there is no such flavor" % line)
+    return values[1:]
 
 
 def _integers(line, count):
@@ -187,7 +230,7 @@ def _integers(line, count):
         values = list(map(int, line.split()[1:]))
     except ValueError:
         values = []
-    if len(values) != count or min(values) < 0 or max(values) >> 24:
+    if not values or len(values) != count or min(values) < 0 or max(values) >> 24:
         raise LayoutError("'%s' needs %d whole numbers" % (line, count))
     return values
 

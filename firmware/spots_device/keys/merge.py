@@ -29,6 +29,11 @@ class Merger:
     usages of an action are complete, ``sink.key(page, usage, modifiers, pressed)`` handles the
     action. In both, `modifiers` are the bits of all modifier keys that are down after the event.
     An `action` is that of `layout.action`; its kind is a HID usage page.
+
+    Attributes
+    ----------
+    down : int
+        Bits of all modifier keys that are down.
     """
 
     def __init__(self):
@@ -36,7 +41,8 @@ class Merger:
         self._counts = bytearray(KEYS_MAX)  # keys that press each of them
         self._held = bytearray(8)  # pressed actions that hold each modifier
         self._own = self._owner = 0  # modifiers that belong to the action `_owner`
-        self._down = 0  # modifiers that are down
+        self._masked = 0
+        self.down = 0
 
     def press(self, sink, action):
         """Press the usage of an action; return False if too many usages are pressed."""
@@ -44,26 +50,25 @@ class Merger:
         if bits:
             self._hold(bits, 1)
             self._owner = self._own = 0
-            self._set(sink, self._down | bits)
+            self._set(sink, self.down | bits)
             self._set(sink, self._wanted())
-            sink.key(_KEYBOARD, action & 0xFFF, self._down, True)
+            sink.key(_KEYBOARD, action & 0xFFF, self.down, True)
             return True
-        usage = action & _PLAIN
-        at = self._find(usage)
+        at = self._find(action & _PLAIN)
         if at < 0:
             at = self._find(0)
             if at < 0:
                 return False
         elif self._counts[at]:
-            sink.usage(usage >> 20, usage & 0xFFF, self._down, False)
-        self._usages[at] = usage
+            self._report(sink, action, False)
+        self._usages[at] = action & _PLAIN
         self._counts[at] += 1
         self._own = action >> 12 & 0xFF
         self._owner = action
-        self._set(sink, self._down & self._wanted())
+        self._set(sink, self.down & self._wanted())
         self._set(sink, self._wanted())
-        sink.usage(usage >> 20, usage & 0xFFF, self._down, True)
-        sink.key(usage >> 20, usage & 0xFFF, self._down, True)
+        self._report(sink, action, True)
+        sink.key(action >> 20, action & 0xFFF, self.down, True)
         return True
 
     def release(self, sink, action):
@@ -72,19 +77,18 @@ class Merger:
         if bits:
             self._hold(bits, -1)
         else:
-            usage = action & _PLAIN
-            at = self._find(usage)
+            at = self._find(action & _PLAIN)
             if at < 0:
                 return
             # In this order: an interrupt in between must not hide a pressed key.
             if self._counts[at] == 1:
-                sink.usage(usage >> 20, usage & 0xFFF, self._down, False)
+                self._report(sink, action, False)
                 self._usages[at] = 0
             self._counts[at] -= 1
             if action == self._owner:
                 self._own = self._owner = 0
         self._set(sink, self._wanted())
-        sink.key(action >> 20, action & 0xFFF, self._down, False)
+        sink.key(action >> 20, action & 0xFFF, self.down, False)
 
     def _holds(self, action):
         # Returns the modifiers of an action that presses only modifier keys, else 0.
@@ -98,24 +102,38 @@ class Merger:
             if bits >> i & 1:
                 self._held[i] = max(0, self._held[i] + change)
 
+    def mask(self, sink, bits):
+        """Release the modifier keys `bits` until `mask` is called again with other bits."""
+        self._masked = bits
+        self._set(sink, self._wanted())
+
     def _wanted(self):
-        bits = self._own
+        bits = 0
         for i in range(8):
             if self._held[i]:
                 bits |= 1 << i
-        return bits
+        return bits & ~self._masked | self._own
 
     def _set(self, sink, bits):
         # Releases modifiers from the last one on and presses them from the first one on, as a
         # person does.
         for i in range(7, -1, -1):
-            if self._down & ~bits & 1 << i:
-                sink.usage(_KEYBOARD, MODIFIERS_FROM + i, self._down & ~(1 << i), False)
-                self._down &= ~(1 << i)
+            if self.down & ~bits & 1 << i:
+                self._switch(sink, i, False)
         for i in range(8):
-            if bits & ~self._down & 1 << i:
-                self._down |= 1 << i
-                sink.usage(_KEYBOARD, MODIFIERS_FROM + i, self._down, True)
+            if bits & ~self.down & 1 << i:
+                self._switch(sink, i, True)
+
+    def _switch(self, sink, i, pressed):
+        # In this order: an interrupt in between must not hide a pressed modifier.
+        if pressed:
+            self.down |= 1 << i
+        sink.usage(_KEYBOARD, MODIFIERS_FROM + i, self.down & ~(1 << i) | pressed << i, pressed)
+        if not pressed:
+            self.down &= ~(1 << i)
+
+    def _report(self, sink, action, pressed):
+        sink.usage(action >> 20, action & 0xFFF, self.down, pressed)
 
     def _find(self, usage):
         i = 0

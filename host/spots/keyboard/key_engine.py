@@ -1,7 +1,7 @@
 """Computes key events on the host: from readings and a key layout, with the firmware's code."""
 
 from spots_device.keys.keypad import Keypad
-from spots_device.keys.layout import Layout
+from spots_device.keys.layout import parse
 from spots_device.keys.merge import Merger
 from spots_device.reading.decode import LED_OFF
 
@@ -57,7 +57,7 @@ class KeyEngine:
         self.rests = 0
         self._names = list(layout.layers)
         self._pad = Keypad(self, merger or Merger())
-        limits = Layout(layout.lines)
+        limits = parse(layout.lines)
         self.firm_mN = limits.firm_mN
         self._pad.set_layout(limits, length_um, decay or TYPICAL_DECAY)
         self._heard_s: float | None = None
@@ -104,6 +104,9 @@ class KeyEngine:
     def release(self) -> None:
         """Release all keys. A finger that still touches presses no key until it is lifted."""
         self._pad.release()
+
+    def has_room(self) -> bool:
+        return True
 
     def stuck(self) -> None:
         self.rests += 1

@@ -6,7 +6,9 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from ..errors import printable
+from spots_device.keys.layout import BEHAVIOUR
+
+from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.connect import ensured, upload_lines
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
@@ -21,8 +23,19 @@ _VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 
 
 def check(name: str) -> None:
-    """Validate a layout file, and print its number of keys; raise SpotsError if it is invalid."""
+    """Validate a layout file, and print its number of keys.
+
+    Raises SpotsError if it is invalid. Prints keys that can never be typed, and raises SpotsError.
+    """
     layout = load(name)
+    for problem in layout.problems:
+        print(printable(problem))
+    if layout.problems:
+        many = len(layout.problems)
+        raise SpotsError(
+            f"layout {name}: {many} keys can never be typed: change the layers as the lines above "
+            "describe"
+        )
     keys = sum(len(row) for row in layout.layers.values())
     print(f"{printable(layout.name)}: {keys} keys in {len(layout.layers)} layers, no problem found")
 
@@ -108,12 +121,14 @@ def say(layout: KeyLayout, action: int) -> str:
     Returns
     -------
     str
-        Modifiers and key, joined by ``+``; or ``layer``, ``toggle`` or ``once``, and the name of a
-        layer. Empty for no action.
+        Modifiers and key, joined by ``+``; or a word such as ``toggle`` and the name of a layer.
+        Empty for no action.
     """
     if not action:
         return ""
     kind, number, bits = parts_of(action)
+    if kind == BEHAVIOUR:
+        return layout.behaviours[number].text
     if kind in _VERBS:
         return f"{_VERBS[kind]} {list(layout.layers)[number]}"
     names = [name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(8) if bits >> i & 1]

@@ -3,12 +3,7 @@
 A file contains layers, and a layer contains keys. A key is either the action of a tap, or a table
 of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
 ``slide_plus`` (away from the sensor). A layer may also contain an action for a swipe (a quick
-movement along the strip) in each direction.
-
-An action either presses a key of the computer, or selects a layer. To press a key, the action is
-the key's name with modifiers (``LEFT_SHIFT+A``); `outputs.usages` has all names. To select a layer,
-the action is ``layer NAME`` (as long as a finger holds this key of the strip), ``toggle NAME``
-(until the next toggle) or ``once NAME`` (for one key).
+movement along the strip) in each direction. docs/keyboard.md describes the actions.
 """
 
 import re
@@ -23,15 +18,42 @@ from spots_device.keys.layout import FULL, LIMITS
 
 from .. import kinds, toml
 from ..errors import SpotsError
-from ..outputs.usages import CONSUMER, KEYBOARD, USAGES, chord_of, name_of
+from ..outputs.usages import (
+    CONSUMER,
+    KEYBOARD,
+    MODIFIERS_FROM,
+    USAGES,
+    chord_of,
+    is_modifier,
+    name_of,
+)
+from . import reach
 
 FOLDER = Path(__file__).parent / "layouts"
 SWIPES = ("swipe_minus", "swipe_plus")  # of a layer
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
 # Rules that decide between tap and hold, see docs/keyboard.md; the index is the firmware's number.
-FLAVOURS = ("hold-preferred", "balanced", "tap-preferred")
-LAYER_VERBS = {"layer": lines_of.MOMENTARY, "toggle": lines_of.TOGGLE, "once": lines_of.ONCE}
+FLAVORS = ("hold-preferred", "balanced", "tap-preferred", "tap-unless-interrupted")
+LAYER_VERBS = {
+    "momentary": lines_of.MOMENTARY,
+    "toggle": lines_of.TOGGLE,
+    "to": lines_of.TO,
+}
+STICKY = "sticky"
+# Actions without a name behind them.
+WORDS = {"key_repeat": lines_of.KEY_REPEAT, "caps_word": lines_of.CAPS_WORD}
+# Words of older layouts, which the words of other keyboard firmware have replaced.
+_NEW_VERBS = {"layer": "momentary", "once": STICKY}
+_NEW_TUNING = {"tapping_ms": "tapping_term_ms", "quick_ms": "quick_tap_ms", "flavour": "flavor"}
+# Limits of a hold, which a key may have itself.
+HOLD_TERMS = ("tapping_term_ms", "quick_tap_ms", "require_prior_idle_ms")
+RELEASE_AFTER_MS = (0, 60_000, 0)  # minimum, maximum, default
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
+
+
+def _ms(name: str):
+    low, high, _ = LIMITS[name]
+    return Annotated[int, msgspec.Meta(ge=low, le=high)]
 
 
 class _Key(toml.Strict, omit_defaults=True):
@@ -43,6 +65,10 @@ class _Key(toml.Strict, omit_defaults=True):
     slide_plus: str = ""
     width: _Positive = 1.0
     label: Optional[str] = None
+    flavor: Optional[Literal[FLAVORS]] = None
+    tapping_term_ms: Optional[_ms("tapping_term_ms")] = None
+    quick_tap_ms: Optional[_ms("quick_tap_ms")] = None
+    require_prior_idle_ms: Optional[_ms("require_prior_idle_ms")] = None
 
 
 class _Layer(toml.Strict, omit_defaults=True):
@@ -53,14 +79,26 @@ class _Layer(toml.Strict, omit_defaults=True):
     swipe_plus: str = ""
 
 
+class _TapDance(toml.Strict, omit_defaults=True):
+    actions: Annotated[list[str], msgspec.Meta(min_length=2, max_length=8)]
+    tapping_term_ms: Optional[_ms("tapping_term_ms")] = None
+
+
+class _ModMorph(toml.Strict, omit_defaults=True):
+    action: str
+    morphed: str
+    mods: Annotated[list[str], msgspec.Meta(min_length=1)]
+    keep_mods: list[str] = []
+
+
 _Tuning = msgspec.defstruct(
     "_Tuning",
     [
         (name, Annotated[int, msgspec.Meta(ge=low, le=high)], default)
-        for name, (low, high, default) in LIMITS.items()
-        if name != "flavour"
+        for name, (low, high, default) in {**LIMITS, "release_after_ms": RELEASE_AFTER_MS}.items()
+        if name != "flavor"
     ]
-    + [("flavour", Literal[FLAVOURS], FLAVOURS[LIMITS["flavour"][2]])],
+    + [("flavor", Literal[FLAVORS], FLAVORS[LIMITS["flavor"][2]])],
     bases=(toml.Strict,),
     omit_defaults=True,
 )
@@ -70,6 +108,8 @@ class _File(toml.Strict, omit_defaults=True):
     name: str
     layer: Annotated[list[_Layer], msgspec.Meta(min_length=1, max_length=lines_of.LAYERS_MAX)]
     tuning: _Tuning = _Tuning()
+    tap_dance: dict[str, _TapDance] = {}
+    mod_morph: dict[str, _ModMorph] = {}
 
 
 @dataclass(frozen=True)
@@ -93,6 +133,28 @@ class PlacedKey:
 
 
 @dataclass(frozen=True)
+class Behaviour:
+    """A behaviour, to which actions refer by its number.
+
+    Attributes
+    ----------
+    text : str
+        The action in a layout file, such as ``sticky LEFT_SHIFT``.
+    numbers : tuple of int
+        Kind and numbers as in a ``behaviour`` line, see `spots_device.keys.layout`.
+    """
+
+    text: str
+    numbers: tuple[int, ...]
+
+    @property
+    def actions(self) -> tuple[int, ...]:
+        """The actions that this behaviour may cause."""
+        first = {lines_of.HOLD_TAP: 5, lines_of.STICKY: 2, lines_of.TAP_DANCE: 2}
+        return self.numbers[first.get(self.numbers[0], 3) :]
+
+
+@dataclass(frozen=True)
 class KeyLayout:
     """A validated layout.
 
@@ -109,6 +171,10 @@ class KeyLayout:
     typed : frozenset of int
         All actions in the layout that press a key of the computer, as encoded by
         `spots_device.keys.layout.action`.
+    behaviours : list of Behaviour
+        Behaviours that actions of the kind `spots_device.keys.layout.BEHAVIOUR` refer to.
+    problems : list of str
+        What can never be typed: a sentence for each key.
     text : str
         Text of the layout file.
     content : dict
@@ -120,6 +186,8 @@ class KeyLayout:
     swipes: dict[str, dict[str, int]]
     lines: list[str]
     typed: frozenset[int]
+    behaviours: list["Behaviour"]
+    problems: list[str]
     text: str
     content: dict
 
@@ -160,7 +228,9 @@ def compiled(path: Path, text: str) -> KeyLayout:
         If the text is invalid; the message names the place and the remedy.
     """
     try:
-        file = toml.convert(toml.loads(text), _File)
+        content = toml.loads(text)
+        _check_words(path, text, content)
+        file = toml.convert(content, _File)
     except msgspec.ValidationError as error:
         kinds.check(path, text, "a layout file")
         line = _line_of_key(text, getattr(error, "keys", []))
@@ -174,22 +244,25 @@ class _Compiler:
         self._text = text
         self._file = file
         self._names = [layer.name for layer in file.layer]
+        self._behaviours: list[Behaviour] = []
+        self._open: set[str] = set()  # behaviours whose actions are being read
 
     def layout(self) -> KeyLayout:
         twice = {name for name in self._names if self._names.count(name) > 1}
         if twice:
             self._refuse(min(twice), f"two layers are called '{min(twice)}': rename one of them")
         tuning = msgspec.structs.asdict(self._file.tuning)
-        tuning["flavour"] = FLAVOURS.index(tuning["flavour"])
+        tuning["flavor"] = FLAVORS.index(tuning["flavor"])
+        self._tuning = tuning
         lines = [f"{name} {tuning[name]}" for name in LIMITS]
-        layers, swipes, used = {}, {}, set()
+        layers, swipes, used, rest = {}, {}, set(), []
         for layer in self._file.layer:
             own = swipes[layer.name] = {
-                name: self._action(getattr(layer, name), layer, name) for name in SWIPES
+                name: self._action(getattr(layer, name), layer.name, name) for name in SWIPES
             }
             keys = layers[layer.name] = self._keys(layer)
             used.update(own.values(), *(key.actions.values() for key in keys))
-            lines.append("layer {} {}".format(*own.values()))
+            rest.append("layer {} {}".format(*own.values()))
             for i, key in enumerate(keys, 1):
                 bounds = round(FULL * key.low), round(FULL * key.high)
                 if not bounds[0] < bounds[1]:
@@ -198,15 +271,22 @@ class _Compiler:
                         f"in layer '{layer.name}', key {i} is too narrow: increase its width, or "
                         "reduce gap_percent",
                     )
-                lines.append("key " + " ".join(map(str, (*bounds, *key.actions.values()))))
+                rest.append("key " + " ".join(map(str, (*bounds, *key.actions.values()))))
+        for i, one in enumerate(self._behaviours):
+            lines.append(" ".join(map(str, ("behaviour", i, *one.numbers))))
+            used.update(one.actions)
+        lines += rest
         self._check_ways(layers, used)
         try:
-            lines_of.Layout(lines)
+            lines_of.parse(lines)
         except lines_of.LayoutError as error:
             raise SpotsError(f"layout {self._path}: {error}") from None
         content = msgspec.to_builtins(self._file)
         typed = frozenset(one for one in used if parts_of(one)[0] in (KEYBOARD, CONSUMER))
-        return KeyLayout(self._file.name, layers, swipes, lines, typed, self._text, content)
+        parts = self._file.name, layers, swipes, lines, typed, self._behaviours
+        return KeyLayout(
+            *parts, reach.problems(layers, swipes, self._behaviours), self._text, content
+        )
 
     def _keys(self, layer: _Layer) -> list[PlacedKey]:
         keys = [_Key(tap=key) if isinstance(key, str) else key for key in layer.keys]
@@ -215,9 +295,9 @@ class _Compiler:
         for i, key in enumerate(keys):
             end = begin + key.width
             gap = layer.gap_percent / 200
-            actions = {
-                slot: self._action(getattr(key, slot), layer, f"key {i + 1}") for slot in SLOTS
-            }
+            where = f"key {i + 1}"
+            actions = {slot: self._action(getattr(key, slot), layer.name, where) for slot in SLOTS}
+            actions["hold"] = self._hold(key, actions["hold"], layer.name, where)
             # There is no gap at the ends of the strip.
             low, high = begin + (gap if i else 0), end - (gap if i + 1 < len(keys) else 0)
             label = self._label(actions) if key.label is None else key.label
@@ -225,21 +305,91 @@ class _Compiler:
             begin = end
         return placed
 
-    def _action(self, text: str, layer: _Layer, where: str) -> int:
+    def _hold(self, key: _Key, action: int, layer: str, where: str) -> int:
+        terms = [getattr(key, name) for name in HOLD_TERMS]
+        if key.flavor is None and terms == [None] * len(terms):
+            return action
+        if not action:
+            self._refuse(
+                layer, f"in layer '{layer}', {where}: flavor and terms are those of a hold: add one"
+            )
+        tuning = self._tuning
+        flavor = tuning["flavor"] if key.flavor is None else FLAVORS.index(key.flavor)
+        terms = [tuning[name] if term is None else term for name, term in zip(HOLD_TERMS, terms)]
+        return self._behave(key.hold, lines_of.HOLD_TAP, flavor, *terms, action)
+
+    def _action(self, text: str, layer: str, where: str) -> int:
         if not text:
             return 0
-        where = f"in layer '{layer.name}', {where}"
+        at = f"in layer '{layer}', {where}" if layer else where
         verb, _, name = text.partition(" ")
+        if verb in _NEW_VERBS:
+            self._refuse(text, f"{at}: '{verb} NAME' is now '{_NEW_VERBS[verb]} NAME': write this")
+        if text in WORDS:
+            return self._behave(text, WORDS[text])
         if verb in LAYER_VERBS:
-            if name not in self._names:
-                known = ", ".join(self._names)
-                why = f"{where}: no layer is called '{name}'; valid names are {known}"
-                self._refuse(text, why)
-            return lines_of.action(LAYER_VERBS[verb], self._names.index(name))
+            return self._layer_action(verb, name, text, at)
+        if verb == STICKY:
+            after_ms = self._tuning["release_after_ms"]
+            if name in self._names:
+                action = self._layer_action("momentary", name, text, at)
+            else:
+                action = self._chord(name, text, at, f" and no layer; layers are {self._known}")
+            return self._behave(text, lines_of.STICKY, after_ms, action)
+        if verb in ("tap_dance", "mod_morph"):
+            return self._named(verb, name, text, at)
+        return self._chord(text, text, at)
+
+    @property
+    def _known(self) -> str:
+        return ", ".join(self._names)
+
+    def _layer_action(self, verb: str, name: str, text: str, at: str) -> int:
+        if name not in self._names:
+            self._refuse(text, f"{at}: no layer is called '{name}'; valid names are {self._known}")
+        number = self._names.index(name)
+        if verb != "to" and number == 0:
+            self._refuse(text, f"{at}: the first layer is always on: use 'to {name}'")
+        return lines_of.action(LAYER_VERBS[verb], number)
+
+    def _chord(self, name: str, text: str, at: str, also: str = "") -> int:
         try:
-            return lines_of.action(*chord_of(text))
+            return lines_of.action(*chord_of(name))
         except SpotsError as error:
-            self._refuse(text, f"{where}: {error}")
+            self._refuse(text, f"{at}: {error}{also}")
+
+    def _named(self, verb: str, name: str, text: str, at: str) -> int:
+        table = getattr(self._file, verb)
+        if name not in table or text in self._open:
+            why = "refers to itself" if text in self._open else "does not exist"
+            self._refuse(text, f"{at}: [{verb}.{name}] {why}: add this table, or change the name")
+        self._open.add(text)
+        one, where = table[name], f"in [{verb}.{name}]"
+        if verb == "tap_dance":
+            term_ms = one.tapping_term_ms or self._tuning["tapping_term_ms"]
+            actions = [self._action(action, "", where) for action in one.actions]
+            found = self._behave(text, lines_of.TAP_DANCE, term_ms, *actions)
+        else:
+            mods, kept = (self._bits(names, where) for names in (one.mods, one.keep_mods))
+            actions = [self._action(action, "", where) for action in (one.action, one.morphed)]
+            found = self._behave(text, lines_of.MOD_MORPH, mods, kept, *actions)
+        self._open.discard(text)
+        return found
+
+    def _bits(self, names: list[str], where: str) -> int:
+        bits = 0
+        for name in names:
+            page, usage, chord = parts_of(self._chord(name, name, where))
+            if not is_modifier(page, usage):
+                self._refuse(name, f"{where}: '{name}' is no modifier: use one such as LEFT_SHIFT")
+            bits |= chord | 1 << usage - MODIFIERS_FROM
+        return bits
+
+    def _behave(self, text: str, *numbers: int) -> int:
+        one = Behaviour(text, numbers)
+        if one not in self._behaviours:
+            self._behaviours.append(one)
+        return lines_of.action(lines_of.BEHAVIOUR, self._behaviours.index(one))
 
     def _label(self, actions: dict[str, int]) -> str:
         """Return the label of a key: the characters that its actions type, or its first action."""
@@ -250,6 +400,11 @@ class _Compiler:
 
     def _written(self, action: int) -> str:
         kind, number, _ = parts_of(action)
+        if kind == lines_of.BEHAVIOUR:
+            one = self._behaviours[number]
+            if one.numbers[0] in (lines_of.HOLD_TAP, lines_of.STICKY):
+                return self._written(one.actions[-1])
+            return one.text.rpartition(" ")[2].replace("_", " ")
         if kind in LAYER_VERBS.values():
             return self._names[number]
         return typed(kind, number) or name_of(kind, number)
@@ -257,14 +412,24 @@ class _Compiler:
     def _check_ways(self, layers: dict[str, list[PlacedKey]], used: set[int]) -> None:
         verbs = LAYER_VERBS.values()
         reached = {0} | {number for kind, number, _ in map(parts_of, used) if kind in verbs}
+        leaves = {lines_of.TOGGLE, lines_of.TO}
         for number, name in enumerate(self._names):
             if number not in reached:
                 self._refuse(name, f"no key leads to layer '{name}': add 'toggle {name}' to a key")
         for number, name in enumerate(self._names[1:], 1):
-            there = {parts_of(one)[0] for key in layers[name] for one in key.actions.values()}
-            if lines_of.action(lines_of.TOGGLE, number) in used and lines_of.TOGGLE not in there:
+            there = {
+                parts_of(one)[0]
+                for key in layers[name]
+                for slot in key.actions.values()
+                for one in reach.causes(slot, self._behaviours)
+            }
+            comes = {lines_of.action(verb, number) for verb in leaves}
+            if comes & used and not leaves & there:
+                first = self._names[0]
                 self._refuse(
-                    name, f"no key leaves layer '{name}': add 'toggle {name}' to one of its keys"
+                    name,
+                    f"no key leaves layer '{name}': add 'toggle {name}' or 'to {first}' to one of "
+                    "its keys",
                 )
 
     def _refuse(self, value: str, why: str) -> NoReturn:
@@ -304,6 +469,15 @@ def typed(page: int, usage: int) -> str:
     known = USAGES.get((page, usage))
     character = (known and known.pynput) or ""
     return character.upper() if len(character) == 1 else ""
+
+
+def _check_words(path: Path, text: str, content: dict) -> None:
+    """Refuse the words of older layouts, with the word that replaces each."""
+    tuning = content.get("tuning")
+    for old, new in _NEW_TUNING.items():
+        if isinstance(tuning, dict) and old in tuning:
+            line = _line_of_key(text, [old])
+            raise SpotsError(f"layout {path}{line}: '{old}' is now '{new}': write this name")
 
 
 def _line_of(text: str, pattern: str) -> str:

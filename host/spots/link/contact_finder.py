@@ -9,7 +9,7 @@ from typing import Any
 from spots_device.fingers import contacts as fingers
 from spots_device.fingers.state import TICKS
 from spots_device.fingers.tracker import TICK_US, ContactTracker
-from spots_device.keys.layout import Layout, default_lines
+from spots_device.keys.layout import default_lines, parse
 from spots_device.reading.decode import (
     BRIGHTNESS,
     DROPPED,
@@ -47,7 +47,7 @@ class ContactFinder:
     def __init__(self, length_um: int, decay: int | None = None):
         self._tracker: Any = ContactTracker(None)
         self._tracker.set_layout(
-            Layout(["stuck_ms 0", *default_lines()]), length_um, decay or TYPICAL_DECAY
+            parse(["stuck_ms 0", *default_lines()]), length_um, decay or TYPICAL_DECAY
         )
         self._fingers: Any = fingers.Fingers(self)
         self._fingers.attach(self._tracker, None)

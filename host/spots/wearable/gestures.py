@@ -9,7 +9,7 @@ from collections import deque
 from typing import NamedTuple
 
 from spots_device.fingers.tracker import ContactTracker
-from spots_device.keys.layout import Layout, default_lines
+from spots_device.keys.layout import default_lines, parse
 from spots_device.reading.decode import LED_OFF
 
 from ..link.contact_finder import tracker_arguments
@@ -94,7 +94,7 @@ class Gestures:
     def __init__(self, length_um: int = 0, decay: int | None = None):
         self._two = TwoFingers(length_um, decay) if length_um else None
         self._contact = ContactTracker(self)
-        self._contact.set_layout(Layout([*_TUNING, *default_lines()]), 0)
+        self._contact.set_layout(parse([*_TUNING, *default_lines()]), 0)
         self._found: list[Gesture] = []
         self._now_s = 0.0
         self._heard_s: float | None = None

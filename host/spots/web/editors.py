@@ -20,7 +20,7 @@ from ..atomic import ChangedError
 from ..controller import controller_settings
 from ..errors import SpotsError, printable
 from ..keyboard import keys
-from ..keyboard.layout import FLAVOURS, KeyLayout, compiled, load
+from ..keyboard.layout import FLAVORS, RELEASE_AFTER_MS, KeyLayout, compiled, load
 from ..link.board import Board
 from ..link.connect import ensured
 from ..wearable import wearable
@@ -290,8 +290,8 @@ class LayoutEditor(FileEditor):
         return {
             "content": self._layout.content,
             "stored": info and stored_layout(info, self._layout),
-            "limits": LIMITS,
-            "flavours": FLAVOURS,
+            "limits": {**LIMITS, "release_after_ms": RELEASE_AFTER_MS},
+            "flavors": FLAVORS,
         }
 
 

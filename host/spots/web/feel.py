@@ -12,7 +12,8 @@ from ..controller.controller_settings import ControllerSettings
 from ..controller.controller_settings import load as load_controller
 from ..errors import SpotsError
 from ..keyboard.key_engine import KeyEngine
-from ..keyboard.layout import KeyLayout, typed
+from ..keyboard.layout import KeyLayout, parts_of, typed
+from ..keyboard.reach import causes
 from ..link.advice import advice_for
 from ..link.board import Board
 from ..link.frames import Key, Spectrum, Touch
@@ -164,13 +165,13 @@ class Feel:
         Parameters
         ----------
         page, usage, modifiers : int
-            HID usage page, usage, and bits of the modifier keys.
+            HID usage page, usage, and bits of all modifier keys that are down after the event.
         pressed : bool
             True for a press, False for a release.
         """
-        event = page, usage, modifiers
+        event = page, usage
         if pressed:
-            self._down[event] = self._place(action(*event))
+            self._down[event] = self._place(page, usage, modifiers)
             layer, index = self._down[event]
         else:
             layer, index = self._down.pop(event, (None, None))
@@ -178,15 +179,21 @@ class Feel:
         self._state.add_event({"kind": "key", "pressed": pressed, **what})
         self._show()
 
-    def _place(self, wanted: int) -> tuple[str | None, int | None]:
+    def _place(self, page: int, usage: int, modifiers: int) -> tuple[str | None, int | None]:
+        """Return layer and index of the key that presses a usage, preferably with its modifiers."""
         if self._engine is None:
             return None, None
         layers = self._layout.layers
+        found = None, None
         for layer in (self._engine.layer, *layers):
             for index, key in enumerate(layers[layer]):
-                if wanted in key.actions.values():
-                    return layer, index
-        return None, None
+                for slot in key.actions.values():
+                    for one in causes(slot, self._layout.behaviours):
+                        if one == action(page, usage, modifiers):
+                            return layer, index
+                        if parts_of(one)[:2] == (page, usage) and found == (None, None):
+                            found = layer, index
+        return found
 
     def _show(self) -> None:
         """Put the changed parts into the state of the web UI."""

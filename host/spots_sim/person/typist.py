@@ -18,6 +18,7 @@ _SHIFT = 0x22  # bits of the left and the right shift key
 _SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
 _CHARACTERS = {" ": "SPACEBAR", "\n": "ENTER"}
 _RISE_S, _FIRM_MN = 0.02, 7000.0
+_HELD_S = (0.07, 0.14)  # shortest and longest touch
 
 
 class TypedText:
@@ -133,19 +134,19 @@ class Typist:
         margin = 0.1 * (key.high - key.low)
         share = self._rng.uniform(key.low + margin, key.high - margin)
         limits = self._limits
-        held_s = self._rng.uniform(0.07, 0.14)
+        held_s = self._rng.uniform(*_HELD_S)
         force_mN = self._rng.uniform(1000, 2500)
         if slot == "firm":
             force_mN = _FIRM_MN
         elif slot == "hold":
-            held_s = limits["tapping_ms"] / 1000 + 0.1
+            held_s = limits["tapping_term_ms"] / 1000 + 0.1
         self.press(share, held_s, force_mN)
         if slot == "double":
             self.seconds += self._rng.uniform(0.06, 0.12)
             self.press(share, held_s, force_mN)
         pause_s = self._rng.uniform(*self._pause_s)
         if key.actions["hold"]:
-            pause_s = max(pause_s, limits["quick_ms"] / 1000 + 0.02)
+            pause_s = max(pause_s, limits["quick_tap_ms"] / 1000 - _HELD_S[0] + 0.04)
         if key.actions["double"]:
             pause_s = max(pause_s, limits["double_ms"] / 1000 + 0.05)
         self.seconds += pause_s
@@ -188,11 +189,20 @@ class Typist:
                 for slot, action in key.actions.items():
                     if action == wanted:
                         return [*way, (layer, i, slot)]
-                    kind, there, _ = parts_of(action)
-                    if kind == lines_of.ONCE and there not in seen:
+                    there = self._sticky_layer(action)
+                    if there is not None and there not in seen:
                         seen.add(there)
                         waiting.append((there, [*way, (layer, i, slot)]))
         raise SpotsError(f"the layout '{self._layout.name}' has no key for '{character}'")
+
+    def _sticky_layer(self, action: int) -> int | None:
+        kind, number, _ = parts_of(action)
+        if kind != lines_of.BEHAVIOUR:
+            return None
+        one = self._layout.behaviours[number]
+        kind, layer, _ = parts_of(one.actions[-1]) if one.actions else (0, 0, 0)
+        is_sticky = one.numbers[0] == lines_of.STICKY and kind == lines_of.MOMENTARY
+        return layer if is_sticky else None
 
 
 def _action_of(character: str) -> int:

@@ -13,7 +13,7 @@ from locked import locked
 
 from spots_device.fingers.state import SIZE
 from spots_device.fingers.tracker import ContactTracker
-from spots_device.keys.layout import Layout
+from spots_device.keys.layout import parse
 
 
 class Sum:
@@ -75,7 +75,7 @@ with open("given.json") as file:
         given = json.loads(line)
         events = Sum()
         tracker = ContactTracker(events)
-        tracker.set_layout(Layout(given[0]), given[1], given[2])
+        tracker.set_layout(parse(given[0]), given[1], given[2])
         readings = array("i", given[3:])
         del given
         results = array("i", readings)

@@ -12,11 +12,11 @@ const USUAL_LENGTH_UM = 85000, STEP_MM = 0.5, FINE_MM = 0.1, TRIED = 8;
 // The chart of the force: the time that it shows, number of stored points, height in px.
 const FORCE_S = 4, FORCE_KEPT = 512, FORCE_HEIGHT = 130;
 const TUNING = {
-  detect: ["Number of readings that make a press", ""], flavour: ["A hold is decided", ""],
+  detect: ["Number of readings that make a press", ""], flavor: ["A hold is decided", ""],
   press_mN: ["Force that begins a touch", "mN"], release_mN: ["Force that ends a touch", "mN"],
   firm_mN: ["Force of a firm press", "mN"], firm_ms: ["Time for a firm press", "ms"],
-  tapping_ms: ["A longer touch is a hold", "ms"], double_ms: ["Longest pause of a double tap", "ms"],
-  quick_ms: ["Longest pause before a repeated tap", "ms"], slack_um: ["Position tolerance of a repeated tap", "µm"],
+  tapping_term_ms: ["A longer touch is a hold", "ms"], double_ms: ["Longest pause of a double tap", "ms"],
+  quick_tap_ms: ["Longest pause before a repeated tap", "ms"], slack_um: ["Position tolerance of a repeated tap", "µm"],
   slide_um: ["Step of a slide", "µm"], swipe_um: ["Least length of a swipe", "µm"],
   swipe_ms: ["Longest time of a swipe", "ms"], release_ms: ["Release debounce", "ms"],
   jump_um: ["Longest jump of a finger", "µm"], stuck_ms: ["A touch is an object, not a finger, after", "ms"],
@@ -248,10 +248,10 @@ export function editor(root) {
         if (Object.keys(values).length) content.tuning = values;
         else delete content.tuning;
       }, replace);
-      if (statement === "flavour") {
-        const choice = make("select", "", ...it.flavours.map((one) => new Option(one)));
-        choice.addEventListener("change", () => set(choice.value === it.flavours[usual] ? undefined : choice.value));
-        return [statement, { root: make("label", "", make("span", "", words), choice), show: (value) => { choice.value = value ?? it.flavours[usual]; } }];
+      if (statement === "flavor") {
+        const choice = make("select", "", ...it.flavors.map((one) => new Option(one)));
+        choice.addEventListener("change", () => set(choice.value === it.flavors[usual] ? undefined : choice.value));
+        return [statement, { root: make("label", "", make("span", "", words), choice), show: (value) => { choice.value = value ?? it.flavors[usual]; } }];
       }
       const sizes = { low, high, top: usual ? 4 * usual : 4000, step: usual > 1000 ? 50 : usual > 20 ? 5 : 1 };
       const one = sliderField(words, unit, sizes, (value, replace) => set(value === usual ? undefined : value, replace));
@@ -268,7 +268,7 @@ export function editor(root) {
   function drawForce(limits) {
     const tuned = (name) => draft.value.content.tuning?.[name] ?? limits[name][2];
     const lines = ["press_mN", "release_mN", "firm_mN"].map((name) => [TUNING[name][0], tuned(name)]).filter(([, mN]) => mN);
-    const times = ["tapping_ms", "firm_ms"].map((name) => [TUNING[name][0], tuned(name)]);
+    const times = ["tapping_term_ms", "firm_ms"].map((name) => [TUNING[name][0], tuned(name)]);
     paintForce((c, width) => {
       const top = Math.max(1000, ...lines.map(([, mN]) => 1.15 * mN), ...points.map(([, mN]) => mN));
       const y = (mN) => FORCE_HEIGHT - 4 - (FORCE_HEIGHT - 20) * (mN / top), end_s = points.at(-1)?.[0] ?? 0;

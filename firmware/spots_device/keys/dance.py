@@ -1,0 +1,63 @@
+"""Tap dance: the number of taps on a key decides its action. Imported only if the layout uses it.
+
+It is decided by the last possible tap, by the press of another key, or when no further tap comes in
+time. If the key is then still held, its action is held, too.
+"""
+
+from .. import const
+from .ticks import past
+
+_NONE = const(-1)
+
+
+class Dance:
+    """The tap dance of an `engine.Engine`; there is one at a time, because other keys end it."""
+
+    def __init__(self, engine):
+        self._engine = engine
+        self.forget()
+
+    def press(self, i, n, t):
+        """Count a tap of the behaviour at the index `n` with the switch `i`."""
+        self._engine.set_action(i, 0)
+        if self._which != n:
+            self._decide(t)
+        self._which = n
+        self._row = self._engine.row_of(i)
+        self._of = i
+        self._since = t
+        self._taps += 1
+        if self._taps == self._engine.layout.behaviours[n + 2]:
+            self._decide(t)
+
+    def released(self, i):
+        """The switch `i` was released."""
+        if self._of == i:
+            self._of = _NONE
+
+    def beside(self, row, t):
+        """The key `row` was pressed."""
+        if row != self._row:
+            self._decide(t)
+
+    def tick(self, t):
+        """Decide what gets no further tap."""
+        if self._taps and past(self._since, t) >= self._engine.layout.behaviours[self._which + 1]:
+            self._decide(t)
+
+    def forget(self):
+        """Drop a dance that is not decided."""
+        self._which = self._row = self._of = _NONE
+        self._taps = self._since = 0
+
+    def _decide(self, t):
+        if not self._taps:
+            return
+        engine = self._engine
+        action = engine.layout.behaviours[self._which + 2 + self._taps]
+        i = self._of
+        self.forget()
+        if i >= 0:
+            engine.start(i, action, t)
+        else:
+            engine.click_alone(action, t)

@@ -1,0 +1,698 @@
+"""Keyboard engine: presses and releases of switches cause the actions of a layout.
+
+A switch is pressed at a position. The key at this position has a decision to make if it has more
+than a tap: until then it is *open*. At most one switch is open. Later events wait in a queue with
+their own times, and are processed when the switch is decided:
+
+=====================  ============================================================================
+event                  decision of the open switch
+=====================  ============================================================================
+swipe                  the action of the layer's swipe; its key does nothing
+firm press             the action of the firm press
+slide                  a slide: each step has its own action
+its release            tap, or the first tap of a double tap
+another press          hold-preferred, tap-unless-interrupted: hold; without a hold: tap; the other
+                       flavors: none
+release of a press     balanced: hold; the other flavors: none
+that waits
+end of its time        hold; tap-unless-interrupted, or without a hold: tap
+=====================  ============================================================================
+
+The time of an event counts, not when it arrives: if the time of the open switch is over at the time
+of an event, the end of its time decides first. The release of a switch that was pressed before the
+open one does not wait, unless this switch holds a modifier.
+
+If the outbox of USB reports is full, events wait, too. Times are in ticks (see fingers/state.py).
+Integers only; allocates nothing after `set_layout`.
+"""
+
+from array import array
+
+from .. import const
+from . import layout as y
+from .merge import MODIFIERS_FROM
+from .ticks import past
+
+SWITCHES = 6  # pressed at the same time, or waiting
+_QUEUE = const(16)  # events
+
+# State of a switch: elements of `Engine.switches`, from the switch's number times `_SIZE` on.
+_STATE = const(0)
+_ROW = const(1)  # key, as index in `layout.keys`; -1 without a key
+_ACTION = const(2)  # pressed action, or 0
+_BEGAN = const(3)  # ticks
+_X_UM = const(4)  # position at the press
+_STEP_UM = const(5)  # position of the last step of a slide
+_LAYER = const(6)
+_SIZE = const(7)
+
+# In this order: comparisons use it.
+_FREE = const(0)
+_SEEKS = const(1)  # between two keys
+_WAITS = const(2)  # its press is in the queue
+_OPEN = const(3)
+_SLIDING = const(4)
+_PRESSED = const(5)
+_OVER = const(6)  # causes no more actions
+
+# Kinds of events. An event in the queue has kind, switch, position and time.
+_PRESS = const(0)
+_RELEASE = const(1)
+_IS_FIRM = const(2)
+_EVENT = const(4)
+
+# What decides an open switch.
+_OWN_UP = const(0)
+_OTHER_DOWN = const(1)
+_OTHER_UP = const(2)
+_TIMER = const(3)
+
+_NONE = const(-1)
+
+
+class Engine:
+    """Turns events of switches into actions of keys.
+
+    Parameters
+    ----------
+    sink : object
+        Receives the key events, see `merge.Merger`. ``has_room()`` returns whether it can take the
+        reports of an event.
+    merger : merge.Merger
+        State of the keyboard.
+    """
+
+    def __init__(self, sink, merger):
+        self.sink = sink
+        self.merger = merger
+        self.layout = None
+        self._length_mm = 1
+        self.switches = array("i", bytes(4 * (SWITCHES + 1) * _SIZE))
+        self._queue = array("i", bytes(4 * _QUEUE * _EVENT))
+        self._momentary = bytearray(y.LAYERS_MAX)  # switches that hold each layer
+        self._sticky = self._dance = self._morph = self._repeat = self._caps = None
+        self._clear()
+
+    def set_layout(self, layout, length_um):
+        """Release all switches, and use another layout on a strip of this length."""
+        self.release()
+        self.layout = layout
+        # A thousandth of the strip in um, because the bounds of keys are in thousandths.
+        self._length_mm = max(1, length_um // 1000)
+        self._sticky = self._dance = self._morph = self._repeat = self._caps = None
+        # A board has no memory for behaviours that its layout does not use.
+        for kind in layout.kinds:
+            if kind == y.STICKY:
+                from .sticky import Sticky
+
+                self._sticky = Sticky(self)
+            elif kind == y.TAP_DANCE:
+                from .dance import Dance
+
+                self._dance = Dance(self)
+            elif kind == y.MOD_MORPH:
+                from .morph import Morph
+
+                self._morph = Morph(self)
+            elif kind == y.KEY_REPEAT:
+                from .repeat import Repeat
+
+                self._repeat = Repeat(self)
+            elif kind == y.CAPS_WORD:
+                from .caps import CapsWord
+
+                self._caps = CapsWord(self)
+
+    # Events of switches.
+
+    def press(self, x_um, t):
+        """Press a switch at `x_um` at the time `t`; return its number, or -1 if none is free."""
+        # The call frames of this module have at most 11 words, see reading/strip.py.
+        i = self._free_one()
+        if i < 0:
+            return _NONE
+        self._place(i, x_um)
+        if self._is_on_key(x_um, t):
+            # Room for the releases of all switches is kept free.
+            if not self._has_place():
+                return _NONE
+            self.switches[i * _SIZE] = _WAITS
+            self._put(_PRESS, i, x_um, t)
+        else:
+            self.switches[i * _SIZE] = _SEEKS
+        return i
+
+    def release_one(self, i, t):
+        """Release the switch `i` at the time `t`."""
+        if i >= 0 and self.switches[i * _SIZE]:
+            self._put(_RELEASE, i, 0, t)
+
+    def firm(self, i, t):
+        """Report that the switch `i` is pressed firmly."""
+        if i >= 0 and _WAITS <= self.switches[i * _SIZE] <= _OPEN and self._has_place():
+            self._put(_IS_FIRM, i, 0, t)
+
+    def move(self, i, x_um, t):
+        """Report the position of the switch `i`; return True if no further ones are needed."""
+        if i < 0:
+            return True
+        state = self.switches[i * _SIZE]
+        if state >= _PRESSED:
+            return True
+        if state == _SEEKS:
+            if self._row_at(self.layer, x_um) >= 0 and self._has_place():
+                self._place(i, x_um)
+                self.switches[i * _SIZE] = _WAITS
+                self._put(_PRESS, i, x_um, t)
+        elif state >= _OPEN:
+            if not self._is_swiped(i, x_um, t):
+                self._slide(i, x_um, t)
+            self._run()
+        return False
+
+    def tick(self, t):
+        """Decide what has a time limit; all events up to the time `t` have been reported."""
+        if self._due >= 0 and past(self._due_t, t) >= self.layout.double_t:
+            self._tap_due(t)
+        if self._dance is not None:
+            self._dance.tick(t)
+        if self._sticky is not None:
+            self._sticky.tick(t)
+        if self._tapped >= 0 and past(self._tapped_t, t) >= self.layout.quick_tap_t:
+            self._age(t)
+        if (
+            self._open >= 0
+            and self._wait_t
+            and past(self._began_t(), t) >= self._wait_t
+            and self.sink.has_room()
+        ):
+            self._decide(_TIMER, t)
+        if self._seen < self._count:
+            self._run()
+
+    def forget(self):
+        """Drop pending double taps, and what is sticky for the next key."""
+        self._due = self._tapped = _NONE
+        if self._dance is not None:
+            self._dance.forget()
+        if self._sticky is not None:
+            self._sticky.forget()
+
+    def release(self):
+        """Release all switches, drop all events, and switch all layers but the first one off."""
+        for i in range(SWITCHES + 1):
+            at = i * _SIZE
+            # In this order: an interrupt in between must not hide a pressed key.
+            if self.switches[at + _ACTION]:
+                self._end(i, 0)
+                self.switches[at + _ACTION] = 0
+            self.switches[at] = _FREE
+        self._clear()
+        self.forget()
+
+    def is_pressed(self, i):
+        """Return whether the switch `i` is pressed or waits."""
+        return i >= 0 and self.switches[i * _SIZE] > _FREE
+
+    def is_certain(self, x_um, slack_um):
+        """Return whether the range `x_um` +- `slack_um` is on one key, where no finger is."""
+        if not self._is_on_one(self.layer, x_um, slack_um):
+            return False
+        if self._open >= 0 and self._hold >> 20 == y.MOMENTARY:
+            return self._is_on_one(self._hold & 0xFFF, x_um, slack_um)
+        return True
+
+    def same_key(self, x_um, other_um):
+        """Return whether two positions are on the same key, or both beside all keys."""
+        layer = self.layer
+        return self._row_at(layer, x_um) == self._row_at(layer, other_um)
+
+    @property
+    def layer(self):
+        """Number of the layer that the next press uses."""
+        bits = self._on
+        layer = y.LAYERS_MAX - 1
+        while layer:
+            if bits >> layer & 1 or self._momentary[layer]:
+                return layer
+            layer -= 1
+        return 0
+
+    def _free_one(self):
+        i = 0
+        while self.switches[i * _SIZE]:
+            i += 1
+            if i == SWITCHES:
+                return _NONE
+        return i
+
+    def _place(self, i, x_um):
+        at = i * _SIZE
+        self.switches[at + _ROW] = _NONE
+        self.switches[at + _ACTION] = 0
+        self.switches[at + _X_UM] = self.switches[at + _STEP_UM] = x_um
+
+    def _is_on_key(self, x_um, t):
+        if self._row_at(self.layer, x_um) >= 0 or self._again_at(x_um, t) >= 0:
+            return True
+        return (
+            self._open >= 0
+            and self._hold >> 20 == y.MOMENTARY
+            and self._row_at(self._hold & 0xFFF, x_um) >= 0
+        )
+
+    def _has_place(self):
+        return self._count + SWITCHES < _QUEUE
+
+    # The queue.
+
+    def _put(self, kind, i, x_um, t):
+        at = (self._first + self._count) % _QUEUE * _EVENT
+        q = self._queue
+        q[at] = kind
+        q[at + 1] = i
+        q[at + 2] = x_um
+        q[at + 3] = t
+        self._count += 1
+        self._run()
+
+    def _remove(self):
+        # Removes the event after those that wait.
+        q = self._queue
+        k = self._seen
+        while k:
+            at = (self._first + k) % _QUEUE * _EVENT
+            before = (self._first + k - 1) % _QUEUE * _EVENT
+            q[at] = q[before]
+            q[at + 1] = q[before + 1]
+            q[at + 2] = q[before + 2]
+            q[at + 3] = q[before + 3]
+            k -= 1
+        self._first = (self._first + 1) % _QUEUE
+        self._count -= 1
+
+    def _run(self):
+        while self._seen < self._count and self.sink.has_room():
+            self._next((self._first + self._seen) % _QUEUE * _EVENT)
+
+    def _next(self, at):
+        # Processes the event at the index `at` of the queue.
+        t = self._queue[at + 3]
+        if self._open < 0:
+            self._do(at)
+            self._remove()
+        elif self._wait_t and past(self._began_t(), t) >= self._wait_t:
+            self._decide(_TIMER, t)
+        elif self._queue[at + 1] != self._open:
+            self._beside(at, t)
+        elif self._queue[at] == _RELEASE:
+            self._decide(_OWN_UP, t)
+        else:
+            self._remove()
+            self._press_firmly(t)
+
+    def _beside(self, at, t):
+        # An event of another switch while a switch is open.
+        kind = self._queue[at]
+        i = self._queue[at + 1]
+        waits = self.switches[i * _SIZE] == _WAITS
+        if kind == _RELEASE and not waits and not self._holds_modifier(i):
+            self._do(at)
+            self._remove()
+            return
+        self._seen += 1
+        if kind == _PRESS:
+            self._decide(_OTHER_DOWN, t)
+        elif kind == _RELEASE and waits:
+            self._decide(_OTHER_UP, t)
+
+    def _holds_modifier(self, i):
+        action = self.switches[i * _SIZE + _ACTION]
+        return action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM
+
+    def _do(self, at):
+        i = self._queue[at + 1]
+        t = self._queue[at + 3]
+        if self._queue[at] == _PRESS:
+            self._begin(i, self._queue[at + 2], t)
+        elif self._queue[at] == _RELEASE:
+            if self._due_of == i:
+                self._due_of = _NONE
+                self._due_t = t
+            self._let_go(i, t)
+
+    def _let_go(self, i, t):
+        at = i * _SIZE
+        if self.switches[at + _ACTION]:
+            self._end(i, t)
+            self.switches[at + _ACTION] = 0
+        if self._dance is not None:
+            self._dance.released(i)
+        self.switches[at] = _FREE
+
+    # Decisions.
+
+    def _begin(self, i, x_um, t):
+        """Process a press: an action at once if nothing else is possible, else an open switch."""
+        row = self._again_at(x_um, t)
+        if row < 0:
+            row = self._row_at(self.layer, x_um)
+            if self._sticky is not None:
+                self._was_sticky = self._sticky.holds(self.layer)
+        if self._due >= 0:
+            if row == self._due:
+                self._due = _NONE
+                self.switches[i * _SIZE + _ROW] = row
+                self._act(i, self.layout.keys[row + y.DOUBLE], t)
+                return
+            self._tap_due(t)
+            row = self._row_at(self.layer, x_um)  # the tap may have switched the layer
+        if self._dance is not None:
+            self._dance.beside(row, t)
+        self._open_at(i, row, t)
+
+    def _open_at(self, i, row, t):
+        at = i * _SIZE
+        self.switches[at + _ROW] = row
+        self.switches[at + _BEGAN] = t
+        self.switches[at + _LAYER] = self.layer
+        self.switches[at] = _SEEKS
+        if row >= 0:
+            self._prepare(row)
+            if not self._is_open(row) or (self._hold and self._is_quick(row, t)):
+                self._tap(i, row, t)
+                return
+            self.switches[at] = _OPEN
+            self._open = i
+        self._tapped = _NONE
+
+    def _tap(self, i, row, t):
+        self._tapped = row
+        self._tapped_t = t
+        self._act(i, self.layout.keys[row + y.TAP], t)
+
+    def _prepare(self, row):
+        # Sets how the switch at `row` is decided.
+        layout = self.layout
+        keys = layout.keys
+        self._hold = hold = keys[row + y.HOLD]
+        self._flavor = layout.flavor
+        self._quick_t = layout.quick_tap_t
+        self._idle_t = layout.require_prior_idle_t
+        self._wait_t = layout.tapping_term_t
+        if hold >> 20 == y.BEHAVIOUR:
+            n = layout.behaviour(hold & 0xFFF)
+            b = layout.behaviours
+            if b[n] == y.HOLD_TAP:
+                self._flavor = b[n + 1]
+                self._wait_t = b[n + 2]
+                self._quick_t = b[n + 3]
+                self._idle_t = b[n + 4]
+                self._hold = b[n + 5]
+        if not hold and not keys[row + y.DOUBLE]:
+            self._wait_t = self._short_wait_t(row)
+
+    def _short_wait_t(self, row):
+        layout = self.layout
+        swipes = self._swipes(self.layer)
+        if self._slides(row):
+            return layout.swipe_t if swipes else 0  # after it, no swipe is possible
+        wait_t = layout.firm_t if layout.keys[row + y.FIRM] else 0
+        return max(wait_t, layout.swipe_t) if swipes else wait_t
+
+    def _is_open(self, row):
+        return self._wait_t or self._slides(row)
+
+    def _is_quick(self, row, t):
+        if self._idle_t and self._key_t >= 0 and past(self._key_t, t) < self._idle_t:
+            return True
+        return row == self._tapped and past(self._tapped_t, t) < self._quick_t
+
+    def _began_t(self):
+        return self.switches[self._open * _SIZE + _BEGAN]
+
+    def _decide(self, event, t):
+        """Decide the open switch if `event` does."""
+        row = self.switches[self._open * _SIZE + _ROW]
+        if self._hold and event != _OWN_UP:
+            if self._is_hold(event):
+                self._act(self._close(), self._hold, t)
+                return
+            if event != _TIMER:
+                return
+        elif event == _TIMER and self._slides(row) and not self.layout.keys[row + y.DOUBLE]:
+            self._wait_t = 0  # it slides at any time
+            return
+        if event == _OWN_UP and self.layout.keys[row + y.DOUBLE]:
+            self._due = row
+            self._due_of = self._close()
+            self._due_t = t
+        else:
+            t = self._began_t()
+            self._tap(self._close(), row, t)
+
+    def _is_hold(self, event):
+        flavor = self._flavor
+        if event == _TIMER:
+            return flavor != y.TAP_UNLESS_INTERRUPTED
+        if event == _OTHER_UP:
+            return flavor == y.BALANCED
+        return flavor != y.BALANCED and flavor != y.TAP_PREFERRED
+
+    def _close(self):
+        i = self._open
+        self._open = _NONE
+        self._seen = 0
+        self.switches[i * _SIZE] = _OVER
+        return i
+
+    def _press_firmly(self, t):
+        action = self.layout.keys[self.switches[self._open * _SIZE + _ROW] + y.FIRM]
+        if action:
+            self._act(self._close(), action, t)
+
+    def _is_swiped(self, i, x_um, t):
+        x_um -= self.switches[i * _SIZE + _X_UM]
+        if not self._may_swipe(i * _SIZE, t) or abs(x_um) < self.layout.swipe_um:
+            return False
+        self._close()
+        self._swipe(i, x_um > 0, t)
+        return True
+
+    def _swipe(self, i, plus, t):
+        action = self.layout.swipe(self.switches[i * _SIZE + _LAYER], plus)
+        self.click(i, action, t)
+
+    def _may_swipe(self, at, t):
+        s = self.switches
+        return (
+            s[at] == _OPEN
+            and self._wait_t
+            and self._swipes(s[at + _LAYER])
+            and past(s[at + _BEGAN], t) < self.layout.swipe_t
+        )
+
+    def _slide(self, i, x_um, t):
+        at = i * _SIZE
+        if self._may_swipe(at, t):
+            return
+        while self.sink.has_room():
+            off_um = x_um - self.switches[at + _STEP_UM]
+            if abs(off_um) < self.layout.slide_um or not self._slide_one(i, off_um > 0, t):
+                return
+
+    def _slide_one(self, i, plus, t):
+        at = i * _SIZE
+        action = self.switches[at + _ROW] + (y.SLIDE_PLUS if plus else y.SLIDE_MINUS)
+        action = self.layout.keys[action]
+        if self.switches[at] == _OPEN:
+            if not action:
+                return False
+            self._close()
+        self.switches[at] = _SLIDING
+        self.switches[at + _STEP_UM] += self.layout.slide_um * (1 if plus else -1)
+        self.click(i, action, t)
+        return True
+
+    def _tap_due(self, t):
+        row = self._due
+        self._due = self._due_of = _NONE
+        self.click(SWITCHES, self.layout.keys[row + y.TAP], t)
+
+    # Actions.
+
+    def _act(self, i, action, t):
+        """Press an action; the switch `i` then holds it."""
+        self.switches[i * _SIZE] = _PRESSED
+        self.start(i, action, t)
+
+    def click_alone(self, action, t):
+        """Press and release an action, for no switch."""
+        self.click(SWITCHES, action, t)
+
+    def click(self, i, action, t):
+        """Press and release an action for the switch `i`; the one after the last is no finger's."""
+        self.start(i, action, t)
+        self._end(i, t)
+        self.switches[i * _SIZE + _ACTION] = 0
+        if self._dance is not None:
+            self._dance.released(i)
+
+    def start(self, i, action, t):
+        """Press an action for the switch `i`."""
+        kind = action >> 20
+        self.switches[i * _SIZE + _ACTION] = action
+        if kind == y.BEHAVIOUR:
+            self._behave(i, action & 0xFFF, t)
+        elif kind >= y.KEYBOARD:
+            self._press_key(i, action, t)
+        elif kind:
+            self._switch_layer(kind, action & 0xFFF)
+
+    def _switch_layer(self, kind, number):
+        if kind == y.MOMENTARY:
+            self._momentary[number] += 1
+        elif kind == y.TOGGLE:
+            self._on ^= 1 << number
+        elif kind == y.TO:
+            if self._sticky is not None:
+                self._sticky.forget()
+            self._on = 1 << number
+            for each in range(y.LAYERS_MAX):
+                self._momentary[each] = 0
+
+    def _press_key(self, i, action, t):
+        if self._caps is not None:
+            action = self._caps.shifted(action)
+        if not self.merger.press(self.sink, action):
+            action = 0
+        self.switches[i * _SIZE + _ACTION] = action
+        if action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM:
+            return
+        self._key_t = t
+        if self._repeat is not None:
+            self._repeat.pressed(action | self.merger.down << 12)
+        if self._sticky is not None:
+            self._sticky.pressed()
+
+    def _behave(self, i, number, t):
+        n = self.layout.behaviour(number)
+        kind = self.layout.behaviours[n]
+        if kind == y.STICKY:
+            self._sticky.press(i, n, t)
+        elif kind == y.TAP_DANCE:
+            self._dance.press(i, n, t)
+        elif kind == y.MOD_MORPH:
+            self._morph.press(i, n, t)
+        elif kind == y.KEY_REPEAT:
+            self._repeat.press(i, t)
+        elif kind == y.CAPS_WORD:
+            self._caps.press()
+
+    def _end(self, i, t):
+        # Releases the action of the switch `i`; the caller then clears it.
+        action = self.switches[i * _SIZE + _ACTION]
+        kind = action >> 20
+        if kind == y.MOMENTARY:
+            if self._momentary[action & 0xFFF]:
+                self._momentary[action & 0xFFF] -= 1
+        elif kind == y.BEHAVIOUR:
+            if self._sticky is not None:
+                self._sticky.release(i, t)
+        elif kind >= y.KEYBOARD:
+            self.merger.release(self.sink, action)
+        if self._morph is not None:
+            self._morph.released(i)
+
+    def row_of(self, i):
+        """Return the row of the key of the switch `i`."""
+        return self.switches[i * _SIZE + _ROW]
+
+    def set_action(self, i, action):
+        """Set the action that the switch `i` holds; used by behaviours."""
+        self.switches[i * _SIZE + _ACTION] = action
+
+    def layer_on(self, number, change):
+        """Change by `change` how many holders the layer `number` has."""
+        self._momentary[number] = max(0, self._momentary[number] + change)
+
+    # Keys and their positions.
+
+    def _row_at(self, layer, x_um):
+        """Return the row (index in `layout.keys`) of the key of a layer at a position, or -1."""
+        layout = self.layout
+        keys = layout.keys
+        row = layout.first(layer)
+        last = layout.first(layer + 1)
+        while row < last:
+            # The ends of the strip belong to the outermost keys.
+            if (keys[row + y.LOW] == 0 or x_um >= keys[row + y.LOW] * self._length_mm) and (
+                keys[row + y.HIGH] == y.FULL or x_um < keys[row + y.HIGH] * self._length_mm
+            ):
+                return row
+            row += y.KEY_SIZE
+        return _NONE
+
+    def _again_at(self, x_um, t):
+        """Return the row of the key that was tapped just before if a touch counts for it, or -1.
+
+        Quick second touches are less accurate. So a touch outside the tapped key still counts for
+        it if it is at most ``slack_um`` or a sixteenth of the key's width outside, whichever is
+        less. If it lies on a neighbouring key, the tapped key must also have a ``hold`` or
+        ``double`` action. A tapped key counts even if its sticky layer has ended.
+        """
+        row = self._due
+        if row >= 0:
+            if past(self._due_t, t) >= self.layout.double_t:
+                return _NONE
+        else:
+            row = self._tapped
+            if row < 0 or past(self._tapped_t, t) >= max(self.layout.quick_tap_t, self._quick_t):
+                return _NONE
+            if not (self._was_sticky or self.layout.is_on(self.layer, row)):
+                return _NONE
+        if self._is_near(row, x_um) and (
+            self.layout.keys[row + y.HOLD]
+            or self.layout.keys[row + y.DOUBLE]
+            or self._row_at(self.layer, x_um) < 0
+        ):
+            return row
+        return _NONE
+
+    def _is_near(self, row, x_um):
+        low_um = self.layout.keys[row + y.LOW] * self._length_mm
+        high_um = self.layout.keys[row + y.HIGH] * self._length_mm
+        slack_um = min(self.layout.slack_um, high_um - low_um >> 4)
+        return low_um - slack_um <= x_um < high_um + slack_um
+
+    def _age(self, t):
+        if past(self._tapped_t, t) >= max(self.layout.quick_tap_t, self._quick_t):
+            self._tapped = _NONE
+
+    def _is_on_one(self, layer, x_um, slack_um):
+        keys = self.layout.keys
+        row = self._row_at(layer, x_um)
+        if row < 0:
+            return False
+        return (
+            keys[row + y.LOW] == 0 or x_um - slack_um >= keys[row + y.LOW] * self._length_mm
+        ) and (
+            keys[row + y.HIGH] == y.FULL or x_um + slack_um <= keys[row + y.HIGH] * self._length_mm
+        )
+
+    def _swipes(self, layer):
+        return self.layout.swipe(layer, True) or self.layout.swipe(layer, False)
+
+    def _slides(self, row):
+        return self.layout.keys[row + y.SLIDE_MINUS] or self.layout.keys[row + y.SLIDE_PLUS]
+
+    def _clear(self):
+        self._first = self._count = self._seen = 0
+        self._open = self._tapped = self._due = self._due_of = _NONE
+        self._hold = self._flavor = self._wait_t = self._quick_t = self._idle_t = 0
+        self._tapped_t = self._due_t = 0
+        self._key_t = _NONE
+        self._was_sticky = False
+        self._on = 0
+        for i in range(y.LAYERS_MAX):
+            self._momentary[i] = 0

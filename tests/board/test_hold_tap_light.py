@@ -1,0 +1,87 @@
+"""Hold-tap keys under two fingers, through light, firmware and USB reports, on board and host."""
+
+from pathlib import Path
+
+import pytest
+from boards import store
+from computer import Computer
+from hold_tap import SWITCHES, cases, log_of
+
+from spots.keyboard.key_engine import KeyEngine
+from spots.keyboard.keys import push
+from spots.keyboard.layout import compiled
+from spots.link.board import Board
+from spots.link.frames import Touch
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.person.stage import calibrate
+from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.scenario import Scenario
+
+START_S = 3.0
+BETWEEN_S = 2.0  # from the end of a case to the start of the next one
+RAMP_S = 0.02
+FORCE_MN = 1500
+# Runs a large selection if true.
+ALL = [(times, exposure_us) for times in (8, 4) for exposure_us in (10_000, 5_000)]
+
+
+def fingers_of(case, times, start_s, length_mm):
+    """Return the fingers of a case, and the time at which the last one has left."""
+    fingers, down, end_s = [], {}, start_s
+    for ms, is_press, switch in case.events:
+        at_s = start_s + times * ms / 1000
+        if is_press:
+            down[switch] = at_s
+            continue
+        began_s, x_mm = down.pop(switch), length_mm * (switch + 0.5) / SWITCHES
+        points = [(began_s, 0), (began_s + RAMP_S, FORCE_MN), (at_s, FORCE_MN), (at_s + RAMP_S, 0)]
+        fingers.append(Finger(points=[(time_s, x_mm, force) for time_s, force in points]))
+        end_s = max(end_s, at_s + RAMP_S)
+    return fingers, end_s
+
+
+def play(sensor, lines, folder, some, times, exposure_us):
+    """Play cases one after the other; return the logs of board and host for each of them."""
+    starts_s, fingers, now_s = [], [], START_S
+    for case in some:
+        starts_s.append(now_s)
+        found, end_s = fingers_of(case, times, now_s, sensor.length_mm)
+        fingers += found
+        now_s = end_s + BETWEEN_S
+    store(folder, calibration=lines, settings=["keys=1", f"exposure_us={exposure_us}"])
+    scenario = Scenario(ScenarioFile(seconds=now_s + 1, touch=fingers))
+    logs = []
+    with Board(LockstepLink(sensor, scenario, seed=1, folder=folder)) as board:
+        board.command("hello")
+        reports = board._link.usb.reports
+        for i, case in enumerate(some):
+            layout = compiled(Path(case.name), case.layout(times))
+            push(board, layout)
+            info = board.command("hello")
+            computer = Computer()
+            engine = KeyEngine(layout, info["length_um"], computer, info["decay"])
+            board.command("stream touch")
+            assert board.now_s() < starts_s[i]
+            before = len(reports)
+            end_s = (starts_s[i + 1] if i + 1 < len(some) else now_s) - BETWEEN_S / 2
+            for frame in board.frames(end_s - board.now_s()):
+                if isinstance(frame, Touch):
+                    engine.take(frame, board.now_s())
+            logs.append(
+                (log_of([data for number, data in reports[before:] if number == 0]), computer.log)
+            )
+    return logs
+
+
+@pytest.mark.parametrize(("times", "exposure_us"), ALL)
+def test_a_hold_tap_decides_under_fingers_as_keyboard_firmware_does(
+    sensor, tmp_path, times, exposure_us
+):
+    some = cases()
+    logs = play(sensor, calibrate(sensor, exposure_us), tmp_path, some, times, exposure_us)
+    wrong = {
+        case.name: (case.outcome, board, host)
+        for case, (board, host) in zip(some, logs)
+        if not board == host == case.outcome
+    }
+    assert not wrong
