@@ -31,11 +31,12 @@ EACH_SAMPLE = {
     "keys/caps": "press shifted",
     "keys/dance": "press released beside tick forget _decide",
     "keys/engine": "press release_one firm move tick forget is_certain same_key layer _put _run "
-    "_remove _next _beside _do _let_go _begin _open_at _tap _prepare _decide _is_hold _close "
-    "_press_firmly _is_swiped _swipe _may_swipe _slide _slide_one _tap_due _act click start "
+    "_remove _next _beside _do _let_go _begin _open_at _tap _prepare _decide _is_hold close "
+    "_press_firmly _tap_due _act click start "
     "_switch_layer _press_key _behave _end _row_at _again_at _is_near _is_on_one click_alone",
     "keys/keypad": "tick down at firm up next second left stuck",
     "keys/merge": "press release mask _hold _wanted _set _switch _report _find",
+    "keys/moves": "move _may_swipe _swipe _slide _step",
     "keys/morph": "press released",
     "keys/repeat": "press pressed",
     "keys/reports": "key flush put pump expire has_room _append",

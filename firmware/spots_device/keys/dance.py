@@ -5,7 +5,7 @@ time. If the key is then still held, its action is held, too.
 """
 
 from .. import const
-from .ticks import past
+from .switch import past
 
 _NONE = const(-1)
 

@@ -30,30 +30,11 @@ from array import array
 
 from .. import const
 from . import layout as y
+from . import switch as w
 from .merge import MODIFIERS_FROM
-from .ticks import past
+from .switch import past
 
-SWITCHES = 6  # pressed at the same time, or waiting
 _QUEUE = const(16)  # events
-
-# State of a switch: elements of `Engine.switches`, from the switch's number times `_SIZE` on.
-_STATE = const(0)
-_ROW = const(1)  # key, as index in `layout.keys`; -1 without a key
-_ACTION = const(2)  # pressed action, or 0
-_BEGAN = const(3)  # ticks
-_X_UM = const(4)  # position at the press
-_STEP_UM = const(5)  # position of the last step of a slide
-_LAYER = const(6)
-_SIZE = const(7)
-
-# In this order: comparisons use it.
-_FREE = const(0)
-_SEEKS = const(1)  # between two keys
-_WAITS = const(2)  # its press is in the queue
-_OPEN = const(3)
-_SLIDING = const(4)
-_PRESSED = const(5)
-_OVER = const(6)  # causes no more actions
 
 # Kinds of events. An event in the queue has kind, switch, position and time.
 _PRESS = const(0)
@@ -87,10 +68,10 @@ class Engine:
         self.merger = merger
         self.layout = None
         self._length_mm = 1
-        self.switches = array("i", bytes(4 * (SWITCHES + 1) * _SIZE))
+        self.switches = array("i", bytes(4 * (w.SWITCHES + 1) * w.SIZE))
         self._queue = array("i", bytes(4 * _QUEUE * _EVENT))
         self._momentary = bytearray(y.LAYERS_MAX)  # switches that hold each layer
-        self._sticky = self._dance = self._morph = self._repeat = self._caps = None
+        self._sticky = self._dance = self._morph = self._repeat = self._caps = self._moves = None
         self._clear()
 
     def set_layout(self, layout, length_um):
@@ -99,8 +80,12 @@ class Engine:
         self.layout = layout
         # A thousandth of the strip in um, because the bounds of keys are in thousandths.
         self._length_mm = max(1, length_um // 1000)
-        self._sticky = self._dance = self._morph = self._repeat = self._caps = None
+        self._sticky = self._dance = self._morph = self._repeat = self._caps = self._moves = None
         # A board has no memory for behaviours that its layout does not use.
+        if layout.moves:
+            from .moves import Moves
+
+            self._moves = Moves(self)
         for kind in layout.kinds:
             if kind == y.STICKY:
                 from .sticky import Sticky
@@ -136,37 +121,36 @@ class Engine:
             # Room for the releases of all switches is kept free.
             if not self._has_place():
                 return _NONE
-            self.switches[i * _SIZE] = _WAITS
+            self.switches[i * w.SIZE] = w.WAITS
             self._put(_PRESS, i, x_um, t)
         else:
-            self.switches[i * _SIZE] = _SEEKS
+            self.switches[i * w.SIZE] = w.SEEKS
         return i
 
     def release_one(self, i, t):
         """Release the switch `i` at the time `t`."""
-        if i >= 0 and self.switches[i * _SIZE]:
+        if i >= 0 and self.switches[i * w.SIZE]:
             self._put(_RELEASE, i, 0, t)
 
     def firm(self, i, t):
         """Report that the switch `i` is pressed firmly."""
-        if i >= 0 and _WAITS <= self.switches[i * _SIZE] <= _OPEN and self._has_place():
+        if i >= 0 and w.WAITS <= self.switches[i * w.SIZE] <= w.OPEN and self._has_place():
             self._put(_IS_FIRM, i, 0, t)
 
     def move(self, i, x_um, t):
         """Report the position of the switch `i`; return True if no further ones are needed."""
         if i < 0:
             return True
-        state = self.switches[i * _SIZE]
-        if state >= _PRESSED:
+        state = self.switches[i * w.SIZE]
+        if state >= w.PRESSED:
             return True
-        if state == _SEEKS:
+        if state == w.SEEKS:
             if self._row_at(self.layer, x_um) >= 0 and self._has_place():
                 self._place(i, x_um)
-                self.switches[i * _SIZE] = _WAITS
+                self.switches[i * w.SIZE] = w.WAITS
                 self._put(_PRESS, i, x_um, t)
-        elif state >= _OPEN:
-            if not self._is_swiped(i, x_um, t):
-                self._slide(i, x_um, t)
+        elif state >= w.OPEN and self._moves is not None:
+            self._moves.move(i, x_um, t)
             self._run()
         return False
 
@@ -182,8 +166,8 @@ class Engine:
             self._age(t)
         if (
             self._open >= 0
-            and self._wait_t
-            and past(self._began_t(), t) >= self._wait_t
+            and self.wait_t
+            and past(self._began_t(), t) >= self.wait_t
             and self.sink.has_room()
         ):
             self._decide(_TIMER, t)
@@ -200,19 +184,19 @@ class Engine:
 
     def release(self):
         """Release all switches, drop all events, and switch all layers but the first one off."""
-        for i in range(SWITCHES + 1):
-            at = i * _SIZE
+        for i in range(w.SWITCHES + 1):
+            at = i * w.SIZE
             # In this order: an interrupt in between must not hide a pressed key.
-            if self.switches[at + _ACTION]:
+            if self.switches[at + w.ACTION]:
                 self._end(i, 0)
-                self.switches[at + _ACTION] = 0
-            self.switches[at] = _FREE
+                self.switches[at + w.ACTION] = 0
+            self.switches[at] = w.FREE
         self._clear()
         self.forget()
 
     def is_pressed(self, i):
         """Return whether the switch `i` is pressed or waits."""
-        return i >= 0 and self.switches[i * _SIZE] > _FREE
+        return i >= 0 and self.switches[i * w.SIZE] > w.FREE
 
     def is_certain(self, x_um, slack_um):
         """Return whether the range `x_um` +- `slack_um` is on one key, where no finger is."""
@@ -240,17 +224,17 @@ class Engine:
 
     def _free_one(self):
         i = 0
-        while self.switches[i * _SIZE]:
+        while self.switches[i * w.SIZE]:
             i += 1
-            if i == SWITCHES:
+            if i == w.SWITCHES:
                 return _NONE
         return i
 
     def _place(self, i, x_um):
-        at = i * _SIZE
-        self.switches[at + _ROW] = _NONE
-        self.switches[at + _ACTION] = 0
-        self.switches[at + _X_UM] = self.switches[at + _STEP_UM] = x_um
+        at = i * w.SIZE
+        self.switches[at + w.ROW] = _NONE
+        self.switches[at + w.ACTION] = 0
+        self.switches[at + w.X_UM] = self.switches[at + w.STEP_UM] = x_um
 
     def _is_on_key(self, x_um, t):
         if self._row_at(self.layer, x_um) >= 0 or self._again_at(x_um, t) >= 0:
@@ -262,7 +246,7 @@ class Engine:
         )
 
     def _has_place(self):
-        return self._count + SWITCHES < _QUEUE
+        return self._count + w.SWITCHES < _QUEUE
 
     # The queue.
 
@@ -301,7 +285,7 @@ class Engine:
         if self._open < 0:
             self._do(at)
             self._remove()
-        elif self._wait_t and past(self._began_t(), t) >= self._wait_t:
+        elif self.wait_t and past(self._began_t(), t) >= self.wait_t:
             self._decide(_TIMER, t)
         elif self._queue[at + 1] != self._open:
             self._beside(at, t)
@@ -315,7 +299,7 @@ class Engine:
         # An event of another switch while a switch is open.
         kind = self._queue[at]
         i = self._queue[at + 1]
-        waits = self.switches[i * _SIZE] == _WAITS
+        waits = self.switches[i * w.SIZE] == w.WAITS
         if kind == _RELEASE and not waits and not self._holds_modifier(i):
             self._do(at)
             self._remove()
@@ -327,7 +311,7 @@ class Engine:
             self._decide(_OTHER_UP, t)
 
     def _holds_modifier(self, i):
-        action = self.switches[i * _SIZE + _ACTION]
+        action = self.switches[i * w.SIZE + w.ACTION]
         return action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM
 
     def _do(self, at):
@@ -342,13 +326,13 @@ class Engine:
             self._let_go(i, t)
 
     def _let_go(self, i, t):
-        at = i * _SIZE
-        if self.switches[at + _ACTION]:
+        at = i * w.SIZE
+        if self.switches[at + w.ACTION]:
             self._end(i, t)
-            self.switches[at + _ACTION] = 0
+            self.switches[at + w.ACTION] = 0
         if self._dance is not None:
             self._dance.released(i)
-        self.switches[at] = _FREE
+        self.switches[at] = w.FREE
 
     # Decisions.
 
@@ -362,7 +346,7 @@ class Engine:
         if self._due >= 0:
             if row == self._due:
                 self._due = _NONE
-                self.switches[i * _SIZE + _ROW] = row
+                self.switches[i * w.SIZE + w.ROW] = row
                 self._act(i, self.layout.keys[row + y.DOUBLE], t)
                 return
             self._tap_due(t)
@@ -372,17 +356,17 @@ class Engine:
         self._open_at(i, row, t)
 
     def _open_at(self, i, row, t):
-        at = i * _SIZE
-        self.switches[at + _ROW] = row
-        self.switches[at + _BEGAN] = t
-        self.switches[at + _LAYER] = self.layer
-        self.switches[at] = _SEEKS
+        at = i * w.SIZE
+        self.switches[at + w.ROW] = row
+        self.switches[at + w.BEGAN] = t
+        self.switches[at + w.LAYER] = self.layer
+        self.switches[at] = w.SEEKS
         if row >= 0:
             self._prepare(row)
             if not self._is_open(row) or (self._hold and self._is_quick(row, t)):
                 self._tap(i, row, t)
                 return
-            self.switches[at] = _OPEN
+            self.switches[at] = w.OPEN
             self._open = i
         self._tapped = _NONE
 
@@ -399,29 +383,29 @@ class Engine:
         self._flavor = layout.flavor
         self._quick_t = layout.quick_tap_t
         self._idle_t = layout.require_prior_idle_t
-        self._wait_t = layout.tapping_term_t
+        self.wait_t = layout.tapping_term_t
         if hold >> 20 == y.BEHAVIOUR:
             n = layout.behaviour(hold & 0xFFF)
             b = layout.behaviours
             if b[n] == y.HOLD_TAP:
                 self._flavor = b[n + 1]
-                self._wait_t = b[n + 2]
+                self.wait_t = b[n + 2]
                 self._quick_t = b[n + 3]
                 self._idle_t = b[n + 4]
                 self._hold = b[n + 5]
         if not hold and not keys[row + y.DOUBLE]:
-            self._wait_t = self._short_wait_t(row)
+            self.wait_t = self._short_wait_t(row)
 
     def _short_wait_t(self, row):
         layout = self.layout
-        swipes = self._swipes(self.layer)
+        swipes = self.swipes(self.layer)
         if self._slides(row):
             return layout.swipe_t if swipes else 0  # after it, no swipe is possible
         wait_t = layout.firm_t if layout.keys[row + y.FIRM] else 0
         return max(wait_t, layout.swipe_t) if swipes else wait_t
 
     def _is_open(self, row):
-        return self._wait_t or self._slides(row)
+        return self.wait_t or self._slides(row)
 
     def _is_quick(self, row, t):
         if self._idle_t and self._key_t >= 0 and past(self._key_t, t) < self._idle_t:
@@ -429,27 +413,27 @@ class Engine:
         return row == self._tapped and past(self._tapped_t, t) < self._quick_t
 
     def _began_t(self):
-        return self.switches[self._open * _SIZE + _BEGAN]
+        return self.switches[self._open * w.SIZE + w.BEGAN]
 
     def _decide(self, event, t):
         """Decide the open switch if `event` does."""
-        row = self.switches[self._open * _SIZE + _ROW]
+        row = self.switches[self._open * w.SIZE + w.ROW]
         if self._hold and event != _OWN_UP:
             if self._is_hold(event):
-                self._act(self._close(), self._hold, t)
+                self._act(self.close(), self._hold, t)
                 return
             if event != _TIMER:
                 return
         elif event == _TIMER and self._slides(row) and not self.layout.keys[row + y.DOUBLE]:
-            self._wait_t = 0  # it slides at any time
+            self.wait_t = 0  # it slides at any time
             return
         if event == _OWN_UP and self.layout.keys[row + y.DOUBLE]:
             self._due = row
-            self._due_of = self._close()
+            self._due_of = self.close()
             self._due_t = t
         else:
             t = self._began_t()
-            self._tap(self._close(), row, t)
+            self._tap(self.close(), row, t)
 
     def _is_hold(self, event):
         flavor = self._flavor
@@ -459,89 +443,47 @@ class Engine:
             return flavor == y.BALANCED
         return flavor != y.BALANCED and flavor != y.TAP_PREFERRED
 
-    def _close(self):
+    def close(self):
+        """Decide the open switch; return its number. The caller then presses its action."""
         i = self._open
         self._open = _NONE
         self._seen = 0
-        self.switches[i * _SIZE] = _OVER
+        self.switches[i * w.SIZE] = w.OVER
         return i
 
     def _press_firmly(self, t):
-        action = self.layout.keys[self.switches[self._open * _SIZE + _ROW] + y.FIRM]
+        action = self.layout.keys[self.switches[self._open * w.SIZE + w.ROW] + y.FIRM]
         if action:
-            self._act(self._close(), action, t)
-
-    def _is_swiped(self, i, x_um, t):
-        x_um -= self.switches[i * _SIZE + _X_UM]
-        if not self._may_swipe(i * _SIZE, t) or abs(x_um) < self.layout.swipe_um:
-            return False
-        self._close()
-        self._swipe(i, x_um > 0, t)
-        return True
-
-    def _swipe(self, i, plus, t):
-        action = self.layout.swipe(self.switches[i * _SIZE + _LAYER], plus)
-        self.click(i, action, t)
-
-    def _may_swipe(self, at, t):
-        s = self.switches
-        return (
-            s[at] == _OPEN
-            and self._wait_t
-            and self._swipes(s[at + _LAYER])
-            and past(s[at + _BEGAN], t) < self.layout.swipe_t
-        )
-
-    def _slide(self, i, x_um, t):
-        at = i * _SIZE
-        if self._may_swipe(at, t):
-            return
-        while self.sink.has_room():
-            off_um = x_um - self.switches[at + _STEP_UM]
-            if abs(off_um) < self.layout.slide_um or not self._slide_one(i, off_um > 0, t):
-                return
-
-    def _slide_one(self, i, plus, t):
-        at = i * _SIZE
-        action = self.switches[at + _ROW] + (y.SLIDE_PLUS if plus else y.SLIDE_MINUS)
-        action = self.layout.keys[action]
-        if self.switches[at] == _OPEN:
-            if not action:
-                return False
-            self._close()
-        self.switches[at] = _SLIDING
-        self.switches[at + _STEP_UM] += self.layout.slide_um * (1 if plus else -1)
-        self.click(i, action, t)
-        return True
+            self._act(self.close(), action, t)
 
     def _tap_due(self, t):
         row = self._due
         self._due = self._due_of = _NONE
-        self.click(SWITCHES, self.layout.keys[row + y.TAP], t)
+        self.click(w.SWITCHES, self.layout.keys[row + y.TAP], t)
 
     # Actions.
 
     def _act(self, i, action, t):
         """Press an action; the switch `i` then holds it."""
-        self.switches[i * _SIZE] = _PRESSED
+        self.switches[i * w.SIZE] = w.PRESSED
         self.start(i, action, t)
 
     def click_alone(self, action, t):
         """Press and release an action, for no switch."""
-        self.click(SWITCHES, action, t)
+        self.click(w.SWITCHES, action, t)
 
     def click(self, i, action, t):
         """Press and release an action for the switch `i`; the one after the last is no finger's."""
         self.start(i, action, t)
         self._end(i, t)
-        self.switches[i * _SIZE + _ACTION] = 0
+        self.switches[i * w.SIZE + w.ACTION] = 0
         if self._dance is not None:
             self._dance.released(i)
 
     def start(self, i, action, t):
         """Press an action for the switch `i`."""
         kind = action >> 20
-        self.switches[i * _SIZE + _ACTION] = action
+        self.switches[i * w.SIZE + w.ACTION] = action
         if kind == y.BEHAVIOUR:
             self._behave(i, action & 0xFFF, t)
         elif kind >= y.KEYBOARD:
@@ -566,7 +508,7 @@ class Engine:
             action = self._caps.shifted(action)
         if not self.merger.press(self.sink, action):
             action = 0
-        self.switches[i * _SIZE + _ACTION] = action
+        self.switches[i * w.SIZE + w.ACTION] = action
         if action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM:
             return
         self._key_t = t
@@ -591,7 +533,7 @@ class Engine:
 
     def _end(self, i, t):
         # Releases the action of the switch `i`; the caller then clears it.
-        action = self.switches[i * _SIZE + _ACTION]
+        action = self.switches[i * w.SIZE + w.ACTION]
         kind = action >> 20
         if kind == y.MOMENTARY:
             if self._momentary[action & 0xFFF]:
@@ -606,11 +548,11 @@ class Engine:
 
     def row_of(self, i):
         """Return the row of the key of the switch `i`."""
-        return self.switches[i * _SIZE + _ROW]
+        return self.switches[i * w.SIZE + w.ROW]
 
     def set_action(self, i, action):
         """Set the action that the switch `i` holds; used by behaviours."""
-        self.switches[i * _SIZE + _ACTION] = action
+        self.switches[i * w.SIZE + w.ACTION] = action
 
     def layer_on(self, number, change):
         """Change by `change` how many holders the layer `number` has."""
@@ -680,7 +622,8 @@ class Engine:
             keys[row + y.HIGH] == y.FULL or x_um + slack_um <= keys[row + y.HIGH] * self._length_mm
         )
 
-    def _swipes(self, layer):
+    def swipes(self, layer):
+        """Return whether a layer has swipes."""
         return self.layout.swipe(layer, True) or self.layout.swipe(layer, False)
 
     def _slides(self, row):
@@ -689,7 +632,7 @@ class Engine:
     def _clear(self):
         self._first = self._count = self._seen = 0
         self._open = self._tapped = self._due = self._due_of = _NONE
-        self._hold = self._flavor = self._wait_t = self._quick_t = self._idle_t = 0
+        self._hold = self._flavor = self.wait_t = self._quick_t = self._idle_t = 0
         self._tapped_t = self._due_t = 0
         self._key_t = _NONE
         self._was_sticky = False

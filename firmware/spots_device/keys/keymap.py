@@ -16,6 +16,8 @@ class KeyMap:
         ticks.
     kinds : tuple of int
         Kinds of all behaviours.
+    moves : bool
+        Whether there are slides or swipes.
     pages : tuple of int
         HID usage pages of all actions.
     """

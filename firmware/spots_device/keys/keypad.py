@@ -8,7 +8,7 @@ from .. import const
 from ..fingers.state import BEGAN, LEAVING, LEFT, RELEASE_T, SECOND, STATE, T_NOW, TWO
 from ..fingers.tracker import ContactTracker
 from .engine import Engine
-from .ticks import past
+from .switch import past
 
 _NONE = const(-1)
 _LATE_T = const(60)  # longest wait for a second finger that is not found yet

@@ -181,6 +181,9 @@ def parse(lines):
             _check(layout, keys[row + slot], pages, behaviours, slot == HOLD)
     for each in swipes:
         _check(layout, each, pages, behaviours)
+    layout.moves = any(swipes) or any(
+        any(keys[i + SLIDE_MINUS : i + KEY_SIZE]) for i in range(0, len(keys), KEY_SIZE)
+    )
     layout.pages = tuple(sorted(pages))
     for name, value in values.items():
         if name.endswith("_ms"):

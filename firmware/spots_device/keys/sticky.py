@@ -8,7 +8,7 @@ from array import array
 
 from .. import const
 from .layout import MOMENTARY
-from .ticks import past
+from .switch import past
 
 _MOST = const(4)  # sticky at the same time
 _NONE = const(-1)
