@@ -4,6 +4,7 @@ A contact is a finger on the strip. A board without USB HID sends keys as frames
 functions that are switched off are not imported, which saves memory.
 """
 
+import gc
 import sys
 
 from ..fingers.state import STATE, STUCK_T, TWO
@@ -26,8 +27,9 @@ def _parse(lines):
     if sys.implementation.name != "cpython":
         # A board has no memory for a module that is used once. The package refers to it, too.
         package, name = layout.__name__.rsplit(".", 1)
-        del sys.modules[layout.__name__]
+        del sys.modules[layout.__name__], layout
         delattr(sys.modules[package], name)
+        gc.collect()
     return made
 
 
@@ -86,6 +88,9 @@ class Uses:
         self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
         self._keys_on = self._gamepad_on = self.active = False
         self.layout_lines = layout_lines
+        if self._values["keys"] or self._values["gamepad"]:
+            # The largest module first, while the memory is in one piece.
+            from ..fingers import tracker  # noqa: F401
         self._open(self._wanted())
 
     def use_layout(self, lines):
