@@ -20,7 +20,7 @@ from spots.deploy.staging import ARCHITECTURES, board_names, device_of, stage
 from spots_sim.board.vm import micropython_command
 
 VIPER = ("reading/kernel", "fingers/locate")
-MACHINE_CODE = {f"spots_device/{name}.mpy" for name in (*VIPER, "sensor/burst")}
+MACHINE_CODE = {f"spots_device/{name}.mpy" for name in (*VIPER, "reading/sticking", "sensor/burst")}
 DOCS = Path(__file__).parents[2] / "docs"
 
 
@@ -115,7 +115,7 @@ def test_boards_get_machine_code_without_any_correction_of_signs(module):
 
 def test_the_modules_of_a_pico_stay_small(built):
     files = files_of(built("pico"))
-    assert sum(len(data) for path, data in files.items() if path.endswith(".mpy")) <= 80 * 1024
+    assert sum(len(data) for path, data in files.items() if path.endswith(".mpy")) <= 88 * 1024
 
 
 def test_nothing_stale_stays(tmp_path):
