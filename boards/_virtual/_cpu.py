@@ -5,7 +5,7 @@ Runs in the interpreter of the virtual board: MicroPython or CPython.
 
 import sys
 
-_TAKEN = 27  # reading.decode.TAKEN
+_TAKEN, _USE = 27, 6  # reading.decode.TAKEN and USE
 
 
 def _kind_of_contact(tracker, *_):
@@ -17,10 +17,13 @@ def _kind_of_command(_, line):
 
 
 def _kind_of_sample(strip):
-    # "sample" while a reading is incomplete, "any" if compensation, keys or gamepad take readings.
+    # "sample" while a reading is incomplete; "used" if compensation, keys, contacts or gamepad take
+    # readings; "rare" during rare operations, such as a dark window.
     if strip.decode.state[_TAKEN]:
         return "sample"
-    return "any" if strip._rare or strip._uses.active else "reading"
+    if strip._rare:
+        return "rare"
+    return "reading" if strip._work[_USE] is None else "used"
 
 
 # By name of a function whose time varies: a function that returns the kind of a call that has

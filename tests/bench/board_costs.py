@@ -1,11 +1,13 @@
-"""Measures on a Pico the processor time of the firmware's functions in us; runs on the board.
+"""Measures processor times of the firmware on a board; runs on the board.
 
-`bench.board_inputs` writes two files. Copy them to a Pico with firmware and a touched strip:
-``mpremote fs rm :main.py + fs cp calibration.inputs readings.inputs :``. Then
-``mpremote run tests/bench/board_costs.py`` prints the times for ``host/spots_sim/data/cpus.toml``.
+`bench.board_inputs` writes two files. Copy them to a board with firmware and a sensor:
+``mpremote fs rm :main.py + fs cp calibration.inputs counts.inputs :``. Then
+``mpremote run tests/bench/board_costs.py`` prints the times for docs/hardware.md and
+``host/spots_sim/data/cpus.toml``, after many dots that stand for the frames.
 
-A measured time does not include the other measured functions that the function calls: they are
-replaced by empty functions during its measurement.
+The sensor samples, but the counts come from a file, so no finger is necessary. The time of a
+function does not include the other measured functions that it calls: they are replaced by empty
+functions during its measurement.
 """
 
 import gc
@@ -16,51 +18,37 @@ import board_config
 import machine
 
 from spots_device.board import app as app_module
-from spots_device.board import command
+from spots_device.board import command as command_module
+from spots_device.board.settings import checksum
 from spots_device.fingers import evidence
+from spots_device.reading.calibration import Calibration
 from spots_device.reading.silicone import Compensation
 from spots_device.runtime.micropython import MachineBus, StdioSerial
 from spots_device.sensor.as7341 import AS7341
 
+_CALLS = 200  # of a function
+_LOOP_MS = 500  # of a loop
+_SETTLE_MS = 200  # the mean of the meter
+_START_MS = 1500  # after a start of the sensor: a dark frame, and the fit of the pacing
+_EXPOSURES_US = 10_000, 5_000, 2_780, 1_500, 1_000
+# Values of constants, whose names are not on a board: decode.COUNTS, USE and AVERAGE.
+_COUNTS, _USE, _AVERAGE = 2, 6, 34
+_ADDRESS, _LEVEL, _DATA = 0x39, 0xFD, 0xFE
+
 ticks, diff = time.ticks_us, time.ticks_diff
-_CLEAR = bytes((0x93, 0x08))
-_TICKS = 10  # time between two readings, in ticks of tracker.TICK_US
+rows = []
 
 
-class Null:
-    """Substitute for a serial port; accepts and ignores all frames."""
-
-    def write(self, buffer, size):
-        return True
-
-    def read(self):
-        return -1
+def nothing(*_):
+    return True
 
 
-class FullBus:
-    """Substitute for an I2C bus: the chip always has a new sample, and transfers take no time."""
-
-    def read_into(self, address, register, buffer):
-        buffer[0] = 0x08
-
-    def write(self, buffer):
-        pass
+def show(name, us):
+    rows.append("%-44s %9.1f" % (name, us))
 
 
-def nothing(a=0, b=0, c=0, d=0):
-    pass
-
-
-def same(before, after):
-    return before
-
-
-def partial(function, argument):
-    return lambda: function(argument)
-
-
-def mean_us(function, count=200):
-    """Return the mean duration of a call in us, without the loop around it; allocates nothing."""
+def mean_us(function, count=_CALLS):
+    """Return the mean duration of a call in us, without the loop around it."""
     function()
     gc.collect()
     began = ticks()
@@ -70,189 +58,214 @@ def mean_us(function, count=200):
 
 
 empty_us = 0.0
-empty_us = mean_us(nothing)
+empty_us = mean_us(lambda: None)
 
-
-def show(name, us):
-    print("%-44s %9.1f" % (name, us))
-
-
-show("an empty call", empty_us)
 with open("calibration.inputs") as file:
     lines = file.read().split("\n")
+with open("counts.inputs") as file:
+    samples = [array("i", map(int, row.split())) for row in file]
 uid = "".join("%02x" % byte for byte in machine.unique_id())
 lines = ["board " + uid if line.startswith("board ") else line for line in lines]
 bus = MachineBus(
     board_config.I2C_ID, board_config.SCL_PIN, board_config.SDA_PIN, board_config.I2C_HZ
 )
-app = app_module.BoardApp(board_config, "micropython", uid, AS7341(bus, time), time, Null())
+port = StdioSerial()
+app = app_module.BoardApp(board_config, "micropython", uid, AS7341(bus, time), time, port)
+strip, framer, uses, handle = app.strip, app.framer, app.uses, app._commands.handle
+sensor, state, take, work = strip.sensor, strip.decode.state, strip.take, strip._work
+pacing = sensor.pacing
+write, dots = port._out, b"." * 31 + b"\n"
+steady = [array("i", bytes(24))]  # counts of the next samples
+slept = array("i", (0, 0, 0, 0))  # time and number of all sleeps; frames; calls of `weigh`
+began = _LOOP_MS
+
+
+def out(block, size):
+    """Send dots in the place of a frame, because mpremote reads text."""
+    slept[2] += 1
+    if slept[2] == limit:
+        app.reboot = True
+    return write(dots, size)
+
+
+def sleep_us(us):
+    woke = ticks()
+    time.sleep_us(us)
+    slept[0] += diff(ticks(), woke)
+    slept[1] += 1
+    work[_COUNTS] = steady[slept[1] % len(steady)]
+    if diff(ticks(), began) > loop_us:
+        app.reboot = True
 
 
 def run(ms):
-    began = time.ticks_ms()
-    while time.ticks_diff(time.ticks_ms(), began) < ms:
-        app.step()
-
-
-app.step()
-print(app.use_calibration(lines))
-line = lines[3]
-del lines
-strip = app.strip
-strip.stream_touch = True
-run(600)
-print("reading", list(strip.decode.state)[:8], "free", gc.mem_free())
-
-# Transfers; their times include the time on the bus.
-sensor, framer, pacing = strip.sensor, app.framer, strip.sensor.pacing
-long, short = bytearray(14), bytearray(1)
-for name, call in (
-    ("read of 14 bytes", lambda: bus.read_into(0x39, 0x93, long)),
-    ("read of 1 byte", lambda: bus.read_into(0x39, 0x93, short)),
-    ("write of 2 bytes", lambda: bus.write(_CLEAR)),
-):
-    show(name, mean_us(call))
-
-# A sample.
-sensor.bus = FullBus()
-pacing.found = same
-show("as7341.AS7341.poll", mean_us(sensor.poll))
-del pacing.found
-locked = pacing._locked
-
-
-def found():
-    pacing._locked = True
-    pacing._was_early = False
-    return pacing.found(pacing.due, pacing.due)
-
-
-show("pacing.Pacing.found, locked", mean_us(found))
-
-
-def doubt():
-    pacing._locked = pacing._was_early = False
-    now = ticks()
-    return pacing.found(now, now)
-
-
-period = pacing.period_us
-pacing.period_us = 1000
-show("pacing.Pacing.found, doubt", mean_us(doubt))
-pacing.period_us = period
-show("pacing.Pacing.early", mean_us(lambda: pacing.early(5)))
-sensor.bus = bus
-
-framer_touch = framer.touch
-show("strip.Strip.take, whole", mean_us(strip.take))
-framer.touch = nothing
-show("strip.Strip.take", mean_us(strip.take))
-strip.stream_touch = False
-framer.spectrum = nothing
-strip.stream_spectrum = True
-show("strip.Strip.take with spectrum", mean_us(strip.take))
-strip.stream_spectrum = False
-strip._average = 2
-show("strip.Strip.take, average=2", mean_us(strip.take))
-strip._average = 1
-strip._samples = 0
-del framer.touch
-del framer.spectrum
-show("frame.Framer.touch", mean_us(lambda: framer.touch(0, strip.decode.state)))
-show("frame.Framer.spectrum", mean_us(lambda: framer.spectrum(0, 1, 9, sensor.counts)))
-show("frame.Framer.key", mean_us(lambda: framer.key(0, 7, 4, 0, True)))
-show("frame.Framer.contact", mean_us(lambda: framer.contact(0, 1, 2, 40_000, 100, 3000)))
-for size in (0, 100, 600):
-    show("frame.Framer.text, %d bytes" % size, mean_us(partial(framer.text, bytes(size)), 20))
-serial = StdioSerial()
-row = bytearray(b"." * 27 + b"\n")
-
-
-def write_paced():
-    serial.write(row, 28)
-    time.sleep_us(3000)
-
-
-show(
-    "StdioSerial.write of 28 bytes",
-    mean_us(write_paced, 20) - mean_us(lambda: time.sleep_us(3000), 20),
-)
-show("StdioSerial.read, no byte", mean_us(serial.read))
-show("uses.Uses.pump", mean_us(app.uses.pump))
-show("time.sleep_us(1)", mean_us(lambda: time.sleep_us(1)))
-reader = app._reader
-
-
-def feed():
-    reader.feed(65)
-    reader._size = 0
-
-
-show("command.LineReader.feed", mean_us(feed))
-
-# Contacts and keys.
-app.settings.values["keys"] = 1
-print(app.apply_calibration())
-uses = app.uses
-tracker, keypad = uses._tracker, uses._keypad
-state = strip.decode.state
-weighed = array("i", (0, 0))
-weigh = evidence.weigh
-
-
-def timed(state):
+    """Run the loop for a time; a loop that never sleeps, for three frames per sample. Return us."""
+    global began, loop_us, limit
+    loop_us, limit = 1000 * ms, 3000 * ms // (sensor.exposure_us or 1000)
+    for i in range(4):
+        slept[i] = 0
+    app.reboot = False
     began = ticks()
-    is_found = weigh(state)
-    weighed[0] += 1
-    weighed[1] += diff(ticks(), began)
-    return is_found
+    app.step(False)
+    return diff(ticks(), began)
 
 
-evidence.weigh = timed
-kinds, times = bytearray(1300), array("i", bytes(5200))
+def touch(fingers):
+    """Play the counts of a strip without a finger, then those with up to `fingers` fingers."""
+    global steady
+    rows = [row for row in samples if row[0] <= fingers]
+    for row in samples[:1] * 10 + rows:
+        steady = [array("i", [n * sensor.exposure_us // 10_000 for n in row[1:]])]
+        complete = sensor.complete
+        while sensor.complete == complete:
+            app.step()
+    steady = [array("i", [n * sensor.exposure_us // 10_000 for n in row[1:]]) for row in rows[-20:]]
+    if (state[0] & 1, uses.two) != (fingers > 0, uses.active and fingers > 1):
+        raise ValueError("%d fingers: %s" % (fingers, list(state)[:5]))
 
 
-row = array("i", bytes(16))
+def measure(name, fingers=1):
+    """Return the time of a sample in the loop with a number of fingers."""
+    run(_SETTLE_MS)
+    touch(fingers)
+    gc.collect()
+    run(_SETTLE_MS // 4)  # the samples that waited
+    missed, dropped = pacing.missed, framer.dropped
+    us = run(_LOOP_MS)
+    busy_us = us - slept[0]
+    if slept[1]:
+        busy_us -= slept[1] * pass_us + slept[2] * frame_us
+    found_us = busy_us * sensor.exposure_us / us
+    show("loop, " + name, found_us)
+    rows[-1] += "  load %5.1f %%  frames/s %6.1f  missed %d  dropped %d  weighed %d" % (
+        100 * busy_us / us,
+        1e6 * slept[2] / us,
+        pacing.missed - missed,
+        framer.dropped - dropped,
+        slept[3],
+    )
+    return found_us
 
 
-def track():
-    at = t = 0
-    while readings.readinto(row) == 16:
-        flags, x_um, force_mN, brightness = row
-        t += _TICKS
-        before_us = weighed[1]
-        began = ticks()
-        tracker.take(flags, x_um, force_mN, brightness, t)
-        times[at] = diff(ticks(), began) - (weighed[1] - before_us)
-        kinds[at] = 2 if tracker.two else 1 if tracker.touched else 0
-        at += 1
-    return at
+def waiting():
+    """Fetch a sample that a read of the FIFO has left."""
+    sensor.at -= 12
+    sensor.waits = 2
+    sensor.poll()
 
 
-gc.collect()
-with open("readings.inputs", "rb") as readings:
-    size = track()
-evidence.weigh = weigh
-for kind in range(3):
-    us = sorted(times[i] for i in range(size) if kinds[i] == kind)
-    name = ("up", "one", "two")[kind]
-    show("tracker.ContactTracker.take, %s" % name, sum(us) / len(us))
-    show("   count, median, last %d, %d," % (len(us), us[len(us) // 2]), us[-1])
-show("weighed %d times, mean" % weighed[0], weighed[1] / weighed[0])
-show("keypad.Keypad.tick", mean_us(lambda: keypad.tick(5)))
+def weigh(s):
+    slept[3] += 1
+    return weighs(s)
 
 
-def skip(flags, position_um, force_mN, brightness, t):
-    pass
+# What this script adds to each pass and to each frame.
+app.sleep_us, port._out = sleep_us, out
+app._pass = lambda: sleep_us(1)
+us = run(_LOOP_MS)
+pass_us = (us - slept[0]) / slept[1]
+del app._pass
+write, raw = nothing, write
+frame_us = mean_us(lambda: out(dots, 32)) - mean_us(lambda: nothing(dots, 32))
+write = raw
+app.reboot = False
+app.step()
+note = app.use_calibration(lines)
+if note:
+    raise ValueError(note)
 
+# The loop.
+handle("stream touch")
+for exposure_us in _EXPOSURES_US:
+    handle("set exposure_us=%d" % exposure_us)
+    run(_START_MS)
+    measure("%d us" % exposure_us)
+handle("set exposure_us=5000")
+run(_START_MS)
+touch_us = measure("stream touch")
+handle("stream off")
+off_us = measure("stream off")
+handle("stream touch spectrum")
+spectrum_us = measure("stream touch spectrum") - touch_us
+handle("stream touch contact")
+contacts_us = [measure("contacts, %d fingers" % n, n) - touch_us for n in range(3)]
+handle("stream touch")
+handle("set average=2")
+measure("average=2")
+handle("set average=1")
+handle("set keys=1")
+weighs, evidence.weigh = evidence.weigh, weigh
+keys_us = [measure("keys, %d fingers" % fingers, fingers) - touch_us for fingers in range(3)]
+evidence.weigh = weighs
+tracker = uses._tracker
+show("evidence.weigh", mean_us(lambda: weighs(tracker.state)))
+show("spectrum, in addition", spectrum_us)
+for fingers in range(3):
+    show("contacts, in addition: %d fingers" % fingers, contacts_us[fingers])
+    show("keys, in addition: %d fingers" % fingers, keys_us[fingers])
+touch(1)
 
-tracker.take = skip
-keypad.tick = nothing
-show("uses.Uses.take", mean_us(lambda: uses.take(0, state)))
-del tracker.take, keypad.tick
-app.settings.values["keys"] = 0
-app.apply_calibration()
+# The bus.
+for name, register, size in (
+    ("level", _LEVEL, 1),
+    ("sample", _DATA, 12),
+    ("20 samples", _DATA, 240),
+    ("level and sample", _LEVEL, 13),
+):
+    buffer = bytearray(size)
+    bus_us = mean_us(lambda at=register, to=buffer: bus.read_into(_ADDRESS, at, to))
+    show("bus, " + name, bus_us)
 
+# A sample. The times of what is not measured alone are differences of loops.
+uses.take = strip._send = nothing
+used_us = mean_us(take)
+show("Strip.take, used", used_us)
+del uses.take
+use, work[_USE] = work[_USE], None
+reading_us = mean_us(take)
+show("Strip.take, reading", reading_us)
+strip.stream_touch = False
+silent_us = mean_us(take)
+show("Strip.take, without a frame", silent_us)
+strip.stream_touch = True
+strip._rare = True
+show("Strip.take, rare", mean_us(take))
+strip._rare = False
+state[_AVERAGE] = _CALLS + 2
+take()
+show("Strip.take, sample", mean_us(take))
+state[_AVERAGE] = 1
+take()
+work[_USE] = use
+strip._send = framer.send
+uses._track = nothing
+uses_us = used_us - reading_us + mean_us(lambda: uses.take(0, state))
+show("Uses.take", uses_us - used_us + reading_us)
+del uses._track
+keypad = uses._keypad
+keypad_us = mean_us(lambda: keypad.tick(5))
+show("Keypad.tick", keypad_us)
+for fingers in range(3):
+    show("ContactTracker.take, %d fingers" % fingers, keys_us[fingers] - uses_us - keypad_us)
+app._poll, app.sleep_us = lambda: False, nothing
+loop_pass_us = mean_us(app._pass)
+app._poll, app.sleep_us = sensor.poll, sleep_us
+show("BoardApp._pass", loop_pass_us)
+poll_us = mean_us(waiting)
+sensor.waits = 0
+show("AS7341.poll", poll_us)
+show("Fifo.read", off_us - loop_pass_us - silent_us - bus_us - poll_us)
+show("Pacing.early", mean_us(lambda: pacing.early(5)))
+send_us = touch_us - off_us - reading_us + silent_us
+show("Framer.send, with the port", send_us)
+show("Framer.spectrum", spectrum_us - send_us)
+framer.send = nothing
+show("Framer.key", mean_us(lambda: framer.key(0, 7, 4, 0, True)))
+frame_us = mean_us(lambda: framer.contact(0, 1, 2, 40_000, 100, 3000))
+show("Framer.contact", frame_us)
+one_us = keys_us[1] - keypad_us
+show("Fingers.send", contacts_us[1] - one_us - frame_us - send_us)
+del framer.send
 silicone = Compensation([4096, 50, 100, 200, 200, 200, 200, 300, 3000, 30_000, 100, 100, 100])
 clock = [0]
 
@@ -262,33 +275,34 @@ def compensate():
     silicone.take(state, clock[0])
 
 
-show("silicone.Compensation.take", mean_us(compensate))
+show("Compensation.take", mean_us(compensate))
+
+# Commands, without garbage collections and the port.
+reader = app._reader
 
 
-# Commands, without garbage collections and transfers.
+def feed():
+    reader.feed(65)
+    reader._size = 0
+
+
 class Later:
-    """Replaces the module `gc` and collects nothing: collections are measured separately."""
+    """Replaces the module `gc` and collects nothing."""
 
     collect = nothing
 
 
-def command_us(line, count=5):
-    def handle():
-        app.replies.send(app._commands.handle(line))
-
-    return mean_us(handle, count)
-
-
+show("LineReader.feed", mean_us(feed))
 show("gc.collect", mean_us(gc.collect, 5))
-app_module.gc = command.gc = Later
-_COMMANDS = "hello", "get", "sync", "stream touch", "set average=1", "set keys=1", "none"
-for name in _COMMANDS:
-    gc.collect()
-    show("command " + name, command_us(name))
-command_us("cal begin", 1)
-gc.collect()
-show("command cal LINE", command_us("cal " + line, 20))
-began = ticks()
-app.use_calibration(app.calibration.lines)
-show("use_calibration", diff(ticks(), began))
+app_module.gc = command_module.gc = Later
+framer._write = nothing
+for line in ("hello", "get", "sync", "stream touch", "set average=1", "set keys=1", "cal begin"):
+    show("command " + line, mean_us(lambda line=line: app.replies.send(handle(line)), 5))
+app.use_calibration([])
+show("checksum", mean_us(lambda: checksum(lines), 1))
+show("Calibration", mean_us(lambda: Calibration(lines, 0), 1))
 strip.stop()
+print()
+for row in rows:
+    print(row)
+print("end")

@@ -1,4 +1,4 @@
-"""Writes the inputs of ``board_costs.py``: a calibration, and readings of one and two fingers.
+"""Writes the inputs of ``board_costs.py``: a calibration, and counts of one and two fingers.
 
 Run ``PYTHONPATH=tests .venv/bin/python -m bench.board_inputs``.
 """
@@ -7,55 +7,45 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from spots.link.board import Board
-from spots.link.connect import prepare
+from spots.link.frames import Spectrum
 from spots_sim.board.lockstep import LockstepLink
-from spots_sim.person.stage import calibrate, set_as_calibrated
-from spots_sim.strip.files import (
-    Finger,
-    ScenarioFile,
-    SensorFile,
-    load,
-)
+from spots_sim.person.stage import calibrate
+from spots_sim.strip.files import Finger, ScenarioFile, SensorFile, load
 from spots_sim.strip.scenario import Scenario
 
-_SECONDS = 6.0
+_BEGIN_S = 0.5  # after the first dark frame
+_ONE_S, _TWO_S, _END_S = 0.7, 1.2, 1.7
+_ONE_MM, _TWO_MM = 20.0, 62.0
 _FORCE_MN = 3000.0
 _PRESS_S = 0.1
 
 
-def main() -> None:
-    """Write ``calibration.inputs`` and ``readings.inputs`` into the current folder."""
-    sensor = load(SensorFile, "default")
-    lines = calibrate(sensor)
-    first = _presses(20.0, (0.2, 1.8), (2.2, 3.8), (4.2, 5.8))
-    # The second finger arrives while the first one rests, and while its force still grows.
-    second = _presses(62.0, (0.7, 1.5), (2.28, 3.5), (4.25, 5.5))
-    readings = _readings(sensor, lines, [first]) + _readings(sensor, lines, [first, second])
-    Path("calibration.inputs").write_text("\n".join(lines), encoding="utf-8")
-    Path("readings.inputs").write_bytes(np.array(readings, dtype="<i4").tobytes())
+def write(folder: Path, sensor: SensorFile, calibration: list[str]) -> None:
+    """Write ``calibration.inputs`` and ``counts.inputs`` into a folder.
+
+    Each line of the counts is the number of fingers, and six counts with an exposure of 10 ms.
+    """
+    fingers = [_held(_ONE_MM, _ONE_S), _held(_TWO_MM, _TWO_S)]
+    scenario = Scenario(ScenarioFile(seconds=2 * _END_S, touch=fingers))
+    rows = []
+    link = LockstepLink(sensor, scenario)
+    with Board(link) as board:
+        board.command("stream spectrum")
+        for frame in board.frames(_END_S - link.now_s()):
+            now_s = link.now_s()
+            if isinstance(frame, Spectrum) and now_s > _BEGIN_S:
+                rows.append(((now_s > _ONE_S) + (now_s > _TWO_S), *frame.counts))
+    (folder / "calibration.inputs").write_text("\n".join(calibration), encoding="utf-8")
+    lines = (" ".join(map(str, row)) for row in rows)
+    (folder / "counts.inputs").write_text("\n".join(lines), encoding="utf-8")
 
 
-def _presses(place_mm: float, *times_s: tuple[float, float]) -> Finger:
-    points = []
-    for down_s, up_s in times_s:
-        points += [(down_s, place_mm, 0.0), (down_s + _PRESS_S, place_mm, _FORCE_MN)]
-        points += [(up_s, place_mm, 0.8 * _FORCE_MN), (up_s + _PRESS_S, place_mm, 0.0)]
-    return Finger(points=points)
-
-
-def _readings(sensor: SensorFile, lines, fingers: list[Finger]) -> list[list[int]]:
-    scenario = Scenario(ScenarioFile(seconds=_SECONDS, touch=fingers))
-    with Board(LockstepLink(sensor, scenario)) as board:
-        set_as_calibrated(board, sensor)
-        prepare(board, lines)
-        return [
-            [touch.flags, *touch.integers, touch.brightness_q20]
-            for touch in board.touches(_SECONDS)
-        ]
+def _held(place_mm: float, at_s: float) -> Finger:
+    points = [(at_s, place_mm, 0.0), (at_s + _PRESS_S, place_mm, _FORCE_MN)]
+    return Finger(points=[*points, (2 * _END_S, place_mm, _FORCE_MN)])
 
 
 if __name__ == "__main__":
-    main()
+    default = load(SensorFile, "default")
+    write(Path(), default, calibrate(default))
