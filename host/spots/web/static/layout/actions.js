@@ -1,6 +1,6 @@
 // Names of actions: keys of the HID Usage Tables with modifiers, and layers. Search by name.
 import { make } from "../dom.js";
-import { LAYER_VERBS } from "./file.js";
+import { LAYER_VERBS, TABLES, WORDS } from "./file.js";
 
 const KEYBOARD = "0x07", MOST = 8;  // HID usage page of keyboards; actions in a list
 // Short names of modifiers that a user may type.
@@ -10,7 +10,9 @@ const SHORT = {
   cmd: "LEFT_GUI", command: "LEFT_GUI", super: "LEFT_GUI", meta: "LEFT_GUI",
 };
 const VERB_WORDS = {
-  layer: "this layer while the key is held", toggle: "this layer until the next toggle", once: "this layer for one key",
+  momentary: "this layer while the key is held", toggle: "this layer on or off", to: "this layer only",
+  sticky: "this layer for the next key", key_repeat: "the last key again", caps_word: "capitals until the end of a word",
+  tap_dance: "by the number of taps", mod_morph: "another action with a modifier",
 };
 
 // Returns a promise of all keys; the file is read only one time. A key has, among others: `name` in the
@@ -40,18 +42,26 @@ async function read() {
 
 // Returns the label of a key for an action: a character, a key's name or a layer's name.
 export function cap(usages, action) {
-  const [verb, layer] = action.split(/ (.*)/);
-  if (LAYER_VERBS.includes(verb)) return layer ?? "";
+  const [verb, of] = action.split(/ (.*)/);
+  if (WORDS.includes(action)) return action.replace("_", " ");
+  if (verb === "sticky" && usages.some((one) => one.name === of)) return of;
+  if (LAYER_VERBS.includes(verb) || TABLES.includes(verb)) return of ?? "";
   const name = (action.length > 1 && action.split("+").at(-1)) || action;
   const found = usages.find((one) => one.name === name.toUpperCase() || one.character === name.toUpperCase());
   return found ? found.character || found.name : name;
 }
 
 // Returns the actions that fit a typed text, the best first: {value, words}. `value` is the action in a
-// layout file, `words` explain it.
-export function matches(usages, layers, typed) {
-  const text = typed.trim();
-  const actions = LAYER_VERBS.flatMap((verb) => layers.map((layer) => ({ value: `${verb} ${layer}`, words: VERB_WORDS[verb] })));
+// layout file, `words` explain it. `content` is the layout.
+export function matches(usages, content, typed) {
+  const text = typed.trim(), names = content.layer.map((one) => one.name);
+  const of = (verb, some) => some.map((name) => ({ value: `${verb} ${name}`, words: VERB_WORDS[verb] }));
+  const actions = [
+    ...LAYER_VERBS.flatMap((verb) => of(verb, verb === "to" ? names : names.slice(1))),
+    ...usages.filter((one) => one.modifier).map(({ name }) => ({ value: `sticky ${name}`, words: "this modifier for the next key" })),
+    ...WORDS.map((word) => ({ value: word, words: VERB_WORDS[word] })),
+    ...TABLES.flatMap((verb) => of(verb, Object.keys(content[verb] ?? {}))),
+  ];
   const parts = text.length > 1 ? text.split("+") : [text];
   const wanted = (parts.pop() ?? "").trim().toLowerCase().replace(/\s+/g, "_");
   const modifiers = parts.map((part) => {

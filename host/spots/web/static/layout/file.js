@@ -6,7 +6,10 @@ export const SLOTS = {
   slide_minus: "slide to the sensor", slide_plus: "slide away",
 };
 export const SWIPES = { swipe_minus: "swipe to the sensor", swipe_plus: "swipe away" };
-export const LAYER_VERBS = ["layer", "toggle", "once"];
+export const LAYER_VERBS = ["momentary", "toggle", "to", "sticky"];
+// Actions that need no name, and tables of the file that name an action.
+export const WORDS = ["key_repeat", "caps_word"];
+export const TABLES = ["tap_dance", "mod_morph"];
 export const LEAST_SHARE = 0.01;  // smallest zone, as a share of the strip
 
 export function empty() {
@@ -68,6 +71,8 @@ function eachAction(content, visit) {
       else for (const name of Object.keys(SLOTS)) if (key[name]) visit(key, name);
     });
   }
+  for (const dance of Object.values(content.tap_dance ?? {})) dance.actions.forEach((_, i) => visit(dance.actions, i));
+  for (const morph of Object.values(content.mod_morph ?? {})) for (const name of ["action", "morphed"]) visit(morph, name);
 }
 
 // Renames a layer. With an empty name, removes the layer and all actions that switch to it.

@@ -15,8 +15,9 @@ const TUNING = {
   detect: ["Number of readings that make a press", ""], flavor: ["A hold is decided", ""],
   press_mN: ["Force that begins a touch", "mN"], release_mN: ["Force that ends a touch", "mN"],
   firm_mN: ["Force of a firm press", "mN"], firm_ms: ["Time for a firm press", "ms"],
+  require_prior_idle_ms: ["Taps only after another key, within", "ms"], release_after_ms: ["A sticky key ends after", "ms"],
   tapping_term_ms: ["A longer touch is a hold", "ms"], double_ms: ["Longest pause of a double tap", "ms"],
-  quick_tap_ms: ["Longest pause before a repeated tap", "ms"], slack_um: ["Position tolerance of a repeated tap", "µm"],
+  quick_tap_ms: ["Time from a tap to a held tap", "ms"], slack_um: ["Position tolerance of a repeated tap", "µm"],
   slide_um: ["Step of a slide", "µm"], swipe_um: ["Least length of a swipe", "µm"],
   swipe_ms: ["Longest time of a swipe", "ms"], release_ms: ["Release debounce", "ms"],
   jump_um: ["Longest jump of a finger", "µm"], stuck_ms: ["A touch is an object, not a finger, after", "ms"],
@@ -60,7 +61,7 @@ export function editor(root) {
     button("Equal widths", () => edit((it) => it.keys.forEach((_, i) => file.change(it, i, { width: 1 })))),
     button("Remove the zone", () => edit((it) => { it.keys.splice(zone, 1); zone = Math.max(zone - 1, 0); })));
   const removeZone = zoneButtons.lastChild;
-  const find = (typed) => matches(usages, draft.value.content.layer.map((one) => one.name), typed);
+  const find = (typed) => matches(usages, draft.value.content, typed);
   const actions = Object.entries(file.SLOTS).map(([slot, words]) =>
     [slot, actionField(words, find, (value) => edit((it) => file.change(it, zone, { [slot]: value })))]);
   const ofZone = make("fieldset", "zone-form", make("legend"), make("div", "fields", field(label), field(width)),
