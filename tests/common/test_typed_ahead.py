@@ -15,7 +15,7 @@ from spots import SpotsError
 from spots.calibrate.guide import Guide
 from spots.calibrate.presser import Presser
 from spots.calibrate.session import Wanted
-from spots.deploy import erase
+from spots.deploy.confirm import confirm
 from spots.linkage import twin_points
 
 QUESTION = re.compile(r"[?:] ?$|\) $|\] $")
@@ -77,7 +77,7 @@ def test_a_yes_that_was_typed_ahead_does_not_erase_a_board(typing):
     says = "nothing was removed" if typing.at_terminal else "add --yes to run it without a terminal"
     for _ in range(2):
         with pytest.raises(SpotsError, match=says):
-            erase._ask("/dev/x")
+            confirm("erase", "remove it?", "nothing was removed")
 
 
 def test_every_prompt_drops_what_was_typed_ahead():
@@ -88,4 +88,4 @@ def test_every_prompt_drops_what_was_typed_ahead():
         if asks.search(text):
             found.append(file.stem)
             assert "typed_ahead.drop(" in text, file
-    assert sorted(found) == ["doctor", "erase", "guide", "twin_points"]
+    assert sorted(found) == ["confirm", "doctor", "guide", "twin_points"]
