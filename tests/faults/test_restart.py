@@ -17,7 +17,6 @@ from spots.errors import PortLostError, SpotsError
 from spots.link import board as module
 from spots.link import readers
 from spots.link.board import Board
-from spots.link.calibrated import fed
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, SEARCH_S, STALLED
 from spots.recording import replay
@@ -312,26 +311,6 @@ def test_a_lost_port_is_looked_for_by_the_clock_of_its_link():
     tries_s = [round(try_s - lost_s, 3) for try_s in link.tries_s]
     assert tries_s == [0.0, 0.1, 0.3, 0.7, *(1.5 + i for i in range(10))]
     assert board.patience_s == 10.0
-
-
-def test_a_board_that_restarts_is_told_again_to_follow_its_untouched_strip():
-    link = StandIn(0)
-    board = Board(link)
-    told = []
-    engine = SimpleNamespace(take=print, tick=print, release=pytest.fail, rests=0)
-    ticks = (touch for touch, _ in fed(board, engine, 6.0, 0.02) if touch is None)
-    for i, _ in enumerate(ticks):
-        if i == 20:
-            link.deaf = {"set"}
-            link.restart()
-        if i == 40:
-            told.append(link.asked.count("set"))
-            link.deaf = set()
-    told.append(link.asked.count("set"))
-    assert board.stats.restarts == 1
-    assert 2 < told[0] < told[1]
-    asked = link.asked[::-1]
-    assert asked.index("set") < asked.index("stream")
 
 
 def test_a_port_that_does_not_come_back_is_told(monkeypatch):
