@@ -394,9 +394,18 @@ def test_record_waits_for_a_board_at_the_start_and_while_it_is_unplugged(
     assert has_said("lost 0")
 
 
-@pytest.mark.parametrize("port", ["virtual:x", "recording:no such file"])
-def test_a_port_that_no_waiting_helps_is_refused_at_once(capsys, tmp_path, port):
-    assert main(["record", str(tmp_path / "a.spots"), "--wait", "--port", port]) == 2
+@pytest.mark.parametrize(
+    ("port", "says"),
+    [
+        ("virtual:x", "--wait has no effect here: give a serial port or zenoh:ID"),
+        ("recording:no such file", "this command cannot use 'recording:no such file'"),
+    ],
+)
+def test_a_port_that_no_waiting_helps_is_refused_at_once(capsys, tmp_path, port, says):
+    with pytest.raises(SystemExit) as end:
+        main(["record", str(tmp_path / "a.spots"), "--wait", "--port", port])
+    assert end.value.code == 2
+    assert says in capsys.readouterr().err
 
 
 def test_a_recording_that_exists_is_refused_before_the_wait(hub, capsys, tmp_path):
