@@ -324,7 +324,7 @@ def test_a_doctor_for_a_healthy_board(capsys):
     # The result of the first light check depends on whether the simulated finger touches then.
     assert [line for n, line in enumerate(lines) if line not in lines[:n]] == [
         ["ok", check]
-        for check in ("hello", "firmware", "sensor", "light", "lamps", "rate", "calibrated")
+        for check in ("hello", "firmware", "sensor", "light", "fit", "lamps", "rate", "calibrated")
     ]
 
 
@@ -364,7 +364,7 @@ class Patient:
         self.info = {"board": "pico", "runtime": "micropython", "id": "1", "firmware": firmware}
         self._state = {"fault": fault, "exposure_us": 10_000, "full_scale": 1000, "dark": [0] * 6}
         self._state |= {"average": average, "led_mA": led_mA, "led": "ldr", "missed": 0}
-        self._state |= {"mains_hz": 0}
+        self._state |= {"mains_hz": 0, "plan": ["F3", "F4", "F5", "F6", "F7", "F8"]}
         self._spectra = [
             spots.Spectrum(0, i, i * step * 1000, 0, 9, counts, 100.0)
             for i in range(12)
@@ -380,6 +380,9 @@ class Patient:
         return self._state
 
     def spectra(self, seconds):
+        return iter(self._spectra)
+
+    def frames(self, seconds):
         return iter(self._spectra)
 
 
