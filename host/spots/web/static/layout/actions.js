@@ -51,17 +51,22 @@ export function cap(usages, action) {
   return found ? found.character || found.name : name;
 }
 
-// Returns the actions that fit a typed text, the best first: {value, words}. `value` is the action in a
-// layout file, `words` explain it. `content` is the layout.
-export function matches(usages, content, typed) {
-  const text = typed.trim(), names = content.layer.map((one) => one.name);
+// Returns the actions of a layout that are no keys: {value, words}, as `matches` does.
+function actionsOf(usages, content) {
+  const names = content.layer.map((one) => one.name);
   const of = (verb, some) => some.map((name) => ({ value: `${verb} ${name}`, words: VERB_WORDS[verb] }));
-  const actions = [
+  return [
     ...LAYER_VERBS.flatMap((verb) => of(verb, verb === "to" ? names : names.slice(1))),
     ...usages.filter((one) => one.modifier).map(({ name }) => ({ value: `sticky ${name}`, words: "this modifier for the next key" })),
     ...WORDS.map((word) => ({ value: word, words: VERB_WORDS[word] })),
     ...TABLES.flatMap((verb) => of(verb, Object.keys(content[verb] ?? {}))),
   ];
+}
+
+// Returns the actions that fit a typed text, the best first: {value, words}. `value` is the action in a
+// layout file, `words` explain it. `content` is the layout; without one, only keys fit.
+export function matches(usages, content, typed) {
+  const text = typed.trim(), actions = content ? actionsOf(usages, content) : [];
   const parts = text.length > 1 ? text.split("+") : [text];
   const wanted = (parts.pop() ?? "").trim().toLowerCase().replace(/\s+/g, "_");
   const modifiers = parts.map((part) => {

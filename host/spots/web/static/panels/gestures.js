@@ -14,7 +14,7 @@ export function gestures(root) {
   last.role = "status";
   root.append(make("div", "head", make("h2", "", "Gestures"), engine.undo, engine.redo), engine.state, engine.foot, limits, last, list, engine.ask);
 
-  const find = (typed) => matches(usages, [], typed);
+  const find = (typed) => matches(usages, null, typed);
 
   function lay(names) {
     limit = fieldsOf(schema, "GesturesFile", (name, value, replace) => edit((it) => { it[name] = value; }, replace));
