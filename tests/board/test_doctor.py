@@ -124,8 +124,6 @@ def test_a_calibrated_strip_with_any_led_passes_every_check(kind):
         stage.expose()
         upload(stage.board, list(lines))
         stage.press(NEAR_UM, 6_000)
-        stage.board.command("stream off")
-        list(stage.board.spectra(0.1))  # removes the frames of the exposure search
         for finding in examine_board(stage.board):
             stage.held.unplugged |= "unplug the LED or" in finding.text
             assert finding.ok, finding

@@ -158,7 +158,10 @@ def examine_board(board: Board, mark: float | None = None) -> Iterator[Finding]:
     reading_s = 1e-6 * state["exposure_us"] * state["average"]
     count = max(_SPECTRA, round(_RATE_S / reading_s))
     missed = board.command("get")["missed"]
-    spectra = list(islice(board.spectra(1 + 3 * count * reading_s), count))
+    begun_s = board.now_s()
+    arrived = board.spectra(1 + 3 * count * reading_s)
+    # Spectra from before may still wait in the host; the LED may have been off for all of them.
+    spectra = list(islice((one for one in arrived if one.time_s >= begun_s), count))
     missed = max(0, board.command("get")["missed"] - missed)  # negative if the board restarted
     if state["led"] == "ldr" and not state["led_mA"]:
         yield Finding("light", False, "the LED is off: run 'spots command set led_mA=20'")
