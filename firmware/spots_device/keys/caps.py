@@ -16,6 +16,10 @@ class CapsWord:
     """The caps word of an `engine.Engine`."""
 
     def __init__(self, engine):
+        self.forget()
+
+    def forget(self):
+        """Switch it off."""
         self._on = False
 
     def press(self):

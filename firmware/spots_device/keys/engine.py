@@ -23,7 +23,7 @@ of an event, the end of its time decides first. The release of a switch that was
 open one does not wait, unless this switch holds a modifier.
 
 If the outbox of USB reports is full, events wait, too. Times are in ticks (see fingers/state.py).
-Integers only; allocates nothing after `set_layout`.
+Integers only; allocates nothing but in `set_layout` with another layout.
 """
 
 from array import array
@@ -77,9 +77,14 @@ class Engine:
     def set_layout(self, layout, length_um):
         """Release all switches, and use another layout on a strip of this length."""
         self.release()
-        self.layout = layout
         # A thousandth of the strip in um, because the bounds of keys are in thousandths.
         self._length_mm = max(1, length_um // 1000)
+        if layout is not self.layout:
+            self.layout = None  # until all is there: the memory may not suffice
+            self._make_behaviours(layout)
+            self.layout = layout
+
+    def _make_behaviours(self, layout):
         self._sticky = self._dance = self._morph = self._repeat = self._caps = self._moves = None
         # A board has no memory for behaviours that its layout does not use.
         if layout.moves:
@@ -183,7 +188,7 @@ class Engine:
             self._sticky.forget()
 
     def release(self):
-        """Release all switches, drop all events, and switch all layers but the first one off."""
+        """Release all switches, drop all events, end caps word, and switch layers above 0 off."""
         for i in range(w.SWITCHES + 1):
             at = i * w.SIZE
             # In this order: an interrupt in between must not hide a pressed key.
@@ -191,6 +196,8 @@ class Engine:
                 self._end(i, 0)
                 self.switches[at + w.ACTION] = 0
             self.switches[at] = w.FREE
+        if self._caps is not None:
+            self._caps.forget()
         self._clear()
         self.forget()
 
