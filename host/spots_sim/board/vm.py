@@ -25,8 +25,9 @@ from .cpu import Cpu
 from .kept_folder import kept_folder
 from .starting import end
 
-# Heap of a program on an RP2040, doubled for the 64-bit words of the unix port.
-HEAP_BYTES = 384 * 1024
+# Heap of a program on an RP2040 (240 KiB, MicroPython 1.28 on an emulated Pico), doubled for the
+# 64-bit words of the unix port.
+HEAP_BYTES = 480 * 1024
 # boot.py and code.py share one heap here; on a real board code.py gets a new one.
 _HEAP_OF_BOTH_BYTES = 576 * 1024
 # Modules that the virtual boards share.
