@@ -241,6 +241,19 @@ def test_caps_word_ends_with_the_word():
     assert made.keyboard.computer.text == "A1A<00 SPACEBAR>aAa"
 
 
+def test_a_layout_that_is_used_again_keeps_its_behaviours_but_ends_the_caps_word():
+    made = bench(layer("caps_word", "sticky LEFT_SHIFT", "A", "B"))
+    engine = made.engine
+    kept = engine._caps, engine._sticky
+    made.tap("0", 0.1)
+    made.tap("1", 0.4)
+    engine.set_layout(engine.layout, 1000 * engine._length_mm)
+    assert (engine._caps, engine._sticky) == kept
+    made.tap("2", 0.6)
+    made.at(made.ms + 3000)
+    assert made.keyboard.text() == "a"
+
+
 def test_a_busy_host_delays_keys_and_loses_none():
     made = bench(layer("A", "B", "C", "D"))
     made.keyboard.takes = False
