@@ -28,7 +28,8 @@ _RUNTIME = "spots_device/runtime/micropython.mpy"  # replaced by `canned` in the
 def measure(calibration: list[str]) -> dict:
     """Return the memory that each board with .mpy files needs, as a dict by name of the board.
 
-    ``mpy_bytes`` are bytes of flash. ``started_bytes`` and ``calibrated_bytes`` are bytes of heap.
+    ``mpy_bytes`` are bytes of flash, ``loaded_bytes`` those of the modules that a board loads when
+    it starts. ``started_bytes`` and ``calibrated_bytes`` are bytes of heap.
 
     Parameters
     ----------
@@ -52,8 +53,8 @@ def measure(calibration: list[str]) -> dict:
     code_here = sum(sizes[_PORTABLE][path] for path in loaded)
     spent = {}
     for name, of in sizes.items():
-        spent[name] = {"mpy_bytes": sum(of.values())}
         code = sum(of[path] for path in (*loaded, _RUNTIME))
+        spent[name] = {"mpy_bytes": sum(of.values()), "loaded_bytes": code}
         for when in ("started_bytes", "calibrated_bytes"):
             spent[name][when] = code + (measured[when] - code_here) // 2
     return spent

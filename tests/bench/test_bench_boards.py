@@ -7,8 +7,8 @@ import pytest
 from spots.deploy.build import files_of
 from spots.deploy.staging import board_names, device_of
 
-# A Pico has about 246 KB of heap.
-HEAP_MAX_BYTES = 80 * 1024
+# A Pico has about 246 KB of heap. The subtraction of light that sticks to a lift takes 3 KB of it.
+HEAP_MAX_BYTES = 86 * 1024
 FLASH_MAX_BYTES = 88 * 1024
 # Machine code for this processor is larger. Its board has 8 MB of flash.
 XTENSA_MAX_BYTES = 89 * 1024
@@ -30,5 +30,7 @@ def test_flash_is_that_of_the_built_modules(results, board, built):
 @pytest.mark.parametrize("board", BOARDS)
 def test_the_running_application_leaves_most_of_a_small_board_free(results, board):
     spent = results["boards"][board]
-    assert spent["mpy_bytes"] < spent["started_bytes"] <= HEAP_MAX_BYTES
+    # Modules of keys and contacts are in the flash, but not loaded.
+    assert spent["loaded_bytes"] < spent["mpy_bytes"]
+    assert spent["loaded_bytes"] < spent["started_bytes"] <= HEAP_MAX_BYTES
     assert spent["started_bytes"] < spent["calibrated_bytes"]
