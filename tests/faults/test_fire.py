@@ -251,6 +251,21 @@ def test_a_key_that_is_released_in_time_is_not():
     assert fingers.keys.summary() == {"presses": 3, "releases": 3, "stuck": 0}
 
 
+def test_a_key_that_two_fingers_press_is_down_until_both_are_lifted():
+    fingers = Fingers()
+    fingers.at(5.4, 30, True)
+    fingers.at(5.5, 30, True)
+    fingers.at(5.6, 30, False)
+    assert fingers.keys.down == 1
+    fingers.at(5.7, 30, False)
+    assert fingers.keys.down == 0
+    assert fingers.keys.summary() == {"presses": 2, "releases": 2, "stuck": 0}
+    fingers.at(5.8, 30, True)
+    fingers.at(5.8, 30, True)
+    fingers.at(5.9, 30, False)
+    assert fingers.at(20.0) == 1
+
+
 def test_in_real_time_a_program_goes_on_as_well(tmp_path):
     # On a slow machine the first faults may be over before the board is open.
     path = tmp_path / "blaze.toml"

@@ -255,42 +255,45 @@ class Keys:
         self._now_s = now_s
         self._seconds = file.seconds
         self._fingers = [(touch.points[0][0], touch.points[-1][0]) for touch in file.touch]
-        self._down: dict[tuple[int, int], float] = {}  # key: time from which it counts as stuck
+        # Times from which each key counts as stuck: one time for each finger that presses the key.
+        self._down: dict[tuple[int, int], list[float]] = {}
         self.presses = self.releases = self.stuck = 0
 
     def key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:
         """Process a key event, see `keyboard.key_engine.KeySink`."""
         if pressed:
             self.presses += 1
-            self._down[page, usage] = self._leaves_s() + _LATE_S
-        elif self._down.pop((page, usage), None) is not None:
+            self._down.setdefault((page, usage), []).append(self._leaves_s() + _LATE_S)
+        elif late_s := self._down.get((page, usage)):
             self.releases += 1
+            late_s.pop(0)
 
     def report(self, page: int, usages: Iterable[int]) -> None:
         """Process a keyboard report: the usages of all keys that are down on a HID usage page."""
         now = {(page, usage) for usage in usages}
-        for event in [event for event in self._down if event not in now]:
+        before = {event for event, late_s in self._down.items() if late_s}
+        for event in before - now:
             self.key(*event, 0, False)
-        for event in now - self._down.keys():
+        for event in now - before:
             self.key(*event, 0, True)
 
     def release(self) -> None:
         """Count all keys as released."""
-        self.releases += len(self._down)
+        self.releases += self.down
         self._down.clear()
 
     def look(self) -> None:
         """Count the keys that are stuck now; each of them is counted only one time."""
-        if self._down:
-            now_s = self._now_s()
-            for event in [event for event, late_s in self._down.items() if now_s > late_s]:
-                del self._down[event]
-                self.stuck += 1
+        now_s = self._now_s()
+        for event, late_s in self._down.items():
+            still = [one_s for one_s in late_s if now_s <= one_s]
+            self.stuck += len(late_s) - len(still)
+            self._down[event] = still
 
     @property
     def down(self) -> int:
         """Number of keys that are down now, without those that were counted as stuck."""
-        return len(self._down)
+        return sum(map(len, self._down.values()))
 
     def summary(self) -> dict[str, int]:
         return {"presses": self.presses, "releases": self.releases, "stuck": self.stuck}
