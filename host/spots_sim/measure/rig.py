@@ -103,6 +103,7 @@ class Rig:
         changed, self.stage.held.changed = self.stage.held.changed, NONE
         for percent in percents:
             self.stage.held.strain = percent / 100
+            self.stage.release()
             self.stage.reader.set_up(untouched=True)
             self.along[10_000 * percent] = self.stage.along()
         self.stage.held.strain = 0.0
