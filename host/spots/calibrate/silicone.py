@@ -126,8 +126,6 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
             rows.append((time_s, force_mN, decode.force_mN, i))
     recorded = np.array(rows).T
     found = fit_silicone(*recorded, force_share=max(force_share, _SHARE_MIN))
-    if found.impossible:
-        return found
     off = found.after_mN / np.nanmean(recorded[1])
     if off > _OFF_MAX:
         raise SpotsError(
@@ -136,7 +134,7 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
             "second force of these presses (then_mN in the session file), remove the line of a "
             "wrong one to repeat it, or begin another session with --session"
         )
-    return found if found.line else None
+    return found if found.line or found.impossible else None
 
 
 def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> Compensated:
