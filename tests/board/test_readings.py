@@ -187,7 +187,7 @@ def test_the_dark_frame_of_before_is_not_used_after_a_change(rig, calibration):
             assert reading.position_um == pytest.approx(42_500, abs=600)
 
 
-def test_dark_frames_are_marked_and_keep_the_touch(rig, calibration):
+def test_dark_frames_are_marked_and_the_touch_continues_after_them(rig, calibration):
     made = rig(calibration=calibration)
     made.press(42.5, 4000.0)
     made.readings(5)
@@ -196,8 +196,10 @@ def test_dark_frames_are_marked_and_keep_the_touch(rig, calibration):
     readings = [frame for frame in frames if frame.time_s > 0]
     dark = [reading for reading in readings if reading.flags & decode.LED_OFF]
     assert len(dark) == decode.DARK_SAMPLES + 2  # the LED changes during the first and the last one
-    assert all(reading.touching and not reading.trusted for reading in dark)
-    assert all(reading.trusted for reading in readings if reading not in dark)
+    assert not any(reading.touching or reading.trusted for reading in dark)
+    lit = [reading for reading in readings if reading not in dark]
+    assert lit[-1].time_s > dark[-1].time_s
+    assert all(reading.touching and reading.trusted for reading in lit)
 
 
 def test_a_saturated_reading_says_so(rig, sensor):
