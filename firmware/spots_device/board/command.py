@@ -14,7 +14,7 @@ from ..sensor.exposure import DONE, TOO_DARK
 from .settings import LIMITS, checksum
 
 LINE_MAX = 255
-_LINES_MAX = 450  # lines of an upload: a calibration for six strains has 405 to 425
+_LINES_MAX = 400  # lines of an upload
 _BYTES_MAX = 16_000
 _PART_MAX = TEXT_MAX - 60  # characters of the lines in a reply, with quotes and commas
 NAME_MAX = 20  # characters of an unknown name that the reply repeats

@@ -30,6 +30,8 @@ _OVERLAP = 0.25  # share of a segment by which its table reaches into the next s
 _FORCE_KNOTS = 72  # in the table from brightness to force
 _FORCE_STEPS = 4000  # points of the curve to which these knots are fitted
 _FORCE_SUM_MAX = 0.99 * WEIGHT_SUM_MAX / ONE_Q13  # limit of the sum of the weights' absolute values
+# Longer calibrations have no lines for the host: a board has no memory for them beside six strains.
+_LINES_MAX = 360
 PLACES_MIN = 12  # least number of positions of a calibration
 FORCES_MIN = 10  # least number of forces of a calibration
 _NOISE_PLACES = 21  # number of positions at which the noise is computed
@@ -81,7 +83,8 @@ def fit(
     Returns
     -------
     list of str
-        Calibration lines for the board.
+        Calibration lines for the board. With more than five strains, the spectra of the presses are
+        left out.
 
     Raises
     ------
@@ -136,7 +139,7 @@ def fit(
         for (position, force), part in zip(parts, _parts(curve)):
             lines.append(f"from {round(float(curve.logs(part[0]) @ coarse) * _Q13_TO_Q20)}")
             lines += _knots(curve, part, position, force, test, firm, cross)
-    return lines
+    return lines if len(lines) <= _LINES_MAX else press_spectra.without(lines)
 
 
 class Curves:

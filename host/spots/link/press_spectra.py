@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -100,6 +100,21 @@ def press_spectra(lines: Sequence[str] | None) -> PressSpectra | None:
     if lines is None or sum(line.startswith(_NAME + " ") for line in lines) < 2:
         return None
     return PressSpectra(lines)
+
+
+def without(lines: Iterable[str]) -> list[str]:
+    """Return the lines of a calibration without those that only the host uses.
+
+    Parameters
+    ----------
+    lines : iterable of str
+        Lines of a calibration.
+
+    Returns
+    -------
+    list of str
+    """
+    return [line for line in lines if line.split(" ")[0] not in (_NAME, _TINT)]
 
 
 def _powers(share: np.ndarray, count: int) -> np.ndarray:

@@ -96,7 +96,7 @@ class Person:
 
     def hear(self, text: str) -> None:
         """Press or lift the simulated finger if the message `text` of the session asks for it."""
-        if found := _PRESS.search(text):
+        if found := _PRESS.match(text):
             place_mm, grams, firm, newtons = found.groups()
             low, high = _HARD_MN if firm == "your hardest" else _FIRM_MN
             force_mN = (
