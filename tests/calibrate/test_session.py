@@ -824,7 +824,7 @@ def test_the_board_agrees_with_float64(sensor, full):
         dark = np.array(touched.board.command("get")["dark"]) / (DARK_SAMPLES / 4)
         for position_um in np.linspace(1000, 84_000, 12):
             for force_mN in (calibration.forces_mN[0] + 100.0, 1500.0, 9900.0):
-                # Else a weak press after a firm one would be light that sticks, which is subtracted.
+                # Else a weak press after a firm one would be light that sticks.
                 touched.lift()
                 for touch, spectrum in touched.readings(position_um, force_mN, 3):
                     if not touch.touching:  # without a touch, there is no position
