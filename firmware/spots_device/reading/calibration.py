@@ -403,13 +403,21 @@ def _check_table(name, knots):
 
 
 def _check_cross(forces, strains):
-    knots = [knot for _, _, tables in strains for table in tables for knot in table]
-    if len(set(map(len, forces))) > 1 or {len(knot) - 4 for knot in knots} > {
-        2 * (len(force) - 3) for force in forces
-    }:
+    # Without a list of all knots, for which a board has no memory beside six strains.
+    more = len(forces[0]) - _MANY["f"] if forces else 0
+    for force in forces:
+        _check_values(force, _MANY["f"], more, _SHARE_MAX)
+    for _, _, tables in strains:
+        for table in tables:
+            for knot in table:
+                _check_values(knot, 4, more * _CROSS["x"], _SIZE_MAX)
+
+
+def _check_values(values, first, more, limit):
+    if len(values) != first + more:
         raise CalibrationError("all lines 'f' and 'x' need the cross-sensitivity, or none")
-    for rows, first, limit in ((forces, 3, _SHARE_MAX), (knots, 4, _SIZE_MAX)):
-        if any(abs(value) > limit for row in rows for value in row[first:]):
+    for i in range(first, first + more):
+        if abs(values[i]) > limit:
             raise CalibrationError("a value of the cross-sensitivity is above %d" % limit)
 
 
