@@ -6,7 +6,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from .errors import SpotsError
+from .errors import SpotsError, path_text
 
 # Size limits. Each limit is several times the largest useful file of its kind.
 TOML_MAX_BYTES = 256 << 10  # parsed by pure Python at about 1 MB/s
@@ -36,6 +36,7 @@ def open_regular(path: str | Path) -> BinaryIO:
     SpotsError
         If the path names a pipe, a device or a socket, or a link to one.
     """
+    path = path_text(path, "the path of a file")
     _check_regular(path, os.stat(path).st_mode)  # opening a device can be enough to disturb it
     file = open(path, "rb", opener=lambda path, flags: os.open(path, flags | _FLAGS))
     try:

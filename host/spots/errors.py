@@ -64,13 +64,15 @@ def path_text(value: object, what: str) -> str:
     Raises
     ------
     SpotsError
-        If the value is neither a text nor a path.
+        If the value is neither a text nor a path, or the text is empty or has a zero.
     """
     text: Any = (
         os.fspath(cast("os.PathLike[str]", value)) if hasattr(value, "__fspath__") else value
     )
     if not isinstance(text, str):
         raise SpotsError(f"{what} must be a text or a pathlib.Path, not {value!r}")
+    if not text or "\0" in text:
+        raise SpotsError(f"{what} must be a name, not {text!r}")
     return text
 
 

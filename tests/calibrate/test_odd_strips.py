@@ -5,8 +5,10 @@ import pytest
 from msgspec import structs
 
 from spots import SpotsError
+from spots.calibrate.fit import estimators
 from spots_device.reading.calibration import Calibration
 from spots_sim.measure import measurements
+from spots_sim.measure.effects import errors
 from spots_sim.measure.measurements import (
     Run,
     _force,
@@ -35,6 +37,30 @@ def test_a_brown_dye_under_a_narrow_green_phosphor_is_calibrated(sensor):
     assert run.summary["position"]["crb_ratio"] < 1.15
     assert run.summary["position"]["untrusted_percent"] == 0
     assert run.summary["force"]["accuracy_N"] < 0.1
+
+
+def test_a_brown_dye_under_a_violet_led_is_calibrated_on_a_long_strip(sensor):
+    violet = structs.replace(
+        sensor.led,
+        blue_nm=397.0,
+        blue_fwhm_nm=13.0,
+        blue_share=0.37,
+        phosphor_nm=542.0,
+        phosphor_fwhm_nm=139.0,
+        irradiance_uW_cm2_per_mA=100.0,
+    )
+    brown = structs.replace(sensor.dye, strength_per_mm=0.019, edge_nm=686.0, edge_width_nm=55.0)
+    with Rig(structs.replace(sensor, length_mm=140.0, led=violet, dye=brown), 0, 100_000, 1) as rig:
+        (firm,) = errors(rig, (6.0,), readings=12, places=(0.1, 0.3, 0.5, 0.7, 0.9))
+    assert 0.8 < firm.scatter_to_bound < 1.3
+    assert firm.bias_mm < 0.05
+    assert firm.untrusted_percent == 0
+
+
+def test_channels_that_decay_alike_are_refused_in_one_sentence():
+    alike = np.stack([np.ones(6), np.full(6, 0.5)], axis=1)
+    with pytest.raises(SpotsError, match="decays alike along the strip: choose other channels"):
+        estimators(alike, np.ones(6))
 
 
 def test_a_strip_whose_touches_begin_above_the_force_of_a_measurement_is_refused(sensor):

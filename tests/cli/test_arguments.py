@@ -95,6 +95,7 @@ NO_EFFECT = {
     "calibrate joint --length-mm 30": "a joint needs no length",
     "controller --calibrate --dry-run": "leave out --calibrate",
     "controller --calibrate --seconds 3": "leave out --calibrate",
+    "controller --calibrate --port recording:a": "give the port of a board",
     "serve --scenario quiet": "add --port virtual",
     "serve --zenoh-config a.json5": "add --port zenoh:ID",
     "twin --place-sigma-mm 1": "add --calibrate POINTS.csv",

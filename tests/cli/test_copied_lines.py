@@ -15,7 +15,7 @@ BLOCK = re.compile(r"^ *```sh\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 NOT_IN_CMD = re.compile(r"^'|[ =]'|^[A-Z_]+=|\$[A-Z{(]")
 # Outside a comment, these characters mean something to zsh, which has no comments at its prompt,
 # or to cmd.exe.
-NOT_IN_COMMENT = re.compile(r"['\"`()<>|&*?$]")
+NOT_IN_COMMENT = re.compile(r"['\"`()<>|&*?$;\[\]{}~!]")
 
 
 def lines():
@@ -23,7 +23,7 @@ def lines():
         for block in BLOCK.findall(path.read_text(encoding="utf-8")):
             for line in block.splitlines():
                 command, _, comment = line.strip().partition(" #")
-                if command.startswith(("spots ", "python ")):
+                if command.startswith(("spots ", "python ", "make ", ".venv/")):
                     yield pytest.param(command, comment, id=f"{path.name}: {line.strip()[:50]}")
 
 

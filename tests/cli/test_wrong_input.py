@@ -24,6 +24,9 @@ WRONG = {
     "characterize --average x": "argument --average: 'x' is not a whole number",
     "calibrate positon": "argument KIND: there is no 'positon': did you mean position?",
     "keys shwo mini": "argument ACTION: there is no 'shwo': did you mean show?",
+    "twin --linkage nope.toml --measure p.csv": "cannot read the linkage file nope.toml, because",
+    "twin --linkage nope.toml --record a.spots": "cannot read the linkage file nope.toml, because",
+    "flash pico --runtime nope.uf2": "cannot read nope.uf2 (No such file or directory): name Micro",
 }
 
 
@@ -37,6 +40,14 @@ def test_wrong_input_is_one_sentence_with_a_next_step(line, capsys):
     assert code == 2
     assert WRONG[line] in errors
     assert errors.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", [["info", ""], ["subscribe", ""], ["record", "x", "--port", ""]])
+def test_an_empty_argument_is_refused(words, capsys):
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 2
+    assert "an argument is empty: give it a value, or leave it out" in capsys.readouterr().err
 
 
 def test_the_doctor_offers_flashing_for_serial_ports_only(capsys):

@@ -11,6 +11,7 @@ import threading
 from collections import deque
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -362,7 +363,7 @@ def test_a_second_thread_gets_all_readings_while_the_first_one_sends_commands(st
     for _ in range(100):
         assert board.command("hello")["id"] is None
     link.deaf = {"auto"}
-    with pytest.raises(SpotsError, match="no reply to 'auto'"):
+    with pytest.raises(SpotsError, match=r"no reply to 'auto' within 5 s .*: wait for 120 s"):
         board.command("auto", 5.0)
     assert enough.wait(GIVE_UP_S)
     board.close()
@@ -443,6 +444,10 @@ def test_what_was_set_is_in_the_info(strip):
     link.replies["set"] = {"exposure_us": 20_000, "average": 2}
     assert board.set(exposure_us=20_000, plan=["F3", "F4"])["average"] == 2
     assert link.lines[-1] == "set exposure_us=20000 plan=F3,F4"
+    board.set(exposure_us=np.int64(10_000))
+    assert link.lines[-1] == "set exposure_us=10000"
+    board.set(exposure_us="20000", led="ldr", plan="F3,F4")
+    assert link.lines[-1] == "set exposure_us=20000 led=ldr plan=F3,F4"
     assert (board.info["exposure_us"], board.info["average"]) == (20_000, 2)
     assert (board.info["board"], board.info["re"]) == ("pico", "hello")
 

@@ -427,6 +427,16 @@ def test_recordings_without_a_terminal_are_an_error(machine, tmp_path, capsys):
     assert "pressed at the same time" in capsys.readouterr().err
 
 
+def test_what_is_wrong_with_a_recording_of_a_joint_is_printed(machine, tmp_path, capsys):
+    paths = [tmp_path / "a.spots", tmp_path / "b.spots"]
+    told(machine.arm, ["0", "1"], paths, 2.0)
+    paths[1].write_bytes(paths[1].read_bytes()[:-100])
+    ports = [word for path in paths for word in ("--port", f"recording:{path}")]
+    assert cli.main(["twin", "--linkage", str(machine.arm), "--json", *ports]) == 0
+    expected = f"spots: {paths[1]} is read to its end, but it has no end mark: "
+    assert capsys.readouterr().err.startswith(expected)
+
+
 def test_the_next_command_after_a_measurement_names_the_linkage_file(monkeypatch, capsys):
     monkeypatch.setattr(twin_command, "measure", lambda source, points: 4)
     twin_command._measure(None, Path("p.csv"), "arm.toml")

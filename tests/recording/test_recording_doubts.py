@@ -1,9 +1,13 @@
 """Damaged, cut, joined and swapped recordings: what is wrong is printed, and never "complete"."""
 
+import math
+import warnings
+
 import pytest
 
-from spots import Recording, RecordingBlocks, SpotsError, cli
+from spots import Recording, RecordingBlocks, SpotsError, cli, open_recording, read_arrays
 from spots.link.frames import Decoder, Note, Touch
+from spots.recording import replay
 from test_recording_sets import at, spread
 
 
@@ -60,6 +64,47 @@ def test_what_is_wrong_with_a_recording_is_printed(kind, pieces, tmp_path, capsy
         assert f"spots: {path} is read to its end, but " in error
         assert DOUBTS[kind] in error
         assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize("kind", ["cut", "hole", "appended"])
+def test_a_command_that_plays_a_recording_prints_what_is_wrong(
+    kind, pieces, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(replay, "open_port", lambda rest, **_: open_recording(rest, math.inf))
+    path = tmp_path / "a.spots"
+    path.write_bytes(damaged(kind, pieces))
+    lines = ["monitor", "keyboard --dry-run", "wearable --dry-run", "controller --dry-run"]
+    for line in lines:
+        assert cli.main([*line.split(), "--port", f"recording:{path}"]) == 0
+        error = capsys.readouterr().err
+        assert f"spots: {path} is read to its end, but " in error
+        assert DOUBTS[kind] in error
+    assert cli.main(["monitor", "--seconds", "0.05", "--port", f"recording:{path}"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("kind", DOUBTS)
+def test_arrays_of_a_recording_with_a_fault_come_with_a_warning(kind, pieces, tmp_path):
+    path = tmp_path / "a.spots"
+    path.write_bytes(damaged(kind, pieces))
+    with pytest.warns(UserWarning, match=f"a.spots is read to its end, but .*{DOUBTS[kind]}"):
+        assert len(read_arrays(path).touches)
+
+
+def test_arrays_of_an_undamaged_recording_come_without_a_warning(seen):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(read_arrays(seen.path).touches)
+
+
+def test_a_missing_end_is_no_doubt_before_the_end_is_read(seen):
+    recording = Recording(seen.path)
+    assert recording.doubts == []
+    entries = iter(recording)
+    next(entries)
+    assert recording.doubts == []
+    assert [*entries]
+    assert recording.doubts == []
 
 
 def test_nothing_is_printed_of_an_undamaged_recording(seen, tmp_path, capsys):

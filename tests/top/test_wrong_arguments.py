@@ -1,11 +1,16 @@
 """Wrong arguments of the public functions are a SpotsError, which names what is allowed."""
 
 import math
+import time
 from pathlib import Path
 
 import pytest
 
 import spots
+from spots.calibrate import calibration_file
+from spots.linkage import twin_source
+from spots.recording.export import export
+from spots.recording.recorder import Recorder
 
 DATA = Path(__file__).parents[1] / "data"
 RUN, JOINT = DATA / "run.spots", DATA / "joint.toml"
@@ -28,6 +33,22 @@ CALLS = {
     "replay": (lambda: spots.open_recording(5), "the path of a recording must be a text"),
     "speed": (lambda: spots.open_recording(RUN, "x"), "speed of a recording must be more than 0"),
     "no speed": (lambda: spots.open_recording(RUN, None), "must be more than 0, not None"),
+    "no port": (lambda: spots.open(""), "a port must be a name, not ''"),
+    "no name": (lambda: spots.open_recording(""), "path of a recording must be a name, not ''"),
+    "zero": (lambda: spots.read_arrays("a\0b"), r"a recording must be a name, not 'a\\x00b'"),
+    "linkage": (lambda: twin_source.opened(5).__enter__(), "path of a linkage file must be a text"),
+    "calibration": (lambda: calibration_file.load(None), "the path of a file must be a text"),
+    "format": (lambda: export(RUN, "xls"), "there is no format 'xls': use one of mcap, csv, npz"),
+    "export": (lambda: export(RUN, "csv", 5), "the name of an export must be a text"),
+    "text for bytes": (lambda: spots.Decoder().feed("x"), "a decoder needs bytes, not 'x'"),
+    "none for bytes": (lambda: spots.Decoder().feed(None), "a decoder needs bytes, not None"),
+    "link": (lambda: spots.Board("COM3"), r"a Board needs a link, not 'COM3': call spots.open"),
+    "new file": (lambda: Recorder(time.monotonic, 5, dict), "path of a recording must be a text"),
+    "size": (lambda: Recorder(time.monotonic, "x", dict, rotate_bytes=-1), "must be more than 0"),
+    "size x": (
+        lambda: Recorder(time.monotonic, "x", dict, rotate_bytes="1"),
+        "more than 0, not '1'",
+    ),
     "encoder": (lambda: spots.Encoder(5), "is not the calibration of a joint"),
     "offset": (lambda: spots.Encoder(JOINT, "x"), "must be finite numbers"),
     "twin": (lambda: spots.Twin(arm(), 5), "a linkage needs two encoders, not 5"),
@@ -68,6 +89,11 @@ def test_wrong_arguments_of_a_board_are_named():
         (lambda: board.set(gain=0.5), "gain must be a whole number or a text, not 0.5"),
         (lambda: board.subscribe(5), "the callback must be a function, not 5"),
         (lambda: board.subscribe(print, 5), "must be one of Touch, Spectrum, Key, Contact, not 5"),
+        (lambda: board.set(plan=[1, 2]), r"plan must be a whole number or a text, not \[1, 2\]"),
+        (lambda: board.when_state_changes(5), "the callback must be a function, not 5"),
+        (lambda: board.when_closed(None), "the callback must be a function, not None"),
+        (lambda: board.tap(5), "the callback must be a function, not 5"),
+        (lambda: board.silent("x"), "least_s must be a number of seconds, not 'x'"),
         (lambda: board.latest(9), "the board has no strip 9: its strips are 0"),
     ):
         with pytest.raises(spots.SpotsError, match=says):

@@ -94,7 +94,7 @@ def fit(
     """
     curves = {strain: Curves(p.position_um, p.logs) for strain, p in sorted(along.items())}
     rest = curves[0]
-    coarse, _ = _weights(rest, noise, rest.ends_um)
+    coarse, _ = _weights(rest, noise, rest.ends_um, has_table=False)
     test = _fit_weights(rest, noise)
     parts = [_weights(rest, noise, part) for part in _parts(rest)]
     middle_um = float(np.mean(rest.ends_um))
@@ -205,11 +205,14 @@ def _weights_q13(weights: np.ndarray, total: int) -> np.ndarray:
     return rounded
 
 
-def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]:
+def _weights(
+    curve: Curves, noise: Noise, part, has_table: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the channel weights for the position and those for the force, in one segment.
 
     `curve` has log2 of the counts along the strip, `noise` is that of the sensor, and `part` is the
-    pair of start and end of the segment, in um.
+    pair of start and end of the segment, in um. `has_table` is whether the segment gets a table of
+    knots.
     """
     information = 1 / noise.log_variance(2.0 ** curve.logs(np.mean(part)))
     # With the mean slope of the segment, the mean error of the force in the segment is 0.
@@ -228,6 +231,12 @@ def _weights(curve: Curves, noise: Noise, part) -> tuple[np.ndarray, np.ndarray]
     knot_um = np.ptp(part) * (1 + 2 * _OVERLAP) / (_KNOTS - 1)
     step_q20 = abs(slope @ position) / np.ptp(part) * knot_um * ONE_Q20
     position *= min(1.0, _PRODUCT_MAX / (step_q20 * knot_um))
+    if has_table:
+        # So it does with a step of the brightness correction, which is large where the dye's
+        # decay changes fast along the strip.
+        knots = curve.logs(_places(curve, part)) * ONE_Q20
+        steps, offsets = (np.abs(np.diff(knots @ weights)) for weights in (position, force))
+        position *= min(1.0, 2 * _PRODUCT_MAX / max((steps * offsets).max(), 1.0))
     return _weights_q13(position, 0), _weights_q13(force, ONE_Q13)
 
 
@@ -255,9 +264,20 @@ def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
     -------
     numpy.ndarray, shape (n, c)
         Weights of the channels; one row for each unknown.
+
+    Raises
+    ------
+    SpotsError
+        If the channels cannot distinguish the unknowns.
     """
     weighted = design * information[:, None]
-    return np.linalg.solve(design.T @ weighted, weighted.T)
+    try:
+        return np.linalg.solve(design.T @ weighted, weighted.T)
+    except np.linalg.LinAlgError:
+        raise SpotsError(
+            "the light of all channels decays alike along the strip: choose other channels with "
+            "--plan, or a dye or an LED of another colour"
+        ) from None
 
 
 def _sigmas(rest: Curves, parts, test, noise: Noise, dimmer) -> tuple[np.ndarray, np.ndarray]:

@@ -60,6 +60,11 @@ def controller(parser: Parser):
     _add_output(parser, "print the gamepad's states, but emulate no gamepad")
     uses = "--dry-run", "--seconds"
     parser.needs(uses, lambda options: not options.calibrate, "leave out --calibrate")
+    parser.needs(
+        ["--calibrate"],
+        lambda options: not arguments.has_port(options, "recording"),
+        "give the port of a board",
+    )
     return calls("spots.controller.controller:controller_command")
 
 

@@ -170,6 +170,8 @@ class Parser(argparse.ArgumentParser):
             self.set_defaults(run=add_options(self))
         self.given.clear()
         args = sys.argv[1:] if args is None else list(args)
+        if "" in args:  # such as an empty variable of a shell
+            self.error("an argument is empty: give it a value, or leave it out")
         self._refuse_unknown(args)  # before argparse reports a missing option that is misspelt
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:

@@ -3,7 +3,6 @@
 import argparse
 import json
 import os
-import sys
 from pathlib import Path
 
 from ..atomic import check_writable, exists
@@ -105,11 +104,10 @@ def _record(options: argparse.Namespace) -> None:
 def _replay(options: argparse.Namespace) -> None:
     from ..recording.replay import open_recording
     from ..terminal.monitor import watch
+    from ..terminal.opening import doubted
 
-    with open_recording(options.file, options.speed) as board:
+    with doubted(open_recording(options.file, options.speed)) as board:
         watch(board, None, quiet=False)
-        if board.ended:  # not after Ctrl-C
-            _warn(options.file, board.doubts)
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -121,15 +119,10 @@ def _info(options: argparse.Namespace) -> None:
 
 def _export(options: argparse.Namespace) -> None:
     from ..recording.export import export
+    from ..terminal.opening import print_doubts
 
     def warn(doubts: list[str]) -> None:
-        _warn(options.file, doubts)
+        print_doubts(options.file, doubts)
 
     for path in export(options.file, options.to, options.out, warn):
         print(printable(str(path)))
-
-
-def _warn(file: str, doubts: list[str]) -> None:
-    if doubts:
-        text = f"spots: {file} is read to its end, but {', and '.join(doubts)}"
-        print(printable(text), file=sys.stderr)

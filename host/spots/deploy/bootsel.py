@@ -52,8 +52,8 @@ def install(
     device = device_of(board, strips)
     if form_of(device).suffix != ".uf2":
         raise SpotsError(f"the boot loader of {board} is not a drive: 'spots image' writes a file")
-    drive = _the_drive(folder)
     data = compose(device, Path(runtime), strips, [])
+    drive = _the_drive(folder)
     if uf2.read(data, runtime).family != drive.family:
         raise SpotsError(
             f"the drive {drive.folder} belongs to another chip than {board} has: name the board "

@@ -12,6 +12,7 @@ import re
 from collections import deque
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar, cast, overload
 
@@ -33,7 +34,7 @@ from ..plugins import entry_points
 from .board_errors import in_words
 from .clocksync import TRIPS, ClockSync, spread_s
 from .frames import Contact, Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch
-from .readers import FrameIterator, FrameLog, Handle, Subscription
+from .readers import FrameIterator, FrameLog, Handle, Subscription, check_callback
 from .replies import Changed, DarkFrame, Get, Hello, Sync, validated
 from .serial_link import Link
 from .timeouts import ANSWER_S, CONNECTED, PATIENCE_S, WHO_S, WHO_TRIES, LinkLoss, silent_s
@@ -165,6 +166,9 @@ class Board(AbstractContextManager["Board"]):
         True for a recording or a remote board, which no command can change.
     ended : bool
         True after the end of a recording: no more frames will come.
+    doubts : sequence of str
+        What is wrong with the played part of a recording, see `Recording.doubts`; empty for a
+        board.
 
     Raises
     ------
@@ -184,9 +188,12 @@ class Board(AbstractContextManager["Board"]):
 
     read_only = False
     ended = False
+    doubts: Sequence[str] = ()
     _poll_s = _POLL_S
 
     def __init__(self, link: Link, only: int | None = None):
+        if not hasattr(link, "now_s"):
+            raise SpotsError(f"a Board needs a link, not {link!r}: call spots.open(port)")
         self._link: Link = link
         self._only = only
         self._decoder = Decoder()
@@ -281,7 +288,7 @@ class Board(AbstractContextManager["Board"]):
             Time without a reading, in seconds, after which to return True. For a slow board, the
             time of three readings is used if that is longer.
         """
-        return self._loss.silent(self.now_s(), least_s)
+        return self._loss.silent(self.now_s(), _duration_s(least_s, "least_s"))
 
     def now_s(self) -> float:
         """Return the host's time in seconds, by the same clock as `Touch.time_s`.
@@ -337,9 +344,10 @@ class Board(AbstractContextManager["Board"]):
 
         Parameters
         ----------
-        **settings : int or sequence of str
+        **settings : int, str or sequence of str
             Names and values of settings, as in docs/protocol.md. The value of ``plan`` is a
-            sequence of channel names. On a board with several strips, ``sensor`` selects a strip.
+            sequence of channel names, or a text with commas between the names. On a board with
+            several strips, ``sensor`` selects a strip.
 
         Returns
         -------
@@ -357,15 +365,19 @@ class Board(AbstractContextManager["Board"]):
         ...     board.set(average=2)["average"]
         2
         """
+        words: list[str] = []
         for name, value in settings.items():
-            known = isinstance(value, (int, Sequence))  # pyright: ignore[reportUnnecessaryIsInstance]
-            if not known:
+            given: Any = value
+            if isinstance(given, Integral | str):  # Integral: an integer of NumPy, too
+                text = str(given)
+            elif isinstance(given, Sequence) and all(
+                isinstance(part, str) for part in cast("Sequence[object]", given)
+            ):
+                text = ",".join(cast("Sequence[str]", given))
+            else:
                 raise SpotsError(f"{name} must be a whole number or a text, not {value!r}")
-        words = [
-            f"{name}={value if isinstance(value, int) else ','.join(value)}"
-            for name, value in settings.items()
-            if name != "sensor"
-        ]
+            if name != "sensor":
+                words.append(f"{name}={text}")
         line = of_sensor("set " + " ".join(words), cast("int", settings.get("sensor", 0)))
         return cast("Changed", self._command(line))
 
@@ -375,8 +387,9 @@ class Board(AbstractContextManager["Board"]):
                 f"cannot send {line!r}: a command must have 1 to {LINE_MAX} printable ASCII "
                 "characters, not only spaces"
             )
+        usual_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
         if timeout_s is None:
-            timeout_s = _REPLY_S.get(line.split()[0], _USUAL_REPLY_S)
+            timeout_s = usual_s
         with self._turn:
             if self._late:
                 # The board replies in order: a late reply comes before the one to `hello`.
@@ -386,9 +399,10 @@ class Board(AbstractContextManager["Board"]):
             if reply is None:
                 self._late = True
                 self._check_prompt()
+                remedy = "replug the board" if timeout_s >= usual_s else f"wait for {usual_s:g} s"
                 raise NoReplyError(
                     f"no reply to '{line}' within {timeout_s:g} s from the board on {self.port}: "
-                    "replug the board"
+                    f"{remedy}"
                 )
             if "error" in reply.content:
                 reason = in_words(str(reply.content["error"]))
@@ -581,8 +595,7 @@ class Board(AbstractContextManager["Board"]):
         ...         time.sleep(0.01)
         ...     subscription.cancel()
         """
-        if not callable(callback):
-            raise SpotsError(f"the callback must be a function, not {callback!r}")
+        check_callback(callback)
         if wrong := [kind for kind in kinds if kind not in _KINDS]:
             names = ", ".join(kind.__name__ for kind in _KINDS)
             raise SpotsError(f"a kind of frames must be one of {names}, not {wrong[0]!r}")

@@ -164,10 +164,17 @@ class FrameIterator(Iterator[_ReadingT]):
         self._closed = True
 
 
+def check_callback(callback: object) -> None:
+    """Raise SpotsError if a callback cannot be called; later, its error would have no context."""
+    if not callable(callback):
+        raise SpotsError(f"the callback must be a function, not {callback!r}")
+
+
 class Handle:
     """Registration of a callback; `cancel` removes the callback."""
 
     def __init__(self, callbacks: list[Callable[..., None]], callback: Callable[..., None]):
+        check_callback(callback)
         self._callbacks, self._callback = callbacks, callback
         callbacks.append(callback)
 

@@ -172,8 +172,8 @@ def load(path: str | Path) -> Mounted:
         text = read_text(path)
     except FileNotFoundError:
         raise SpotsError(
-            f"cannot read the linkage file {path}, because there is no such file: name a file with "
-            "--linkage; docs/fivebar.md shows how to write one"
+            f"cannot read the linkage file {path}, because there is no such file: name another "
+            "file; docs/fivebar.md shows how to write one"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise kinds.not_read(path, error, "a linkage file") from None

@@ -9,7 +9,9 @@ from pathlib import Path
 from ..atomic import check_writable
 from ..errors import SpotsError, printable
 from ..link.ports import offered
+from ..terminal.opening import doubted
 from ..terminal.view import Pace, drawn
+from . import mounted
 from .digital_twin import Terminal
 from .twin_points import fit, measure
 from .twin_source import Source, has_boards, is_recording, opened, paced
@@ -29,6 +31,8 @@ def twin_command(options: argparse.Namespace) -> None:
     ports = options.port
     played = any(map(is_recording, ports))
     boards = has_boards(options.linkage, ports)
+    if not boards and options.linkage.endswith(".toml") and not Path(options.linkage).exists():
+        mounted.load(options.linkage)  # raises the error about the file, before others follow
     if options.measure and (played or not boards):
         raise SpotsError(
             "--measure needs real boards, because you move the end point by hand: name the boards "
@@ -58,6 +62,8 @@ def twin_command(options: argparse.Namespace) -> None:
             if options.measure:
                 _measure(source, Path(options.measure), options.linkage)
                 return
+            for board in dict.fromkeys(source.boards):
+                doubted(board)
             count = show(source, options.seconds, options.json, played)
             if not count and all(board.ended for board in source.boards):
                 raise SpotsError(

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 from spots_device.board.settings import checksum
 
 from ..calibrate.calibration_file import CalibrationFile
-from ..errors import SpotsError
+from ..errors import SpotsError, path_text
 from ..link.board import Board, of_sensor
 from ..link.connect import find, of_id, open, prepare
 from ..link.frames import Touch
@@ -85,7 +85,9 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
         raise SpotsError("only one --port is a recording: name two recordings, or two boards")
     with ExitStack() as stack:
         if any(played):
-            boards = [open_recording(scheme(port)[1], math.inf) for port in ports]
+            boards = [
+                stack.enter_context(open_recording(scheme(port)[1], math.inf)) for port in ports
+            ]
         elif ports:
             boards = [stack.enter_context(open(port)) for port in ports]
         else:
@@ -132,7 +134,7 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
     SpotsError
         If a file is invalid, or there are more than two ports.
     """
-    path = Path(linkage)
+    path = Path(path_text(linkage, "the path of a linkage file"))
     arm = mounted.load(path)
     strips = arm.strips(path)
     if len(ports) > 2:

@@ -1,6 +1,7 @@
 """Reads recordings as NumPy arrays, a block at a time."""
 
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -314,6 +315,12 @@ def read_arrays(path: str | Path) -> Arrays:
     Arrays
         All frames of the recording.
 
+    Warns
+    -----
+    UserWarning
+        If the recording is cut off, damaged or joined, or frames are missing; see
+        `Recording.doubts`.
+
     Raises
     ------
     SpotsError
@@ -335,5 +342,9 @@ def read_arrays(path: str | Path) -> Arrays:
         for array, rows in zip(growing, block.tables):
             array.extend(rows.tobytes())
         texts += block.texts
+    if blocks.doubts:
+        warnings.warn(
+            f"{path} is read to its end, but {', and '.join(blocks.doubts)}", stacklevel=2
+        )
     dtypes = (table.dtype for table in _TABLES.values())
     return Arrays(*map(np.frombuffer, growing, dtypes), texts=texts, stats=replace(blocks.stats))

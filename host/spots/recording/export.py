@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 
 from ..atomic import not_written, replacing, sync
-from ..errors import SpotsError, missing
+from ..errors import SpotsError, missing, path_text
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
 from .table import Description, Table, described, rows
@@ -65,6 +65,10 @@ def export(path: str | Path, kind: str, out: str | Path | None = None, warn=_qui
     Memory use does not grow with the length of the recording. While an NPZ file is written,
     temporary files take about twice its size in the same folder.
     """
+    if kind not in EXPORTS:
+        raise SpotsError(f"there is no format {kind!r}: use one of {', '.join(EXPORTS)}")
+    if out is not None:
+        out = path_text(out, "the name of an export")
     if out is not None and (named := Path(out).suffix[1:].lower()) in EXPORTS.keys() - {kind}:
         raise SpotsError(
             f"{out} is the name of a {named} file, but the format is {kind}: choose one of them"

@@ -13,7 +13,7 @@ import msgspec
 from spots_device import __version__
 
 from ..atomic import exists
-from ..errors import SpotsError
+from ..errors import SpotsError, path_text
 from ..link.frames import note, whole
 from ..link.readers import Handle
 from .disk import Disk
@@ -75,8 +75,12 @@ class Recorder(AbstractContextManager):
         utc_s: Callable[[], float] = time.time,
     ):
         self._now_s = now_s
-        self._path = Path(path)
+        self._path = Path(path_text(path, "the path of a recording"))
         self._describe = describe
+        if rotate_bytes is not None and not (
+            isinstance(rotate_bytes, (int, float)) and rotate_bytes > 0
+        ):
+            raise SpotsError(f"rotate_bytes must be more than 0, not {rotate_bytes!r}")
         self._rotate_bytes = rotate_bytes
         self._utc_s = utc_s
         self._set = secrets.token_hex(8)

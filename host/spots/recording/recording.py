@@ -105,6 +105,7 @@ class Recording:
                 yield path, header, block
             self.cut_bytes += len(self._decoder.pending)
             start = b"\0"  # an incomplete frame of one file does not continue in the next
+        self._read = True
 
     def _note(self, path: Path, header: Header, note: Note) -> None:
         self.notes += 1
@@ -121,11 +122,14 @@ class Recording:
 
     @property
     def doubts(self) -> list[str]:
-        """What is wrong with the data that the iteration has read; empty if nothing is wrong."""
+        """What is wrong with the data that the iteration has read; empty if nothing is wrong.
+
+        Valid after the iteration has ended: a missing end mark is unknown before.
+        """
         stats, doubts = self.stats, []
         if self.joined:
             doubts.append("data follows its end mark: two recordings were joined")
-        elif self._ended_in is None:
+        elif self._ended_in is None and self._read:
             doubts.append("it has no end mark: it was cut off, or is still being recorded")
         if stats.bad_crc:
             doubts.append(f"{stats.bad_crc} of its frames are damaged")
@@ -147,6 +151,7 @@ class Recording:
         self.end_s = self.header.host_s
         self._ended_in: Path | None = None  # a Ctrl-C may leave a later file with a header only
         self.joined = False
+        self._read = False  # whether the iteration has ended
 
 
 def _clock_map(known: Clock) -> ClockMap:

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ class Replay(Board):
         return self._recording.stats
 
     @property
-    def doubts(self) -> list[str]:
+    def doubts(self) -> Sequence[str]:
         """What is wrong with the frames that were played, see `Recording.doubts`."""
         return self._recording.doubts
 

@@ -226,7 +226,7 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
         If a file is missing or invalid, `seed` is negative, or the board does not start.
     """
     if not isinstance(seed, int) or seed < 0:
-        raise SpotsError(f"the seed must be a whole number of 0 or more, not {seed}")
+        raise SpotsError(f"the seed must be a whole number of 0 or more, not {seed!r}")
 
     load(ScenarioFile, scenario)  # before the strip is calibrated
     file = load(SensorFile, sensor)
