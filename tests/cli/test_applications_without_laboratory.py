@@ -51,5 +51,6 @@ def test_without_the_laboratory_a_command_answers_in_one_sentence(
     assert said.out == ""
     assert said.err.count("\n") == 1
     assert said.err.startswith("spots: ")
-    assert any(word in said.err for word in ("needs the simulator", "--linkage", "--port"))
+    named = ("needs the simulator", "--linkage", "linkage file", "--port")
+    assert any(word in said.err for word in named)
     assert list(tmp_path.iterdir()) == []

@@ -2,6 +2,7 @@
 
 import io
 from argparse import Namespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -22,17 +23,17 @@ def test_a_terminal_shows_a_line_until_the_board_is_open(fails, tty, monkeypatch
     terminal = Terminal()
     terminal.tty = tty
     monkeypatch.setattr(opening.sys, "stderr", terminal)
-    shown = []
+    shown, board = [], Mock()
 
     def open_named(options):
         shown.append(terminal.getvalue())
         if fails:
             raise SpotsError("no board")
-        return options.port
+        return board
 
     monkeypatch.setattr(opening, "open_named", open_named)
     try:
-        assert opening.open_announced(Namespace(port="A")) == "A"
+        assert opening.open_announced(Namespace(port="A")) is board
     except SpotsError:
         assert fails
     assert shown == ["opening the board ...\r" if tty else ""]

@@ -369,10 +369,7 @@ def test_home_needs_no_token():
         (["--edit", "mini", "--port", "virtual"], "give a name that ends in .toml"),
         (["--edit-controller", "c.txt"], "'c.txt' is not a controller settings file: give a name"),
         (["--edit-gestures", "g.toml", "--port", "recording:x"], "--edit-gestures works with one"),
-        (["--record-to", "", "--linkage", "default"], "--record-to works with one board"),
-        (["--record-to", "", "--session", "a.jsonl"], "--record-to and --session exclude each"),
         (["--host", "http://x.example"], "'http://x.example' is not a host name"),
-        (["--session", ""], "is not a session file: give a name"),
         (["--session", "s.toml"], "--session and the calibration of --session name the same file"),
         (["--session", "a.jsonl", "--edit", "a.toml"], "--edit and the calibration of --session"),
         (

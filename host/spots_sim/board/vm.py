@@ -29,7 +29,7 @@ from .starting import end
 # 64-bit words of the unix port.
 HEAP_BYTES = 480 * 1024
 # boot.py and code.py share one heap here; on a real board code.py gets a new one.
-_HEAP_OF_BOTH_BYTES = 576 * 1024
+_HEAP_OF_BOTH_BYTES = 720 * 1024
 # Modules that the virtual boards share.
 _COMMON = BOARDS / "_virtual"
 # A process that kills its process group, including MicroPython, when its standard input closes. The
