@@ -19,7 +19,7 @@ from .staging import Device, device_of
 RUNTIME_MAX_BYTES = 64 << 20
 
 # Settings of a board that starts as a keyboard.
-KEYBOARD_SETTINGS = ("keys=1", "baseline=1")
+KEYBOARD_SETTINGS = ("keys=1",)
 
 # The firmware's own code writes what `save` would have stored; it uses the current folder.
 _SAVE = """
