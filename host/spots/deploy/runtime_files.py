@@ -26,13 +26,6 @@ _FAMILIES = {"armv6m": uf2.RP2040, "armv7emsp": uf2.RP2350_ARM}
 _PICO_PROGRAM, _ESP32_PROGRAM = 256, 32
 
 
-class Region(NamedTuple):
-    """The part of a board's flash that a runtime uses as its file system; in bytes."""
-
-    address: int
-    size: int
-
-
 class Form(NamedTuple):
     """What an image for a kind of board is made from.
 
@@ -82,14 +75,14 @@ def _pico(family: int) -> Callable:
         runtime = _uf2_for(device, family, data, name)
         program = _program(runtime)
         try:
-            region = _drive_of(binary_info.about(program, uf2.FLASH), runtime.flash)
+            drive = _drive_of(binary_info.about(program, uf2.FLASH), runtime.flash)
         except ValueError as error:
             raise SpotsError(
                 f"{name} is not a MicroPython for {device.name} ({error}): download "
                 f"{form_of(device).source}"
             ) from None
-        disk = file_system(files_of(build()), region.size, _PICO_PROGRAM)
-        return uf2.write(runtime._replace(flash=runtime.flash | _blocks(region.address, disk)))
+        disk = file_system(files_of(build()), drive.size, _PICO_PROGRAM)
+        return uf2.write(runtime._replace(flash=runtime.flash | _blocks(drive.address, disk)))
 
     return compose
 
@@ -113,7 +106,7 @@ def _program(runtime: uf2.Uf2) -> bytes:
     return bytes(program)
 
 
-def _drive_of(about: binary_info.About, flash: dict[int, bytes]) -> Region:
+def _drive_of(about: binary_info.About, flash: dict[int, bytes]) -> binary_info.Drive:
     title, oldest = OLDEST["micropython"]
     version = re.match(r"v(\d+)\.(\d+)", about.version)
     if about.name != title or not version:
@@ -123,14 +116,15 @@ def _drive_of(about: binary_info.About, flash: dict[int, bytes]) -> Region:
     drives = [drive for drive in about.drives if drive.name == title]
     if len(drives) != 1:
         raise ValueError(f"it names {len(drives)} file systems, not one")
-    ((_, address, size),) = drives
+    (drive,) = drives
+    _, address, size = drive
     if address % uf2.SECTOR or size % uf2.SECTOR or size < 4 * uf2.SECTOR:
         raise ValueError(f"its file system of {size} bytes at {address:08x} is not whole blocks")
     if not uf2.FLASH < address <= uf2.FLASH_END - size:
         raise ValueError(f"its file system at {address:08x} lies outside the flash")
     if any(address <= at < address + size for at in flash):
         raise ValueError(f"its file system at {address:08x} lies over its program")
-    return Region(address, size)
+    return drive
 
 
 def _blocks(address: int, data: bytes) -> dict[int, bytes]:
@@ -178,7 +172,7 @@ _ROW_MAGIC = b"\xaa\x50"
 
 def _esp32(device: Device, data: bytes, name: str, build: Callable[[], Path]) -> bytes:
     regions = [
-        Region(address, size)
+        (address, size)
         for magic, _, _, address, size, label, _ in _ROW.iter_unpack(
             data[_TABLE : _TABLE + _TABLE_BYTES].ljust(_TABLE_BYTES, _EMPTY)
         )
