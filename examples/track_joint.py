@@ -11,6 +11,7 @@ from pathlib import Path
 import spots
 from spots.calibrate import calibration_file as file
 from spots.link.connect import prepare
+from spots_linkage import Encoder
 from spots_sim.demo.linkage_demo import endless
 
 parser = argparse.ArgumentParser(description=__doc__)
@@ -27,7 +28,7 @@ options = parser.parse_args()
 try:
     if options.calibration:
         calibration = file.load(options.calibration)
-        encoder = spots.Encoder(calibration.joint)
+        encoder = Encoder(calibration.joint)
         board = spots.open(options.port)
         prepare(board, calibration.lines)
     else:

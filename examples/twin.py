@@ -7,7 +7,7 @@ import argparse
 import sys
 
 import spots
-from spots.linkage.twin_source import opened
+from spots_linkage.twin_source import opened
 from spots_sim.demo.linkage_demo import driven, endless
 
 parser = argparse.ArgumentParser(description=__doc__)

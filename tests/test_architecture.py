@@ -17,7 +17,7 @@ PATHS += [(FIRMWARE, p) for p in (FIRMWARE / "spots_device").rglob("*.py")]
 NAMES = {".".join(p.relative_to(top).with_suffix("").parts): p for top, p in PATHS}
 MODULES = {name.removesuffix(".__init__"): path for name, path in NAMES.items()}
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
-OURS = "spots", "spots_sim", "spots_make", "spots_device"
+OURS = "spots_device", *(path.name for path in HOST.iterdir() if path.is_dir())
 OPTIONAL = "aiohttp", "mcap"  # packages that only some functions need
 
 
@@ -104,9 +104,9 @@ def test_no_circle_of_modules():
 def test_functions_import_only_modules_that_need_an_optional_package_or_are_dispatched():
     needing = {m for m, target, lazy in all_imports() if target.startswith(OPTIONAL) and not lazy}
     dispatching = {
-        "spots_sim.cli",
-        "spots_make.cli",
-        *(module for module in MODULES if room(module) == "cli"),
+        module
+        for module in MODULES
+        if room(module) == "cli" or module in {f"{package}.cli" for package in OURS}
     }
     unexpected = [
         f"{module} -> {target}"
@@ -117,9 +117,9 @@ def test_functions_import_only_modules_that_need_an_optional_package_or_are_disp
     assert unexpected == []
 
 
-def test_the_product_names_neither_laboratory_nor_workshop():
-    files = [path for path in (HOST / "spots").rglob("*") if path.suffix in (".py", ".js", ".html")]
-    named = re.compile("spots_(sim|make)")
+def test_the_host_package_names_no_package_beside_it():
+    files = [*(HOST / "spots").rglob("*.py")]
+    named = re.compile("spots_(?!device)[a-z]+")
     assert [path for path in files if named.search(path.read_text(encoding="utf-8"))] == []
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from spots import toml
 from spots.cli import _parser
+from spots.common import toml
 
 ROOT = Path(__file__).parents[1]
 FILES = subprocess.run(

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from spots import atomic
+from spots.common import atomic
 from spots_sim.demo.demo import demo
 from spots_sim.demo.typing_speed import added, typed
 from spots_sim.person.stage import calibrate

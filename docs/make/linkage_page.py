@@ -7,9 +7,9 @@ from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
-from spots import atomic
-from spots.linkage.fivebar import Linkage
-from spots.linkage.twin_points import LASTS_S
+from spots.common import atomic
+from spots_linkage.fivebar import Linkage
+from spots_linkage.twin_points import LASTS_S
 from spots_sim.measure import maps
 from spots_sim.measure.figures import folder, require
 from spots_sim.measure.survey import (
@@ -53,9 +53,9 @@ all numbers except the one from the paper (row "paper, Fig. 7C").
 ![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
 
 ```python
-import spots
+from spots_linkage import Linkage
 
-linkage = spots.Linkage(bar_mm=100, base_mm=80)  # or 4 bars: inner 1, outer 1, outer 2, inner 2
+linkage = Linkage(bar_mm=100, base_mm=80)  # or 4 bars: inner 1, outer 1, outer 2, inner 2
 theta1_rad, theta2_rad = linkage.inverse(40, 150)
 x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
 ```
@@ -64,7 +64,7 @@ Joint 1 is at (0, 0), joint 2 at (`base_mm`, 0). A joint angle is 0 if the inner
 +y, and grows as this bar turns towards the other joint. All methods take scalars or arrays. If
 there is no solution for scalars, a method raises an error with the reason. For arrays, elements
 without a solution are masked; `forward_limits` and `inverse_limits` return the reason for each
-element (`spots.linkage.fivebar.Limit`).
+element (`spots_linkage.fivebar.Limit`).
 
 For two angles there are two possible end points. With `assembly="far"`, the default, the end point
 is beyond the elbows (the joints between inner and outer bars), seen from the base. With
@@ -94,18 +94,18 @@ prints lines. With `--json` it prints an object for each position, with `time_s`
 both joints are in their calibrated range). The web UI shows this picture, too:
 `spots serve --linkage arm.toml`, or without hardware `spots demo --use fivebar --page`.
 
-`spots.Encoder` computes angles from readings with the result of `spots calibrate joint`. When the
-position has moved by more than its noise, half the backlash is added to the angle or subtracted
-from it, depending on the direction. A joint at rest may be anywhere in its backlash; the standard
-error includes this uncertainty. The velocity is computed with the board's clock.
+`spots_linkage.Encoder` computes angles from readings with the result of `spots calibrate joint`.
+When the position has moved by more than its noise, half the backlash is added to the angle or
+subtracted from it, depending on the direction. A joint at rest may be anywhere in its backlash; the
+standard error includes this uncertainty. The velocity is computed with the board's clock.
 
-`spots.Twin` takes the readings of both joints, live or recorded. It returns the end point at the
-time of each reading; the angle of the other joint is interpolated between two readings of that
-joint. Nothing is extrapolated, and the order of arrival does not matter. The times of both boards
-are converted to the computer's clock. A board that restarts gets its calibration again.
+`spots_linkage.Twin` takes the readings of both joints, live or recorded. It returns the end point
+at the time of each reading; the angle of the other joint is interpolated between two readings of
+that joint. Nothing is extrapolated, and the order of arrival does not matter. The times of both
+boards are converted to the computer's clock. A board that restarts gets its calibration again.
 
 ```python
-from spots.linkage.twin_source import opened
+from spots_linkage.twin_source import opened
 
 with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/dev/ttyACM1"])
     for point in source.follow():
@@ -160,10 +160,10 @@ error of a measured coordinate. Another program may write `points.csv`: its colu
 joints' calibrations, without offset and gain.
 
 ```python
-from spots.linkage import kinematics
+from spots_linkage import Linkage, kinematics
 
 found = kinematics.calibrate(
-    angles_rad, x_mm, y_mm, start=spots.Linkage(100, 80), angle_sigma_rad=2e-4, place_sigma_mm=0.02
+    angles_rad, x_mm, y_mm, start=Linkage(100, 80), angle_sigma_rad=2e-4, place_sigma_mm=0.02
 )
 print(found.report())
 linkage, offsets, gains = found.linkage, found.offset_rad, found.gain

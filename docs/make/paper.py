@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from spots import atomic
+from spots.common import atomic
 from spots_sim.measure import figures
 from spots_sim.measure.family import LENGTHS_MM, departure_um, family
 from spots_sim.measure.measurements import Run, characterize

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from spots import Linkage, Twin, atomic
+from spots.common import atomic
 from spots.controller import controller as play
 from spots.controller.controller_settings import load as load_controller
 from spots.deploy.staging import board_names, device_of
@@ -18,12 +18,13 @@ from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
 from spots.link.calibrated import hello_calibrated
 from spots.link.frames import Touch
-from spots.linkage.twin_view import TwinView
 from spots.terminal.view import StripView
 from spots.wearable import wearable_view
 from spots.wearable.gestures import Gestures
 from spots.wearable.wearable import Mapping
 from spots_device.board.light import LEDS
+from spots_linkage import Linkage, Twin
+from spots_linkage.twin_view import TwinView
 from spots_make.drawing import SVG
 from spots_sim.demo import typing_view
 from spots_sim.demo.demo import open_fast

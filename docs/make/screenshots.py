@@ -12,18 +12,18 @@ from playwright.async_api import Browser, async_playwright, expect
 
 from spots.keyboard.layout import load
 from spots.link.board import Board
-from spots.web.board_feed import BoardReader, finder
-from spots.web.calibration import PageCalibration
-from spots.web.editors import LayoutEditor, SettingsEditor
-from spots.web.serve import Server
-from spots.web.state import PageState
-from spots.web.twin_feed import driven_readers
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.board.paced import PacedLink
 from spots_sim.demo.linkage_demo import endless
 from spots_sim.strip.files import SensorFile
 from spots_sim.strip.files import load as load_file
 from spots_sim.strip.scenario import Held, Press
+from spots_web.board_feed import BoardReader, finder
+from spots_web.calibration import PageCalibration
+from spots_web.editors import LayoutEditor, SettingsEditor
+from spots_web.serve import Server
+from spots_web.state import PageState
+from spots_web.twin_feed import driven_readers
 
 _HERE = Path(__file__).parents[1]
 sys.path.append(str(_HERE.parent / "tests" / "web"))

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from .link.board import Board
     from .link.connect import open
     from .link.frames import Contact, Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
-    from .linkage.digital_twin import Twin
-    from .linkage.encoder import Encoder
-    from .linkage.fivebar import Linkage
     from .recording.arrays import Arrays, RecordingBlocks, read_arrays
     from .recording.recording import Recording
     from .recording.replay import open_recording
@@ -30,17 +27,14 @@ _NAMES = {
     "link.board": ("Board",),
     "link.connect": ("open",),
     "link.frames": ("Contact", "Decoder", "Key", "LinkStats", "Note", "Spectrum", "Text", "Touch"),
-    "linkage.digital_twin": ("Twin",),
-    "linkage.encoder": ("Encoder",),
-    "linkage.fivebar": ("Linkage",),
     "recording.arrays": ("Arrays", "RecordingBlocks", "read_arrays"),
     "recording.recording": ("Recording",),
     "recording.replay": ("open_recording",),
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
-    "Arrays", "Board", "Contact", "Decoder", "Encoder", "Key", "LinkStats", "Linkage", "Note",
-    "Recording", "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "Twin", "open",
+    "Arrays", "Board", "Contact", "Decoder", "Key", "LinkStats", "Note",
+    "Recording", "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "open",
     "open_recording", "read_arrays",
 ]  # fmt: skip
 

@@ -84,6 +84,3 @@ def _design(options: argparse.Namespace) -> None:
     from .design import design_command
 
     design_command(options)
-
-
-COMMANDS = (design,)

@@ -19,8 +19,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from spots import atomic
 from spots.calibrate.presses import FULL_MN
+from spots.common import atomic
 from spots.errors import SpotsError, printable
 from spots_device.board.settings import DEFAULT_PLAN
 from spots_device.reading.decode import AVERAGE_MAX

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from xml.sax.saxutils import escape
 
-from spots import atomic
+from spots.common import atomic
 
 from . import shape as dims
 from .assembly import assembly, castings, closed

@@ -11,7 +11,7 @@ import struct
 from importlib.util import find_spec
 from pathlib import Path
 
-from spots import atomic
+from spots.common import atomic
 from spots.errors import SpotsError, missing
 
 from . import shape as dims

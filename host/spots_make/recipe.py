@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from spots import atomic
+from spots.common import atomic
 from spots.errors import SpotsError
 
 from .shape import (

@@ -111,9 +111,6 @@ def characterize(parser: Parser):
     return _characterize
 
 
-COMMANDS = demo, characterize
-
-
 def _add_change(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--change",

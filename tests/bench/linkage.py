@@ -8,7 +8,7 @@ from time import process_time
 
 import numpy as np
 
-from spots.linkage.fivebar import Linkage
+from spots_linkage.fivebar import Linkage
 
 _SAMPLES = 1_000_000
 _CALLS, _LOOPS = 5_000, 100_000  # fewer samples, because these take longer

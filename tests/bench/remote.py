@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 
-from spots.guarded import Guarded
+from spots.common.guarded import Guarded
 from spots.link.board import Board
 from spots.link.frames import Decoder, Touch
 
@@ -195,7 +195,7 @@ class _Process:
 
 
 def _publish(pipe, config: str, names: list[str], rate_Hz: float) -> None:
-    from spots.remote.zenoh_session import CONFIG_VARIABLE, open_session
+    from spots_net.zenoh_session import CONFIG_VARIABLE, open_session
 
     os.environ[CONFIG_VARIABLE] = config
 
@@ -225,7 +225,7 @@ def _publish(pipe, config: str, names: list[str], rate_Hz: float) -> None:
 
 
 def _outlet(mode: str, board: Board, session):
-    from spots.remote.publish import Publisher
+    from spots_net.publish import Publisher
 
     return _TcpPublisher(board) if mode == "tcp" else Publisher(board, session)
 
@@ -246,7 +246,7 @@ class _TcpPublisher:
     """Sends each frame as a line of JSON to all TCP clients."""
 
     def __init__(self, board: Board):
-        from spots.remote.samples import encode, sample
+        from spots_net.samples import encode, sample
 
         self._board, self._encode, self._sample = board, encode, sample
         self._server = _listening()
@@ -305,7 +305,7 @@ class _Ledger:
 
 
 def _read(pipe, config: str) -> None:
-    from spots.remote.zenoh_session import CONFIG_VARIABLE, open_session
+    from spots_net.zenoh_session import CONFIG_VARIABLE, open_session
 
     os.environ[CONFIG_VARIABLE] = config
 
@@ -333,8 +333,8 @@ def _read(pipe, config: str) -> None:
 
 
 def _zenoh(session, mode: str) -> Iterator[tuple[str, bytes]]:
-    from spots.remote.mailbox import Mailbox
-    from spots.remote.zenoh_session import direct
+    from spots_net.mailbox import Mailbox
+    from spots_net.zenoh_session import direct
 
     mail = Mailbox()
 

@@ -11,11 +11,11 @@ from spots.calibrate.expect import expected
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Spectrum, Touch
-from spots.web.expected import expected_shown
 from spots_device.board.settings import checksum
 from spots_device.reading.decode import DARK_SAMPLES, LED_OFF
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held, Press
+from spots_web.expected import expected_shown
 
 SETTLED_S, READ_S = 0.3, 0.2
 OFF = 0.03  # limit of the difference, as a share of the brightest channel's count

@@ -8,7 +8,7 @@ import pytest
 from spots.calibrate import dark, rezero
 from spots.cli import main
 from spots.controller import controller_setup
-from spots.linkage import twin
+from spots_linkage import twin
 from spots_sim.person.stage_presser import StagePresser
 
 FILES = Path(__file__).parents[1] / "data"

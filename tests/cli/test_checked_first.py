@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from spots import atomic
 from spots.cli import main
+from spots.common import atomic
 
 
 @pytest.fixture

@@ -31,9 +31,9 @@ from spots.deploy import place
 from spots.keyboard import layout
 from spots.link import serial_link as link
 from spots.link.frames import LinkStats, note
-from spots.linkage import twin_view
 from spots.outputs.devices import REST
 from spots.terminal.view import StripView
+from spots_linkage import twin_view
 
 # Markup of rich, a title (OSC), a status request that a terminal answers (DSR), a C1 character,
 # line ends, bidirectional controls, DEL. Short, because the length of a board's reply is limited.
@@ -338,7 +338,7 @@ def network(tmp_path, monkeypatch):
     """A Zenoh session that publishes foreign data to the commands of the test."""
     net = Net(tmp_path)
     monkeypatch.setenv("ZENOH_CONFIG", str(net.leaf))
-    monkeypatch.setattr("spots.remote.zenoh_session._PATIENCE_S", 60.0)
+    monkeypatch.setattr("spots_net.zenoh_session._PATIENCE_S", 60.0)
     with session(net.hub) as foreign:
         yield foreign
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from environments import variables
-from spots import toml
+from spots.common import toml
 from test_readme import LINES, WALKED
 
 REPOSITORY = Path(__file__).parents[2]
@@ -71,8 +71,8 @@ for name in sorted(one.name for one in pkgutil.iter_modules() if one.name.starts
 
 def test_only_modules_that_are_imported_on_demand_need_an_extra(environment, tmp_path):
     needing = run(environment(), tmp_path, "python", "-c", IMPORTS_ALL).split()
-    assert {"spots.remote", "spots.web.app", "spots.web.serve"} <= {*needing}
-    assert [one for one in needing if not one.startswith(("spots.remote", "spots.web."))] == []
+    assert {"spots_net.optional", "spots_web.app", "spots_web.serve"} <= {*needing}
+    assert [one for one in needing if not one.startswith(("spots_net.", "spots_web."))] == []
 
 
 BOARD = ("--port", "virtual", "--seconds", "0.5")

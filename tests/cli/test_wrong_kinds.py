@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from spots import cli, kinds
+from spots import cli
+from spots.common import kinds
 from spots.controller import controller_settings
 from spots.deploy.staging import BOARDS
 from spots.keyboard.layout import FOLDER as LAYOUTS

@@ -15,8 +15,8 @@ from spots.calibrate.make import make
 from spots.calibrate.session import Session
 from spots.controller import controller_settings
 from spots.keyboard import layout
-from spots.linkage import mounted, twin_points
 from spots.wearable import wearable
+from spots_linkage import mounted, twin_points
 from spots_sim.strip import files
 
 OPTIONS = ["nan", "inf", "-inf", "1e999", "", "x", "9" * 400, "0x10", "1,200"]

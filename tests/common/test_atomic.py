@@ -11,8 +11,9 @@ from pathlib import Path
 import pytest
 
 from reels import record
-from spots import SpotsError, atomic
+from spots import SpotsError
 from spots.cli import main
+from spots.common import atomic
 from spots.deploy import build
 from spots_sim.measure import figures
 from test_frames import stream

@@ -7,11 +7,12 @@ import signal
 import psutil
 import pytest
 
-from spots import SpotsError, toml
+from spots import SpotsError
 from spots.cli import main
+from spots.common import toml
 from spots.deploy import staging as stage
 from spots.link import connect
-from spots.linkage import mounted
+from spots_linkage import mounted
 from spots_sim.demo import virtual
 
 # Memory that a command may use; to read the file completely would need more.

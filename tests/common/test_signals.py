@@ -12,9 +12,9 @@ import time
 
 import pytest
 
+from spots.common.signals import ended_cleanly, on_console_event, released_by_signals
 from spots.outputs import devices
 from spots.outputs.devices import PrintedKeyboard
-from spots.signals import ended_cleanly, on_console_event, released_by_signals
 
 DEADLINE_S = 60
 if sys.platform == "win32":
@@ -25,7 +25,7 @@ IGNORED = (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTSTP)
 PLAYS = """
 import itertools
 from spots.outputs.open import open_gamepad, open_keyboard
-from spots.signals import released_by_signals, resumed
+from spots.common.signals import released_by_signals, resumed
 with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
     print("ready", flush=True)
     for i in itertools.count(1):
@@ -40,7 +40,7 @@ with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False
 HOLDS = """
 import time
 from spots.outputs.open import open_gamepad, open_keyboard
-from spots.signals import released_by_signals
+from spots.common.signals import released_by_signals
 with released_by_signals(), open_keyboard(False) as keyboard, open_gamepad(False) as gamepad:
     keyboard.usage(7, 0xE1)
     keyboard.usage(7, 4)
@@ -325,7 +325,7 @@ def test_a_strip_is_played_stopped_and_played_again(shell, tmp_path, use):
 
 CLEANS_UP = """
 import os, signal, time
-from spots.signals import released_by_signals
+from spots.common.signals import released_by_signals
 with released_by_signals():
     try:
         print("ready", flush=True)
@@ -349,7 +349,7 @@ def test_a_continue_after_an_ending_signal_does_not_cut_the_end_in_two(start):
 # Program that writes a line when its block ends, and whose end takes some time.
 ENDS = """
 import time
-from spots.signals import ended_cleanly
+from spots.common.signals import ended_cleanly
 with ended_cleanly():
     try:
         print("ready", flush=True)

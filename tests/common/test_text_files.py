@@ -9,9 +9,9 @@ from spots import SpotsError
 from spots.calibrate import calibration_file
 from spots.controller import controller_settings
 from spots.keyboard import layout
-from spots.linkage import mounted, twin_points
 from spots.wearable import wearable
 from spots_device.reading.calibration import Calibration
+from spots_linkage import mounted, twin_points
 from spots_sim.strip import files
 
 DRAWN = """bar_mm = [100, 100, 100, 100]

@@ -3,13 +3,14 @@
 import msgspec
 import pytest
 
-from spots import SpotsError, toml
+from spots import SpotsError
 from spots.calibrate import calibration_file
+from spots.common import toml
 from spots.controller import controller_settings
 from spots.deploy import staging
 from spots.keyboard import layout
-from spots.linkage import mounted
 from spots.wearable import wearable
+from spots_linkage import mounted
 from spots_sim.strip import files
 
 LAYER = 'name = "x"\n[[layer]]\nname = "a"\nkeys = '

@@ -16,7 +16,7 @@ from spots.calibrate.guide import Guide
 from spots.calibrate.presser import Presser
 from spots.calibrate.session import Wanted
 from spots.deploy.confirm import confirm
-from spots.linkage import twin_points
+from spots_linkage import twin_points
 
 QUESTION = re.compile(r"[?:] ?$|\) $|\] $")
 WANTED = Wanted(kind="hand", place_um=42_500.0, force_mN=3000.0)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from spots.toml import tomllib
+from spots.common.toml import tomllib
 
 ROOT = Path(__file__).parents[2]
 DATE_S = 1_800_000_000

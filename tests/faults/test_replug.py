@@ -22,11 +22,11 @@ from spots.link import timeouts as absence
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, REFUSED
 from spots.terminal.monitor import watch
-from spots.web.board_feed import BoardReader, finder
-from spots.web.state import PageState
 from spots_sim.board.faults import Faults, FaultyLink
 from spots_sim.demo.virtual import start_simulator
 from spots_sim.strip import files
+from spots_web.board_feed import BoardReader, finder
+from spots_web.state import PageState
 
 CYCLES = 100
 DEADLINE_S = 120.0

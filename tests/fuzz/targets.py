@@ -30,16 +30,10 @@ from spots.controller.gamepad_engine import Controller
 from spots.errors import SpotsError
 from spots.keyboard import keys, layout
 from spots.link.frames import ENCODED_MAX, Decoder, Touch
-from spots.linkage import mounted, twin_points
 from spots.recording.export import EXPORTS, export
 from spots.recording.info import report, summary
-from spots.remote import subscribe
 from spots.terminal.view import StripView, plain
 from spots.wearable import wearable
-from spots.web.app import _ACK_MAX, _NUMBER, _add_headers
-from spots.web.feel import layout_shown
-from spots.web.guard import Guard
-from spots.web.pace import PagePace
 from spots_device import PROTOCOL
 from spots_device.board import settings
 from spots_device.keys.keypad import Keypad
@@ -47,12 +41,18 @@ from spots_device.keys.layout import LayoutError, parse
 from spots_device.keys.merge import Merger
 from spots_device.reading.calibration import Calibration, CalibrationError
 from spots_device.reading.decode import AVERAGE_MAX
+from spots_linkage import mounted, twin_points
+from spots_net import subscribe
 from spots_sim.board.cpython_board import use_folder
 from spots_sim.board.faults import BoardFaults, of_scenario
 from spots_sim.person import mechanism as linkage
 from spots_sim.strip import files
 from spots_sim.strip.optics import Optics
 from spots_sim.strip.scenario import Scenario
+from spots_web.app import _ACK_MAX, _NUMBER, _add_headers
+from spots_web.feel import layout_shown
+from spots_web.guard import Guard
+from spots_web.pace import PagePace
 from test_frames import encoded
 
 _TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")

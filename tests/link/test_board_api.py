@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 
 import spots
+import spots_linkage
 from spots.errors import ClosedError, PortLostError, SpotsError
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
@@ -481,7 +482,7 @@ def test_touches_are_a_table(strip):
 
 def test_an_encoder_of_a_file_and_a_port_that_is_a_path(tmp_path):
     file = ROOT / "tests/data/joint.toml"
-    assert spots.Encoder(file).joint == spots.Encoder(str(file)).joint
+    assert spots_linkage.Encoder(file).joint == spots_linkage.Encoder(str(file)).joint
     with pytest.raises(SpotsError, match="there is no port"):
         spots.open(tmp_path / "ttyNONE")
 

@@ -8,11 +8,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from spots import Encoder, SpotsError
+from spots import SpotsError
 from spots.calibrate.calibration_file import Joint
 from spots.calibrate.joint import fit_joint
 from spots.link.frames import Touch
 from spots_device.reading import decode
+from spots_linkage import Encoder
 from spots_sim.measure.simulated_linkage import Turned
 
 JOINT = Joint(

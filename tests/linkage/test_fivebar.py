@@ -10,8 +10,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import root
 
-from spots import Linkage, SpotsError
-from spots.linkage.fivebar import Limit, LimitError
+from spots import SpotsError
+from spots_linkage import Linkage
+from spots_linkage.fivebar import Limit, LimitError
 from spots_sim.person.mechanism import Mechanism, guided
 from spots_sim.strip.files import (
     LinkageFile,

@@ -7,9 +7,9 @@ import importlib.util
 import numpy as np
 import pytest
 
-from spots import Linkage, SpotsError
-from spots.linkage import kinematics
-from spots.linkage.fivebar import Limit
+from spots import SpotsError
+from spots_linkage import Linkage, kinematics
+from spots_linkage.fivebar import Limit
 
 TRUE = Linkage((101.0, 99.3, 100.8, 99.0), 80.7)
 DRAWN = Linkage(100, 80)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from make import linkage_page as page
 
-from spots import Linkage, SpotsError
+from spots import SpotsError
+from spots_linkage import Linkage
 from spots_sim.measure import figures, maps
 from spots_sim.measure.survey import follow, survey
 from spots_sim.person.mechanism import Mechanism

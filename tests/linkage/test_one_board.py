@@ -11,18 +11,18 @@ import msgspec
 import numpy as np
 import pytest
 
-from spots import Encoder, Linkage, SpotsError, Twin
+from spots import SpotsError
 from spots.calibrate import calibration_file as file
 from spots.keyboard import layout
 from spots.link.board import Board
-from spots.linkage import mounted, twin_source
-from spots.linkage.mounted import Mounted, Mounting
-from spots.web import twin_feed
-from spots.web.state import PageState
+from spots_linkage import Encoder, Linkage, Twin, mounted, twin_source
+from spots_linkage.mounted import Mounted, Mounting
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.measure.simulated_linkage import START_S, calibrated, moved
 from spots_sim.person.mechanism import Mechanism, guided
 from spots_sim.strip.files import LinkageFile, PathFile, load
+from spots_web import twin_feed
+from spots_web.state import PageState
 from test_encoder import JOINT
 from test_encoder import touch as reading
 

@@ -9,9 +9,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from spots import Encoder, Linkage, SpotsError, Twin, cli
-from spots.linkage import twin as twin_command
-from spots.linkage.fivebar import Limit
+from spots import SpotsError, cli
+from spots_linkage import Encoder, Linkage, Twin
+from spots_linkage import twin as twin_command
+from spots_linkage.fivebar import Limit
 from spots_sim.demo import linkage_demo
 from spots_sim.measure import survey
 from spots_sim.measure.simulated_linkage import START_S, Simulation

@@ -17,14 +17,14 @@ import pytest
 from rich.console import Console
 
 import spots
-from spots import Encoder, Linkage, SpotsError, Twin, cli
+from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
 from spots.link.board import Board
 from spots.link.frames import LinkStats
-from spots.linkage import mounted, twin_source
-from spots.linkage import twin as twin_command
-from spots.linkage.mounted import Mounted, Mounting
-from spots.linkage.twin_view import TwinView
+from spots_linkage import Encoder, Linkage, Twin, mounted, twin_source
+from spots_linkage import twin as twin_command
+from spots_linkage.mounted import Mounted, Mounting
+from spots_linkage.twin_view import TwinView
 from spots_sim.board.faults import Faults
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.demo import linkage_demo

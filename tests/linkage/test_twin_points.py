@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from spots import Encoder, Linkage, SpotsError, Twin, cli
+from spots import SpotsError, cli
 from spots.keyboard.layout import FOLDER as LAYOUTS
-from spots.linkage import mounted, twin_points
+from spots_linkage import Encoder, Linkage, Twin, mounted, twin_points
 from test_encoder import JOINT
 from test_encoder import touch as reading
 from test_kinematics import FOUND, places

@@ -3,7 +3,7 @@
 import pytest
 
 from net import DEADLINE_S, Net
-from spots.remote import zenoh_session as session
+from spots_net import zenoh_session as session
 
 
 @pytest.fixture

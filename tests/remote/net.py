@@ -12,7 +12,7 @@ import zenoh
 from bench.standin import StandIn
 
 from spots import Board
-from spots.remote.publish import Publisher
+from spots_net.publish import Publisher
 
 DEADLINE_S = 60.0
 RATE_HZ = 200

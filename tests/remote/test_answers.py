@@ -11,8 +11,8 @@ import pytest
 
 from spots.errors import SpotsError
 from spots.link.serial_link import Link
-from spots.remote.answers import Answers
-from spots.remote.zenoh_link import ZenohLink
+from spots_net.answers import Answers
+from spots_net.zenoh_link import ZenohLink
 
 
 class Query(nullcontext):

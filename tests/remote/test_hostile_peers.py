@@ -15,7 +15,7 @@ import spots
 from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import SpotsError
 from spots.link import board as board_module
-from spots.remote import mailbox, subscribe
+from spots_net import mailbox, subscribe
 
 DEEP = b'{"a":' * 50_000 + b"1" + b"}" * 50_000
 WIDE = json.dumps({"a": [[]] * 200}).encode()

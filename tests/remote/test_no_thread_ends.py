@@ -24,16 +24,16 @@ from spots import Board
 from spots.keyboard.layout import load
 from spots.link.timeouts import CONNECTED
 from spots.recording import disk
-from spots.remote import mailbox, subscribe
-from spots.remote import zenoh_session as session_module
-from spots.remote.zenoh_link import ZenohLink
-from spots.web import app as app_module
-from spots.web.board_feed import BoardReader
-from spots.web.recordings import Recordings
-from spots.web.serve import Server
-from spots.web.state import PageState
+from spots_net import mailbox, subscribe
+from spots_net import zenoh_session as session_module
+from spots_net.zenoh_link import ZenohLink
 from spots_sim.person import person
 from spots_sim.strip.scenario import Held, Press
+from spots_web import app as app_module
+from spots_web.board_feed import BoardReader
+from spots_web.recordings import Recordings
+from spots_web.serve import Server
+from spots_web.state import PageState
 
 HOST = Path(spots.__file__).parents[1]
 ERRORS = ValueError, RecursionError, MemoryError
@@ -231,7 +231,7 @@ def test_what_is_subscribed_to(net, fault, monkeypatch, capfd):
 
 
 def test_questions_that_come_from_zenoh(net, fault, monkeypatch):
-    from spots.remote import answers
+    from spots_net import answers
 
     fault.patch(monkeypatch, answers.Answers, "_note")
     with publishing(net.hub, stand_in()), session(net.leaf) as other:
@@ -291,28 +291,28 @@ time.sleep(10)
             r"\bThread\(",
             {
                 "spots/link/readers.py",
-                "spots/web/board_feed.py",
+                "spots_web/board_feed.py",
                 "spots/recording/disk.py",
                 "spots_sim/person/person.py",
                 "spots_sim/board/starting.py",
             },
         ),
-        (r"handlers\.Callback\(", {"spots/remote/zenoh_session.py"}),
+        (r"handlers\.Callback\(", {"spots_net/zenoh_session.py"}),
         (
             r"declare_subscriber\(",
             {
-                "spots/remote/zenoh_session.py",
-                "spots/remote/zenoh_link.py",
-                "spots/remote/subscribe.py",
+                "spots_net/zenoh_session.py",
+                "spots_net/zenoh_link.py",
+                "spots_net/subscribe.py",
             },
         ),
-        (r"declare_queryable\(", {"spots/remote/answers.py"}),
-        (r"create_task\(|call_soon", {"spots/web/app.py"}),
-        (r"\.on_change = ", {"spots/web/app.py", "spots/web/state.py"}),
-        (r"add_signal_handler\(", {"spots/web/serve.py"}),
+        (r"declare_queryable\(", {"spots_net/answers.py"}),
+        (r"create_task\(|call_soon", {"spots_web/app.py"}),
+        (r"\.on_change = ", {"spots_web/app.py", "spots_web/state.py"}),
+        (r"add_signal_handler\(", {"spots_web/serve.py"}),
         # These run in the main thread, where an exception ends the program.
-        (r"signal\.signal\(", {"spots/signals.py"}),
-        (r"Executor\(", {"spots/web/recordings.py"}),
+        (r"signal\.signal\(", {"spots/common/signals.py"}),
+        (r"Executor\(", {"spots_web/recordings.py"}),
         (r"atexit|Timer\(|run_in_executor|excepthook", set()),
         # Python prints an exception of a finalizer, and goes on; these only end processes.
         (
@@ -331,8 +331,7 @@ time.sleep(10)
 def test_there_are_no_others(made_by, modules):
     found = {
         path.relative_to(HOST).as_posix()
-        for package in ("spots", "spots_sim")
-        for path in (HOST / package).rglob("*.py")
+        for path in HOST.rglob("*.py")
         if re.search(made_by, path.read_text(encoding="utf-8"))
     }
     assert found == modules

@@ -16,15 +16,15 @@ from spots import Board, Key, Spectrum, SpotsError, Touch
 from spots.cli import main
 from spots.errors import CommandError, PortLostError
 from spots.link import board as board_module
-from spots.linkage.twin_source import give
-from spots.remote import mailbox
-from spots.remote import publish as publish_module
-from spots.remote import zenoh_session as session_module
-from spots.remote.answers import Answers
-from spots.remote.publish import Publisher
-from spots.remote.zenoh_link import ZenohLink
 from spots_device import PROTOCOL
 from spots_device.board.settings import checksum
+from spots_linkage.twin_source import give
+from spots_net import mailbox
+from spots_net import publish as publish_module
+from spots_net import zenoh_session as session_module
+from spots_net.answers import Answers
+from spots_net.publish import Publisher
+from spots_net.zenoh_link import ZenohLink
 
 READ_ONLY = {"hello", "get", "sync", "stream contact touch spectrum"}
 HOSTILE = ("set gain=3", "set keys=1", "save", "reboot", "cal clear", "stream2", "layout clear")

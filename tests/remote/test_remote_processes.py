@@ -19,8 +19,8 @@ import spots
 from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Board
 from spots.link import board as board_module
-from spots.remote import publish
-from spots.remote.publish import Publisher
+from spots_net import publish
+from spots_net.publish import Publisher
 
 
 def spawn(net_file, *arguments):

@@ -15,9 +15,9 @@ import trustme
 import spots
 from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Key, Spectrum, Touch
-from spots.remote import zenoh_session as session_module
-from spots.remote.samples import sample
-from spots.remote.zenoh_session import open_session
+from spots_net import zenoh_session as session_module
+from spots_net.samples import sample
+from spots_net.zenoh_session import open_session
 
 TEXT = (Path(__file__).parents[2] / "docs" / "zenoh.md").read_text(encoding="utf-8")
 

@@ -30,12 +30,12 @@ from spots.calibrate.session import Point, Session
 from spots.controller import controller_settings
 from spots.errors import SpotsError
 from spots.keyboard import layout
-from spots.linkage import mounted, twin_points
 from spots.recording.arrays import RecordingBlocks
 from spots.recording.export import export
 from spots.recording.recorder import Recorder
 from spots.wearable import wearable
-from spots.web.user_file import UserFile
+from spots_linkage import mounted, twin_points
+from spots_web.user_file import UserFile
 
 DATA = Path(__file__).parents[1] / "data"
 STEPS = 30
@@ -508,7 +508,7 @@ def run(kind: type[Fight], seed: int, folder: Path) -> Counter:
     """
     rng, found = random.Random(f"{kind.name} {seed}"), Counter()
     # Without waiting for a disk; files of a folder in memory would have the same content.
-    with mock.patch("os.fsync"), mock.patch("spots.atomic._WAIT_S", 0.0):
+    with mock.patch("os.fsync"), mock.patch("spots.common.atomic._WAIT_S", 0.0):
         fight = kind(folder, rng)
         with fight.stack:
             for number in range(STEPS):

@@ -23,8 +23,8 @@ from pathlib import Path
 import aiohttp
 
 from spots.keyboard.layout import load
-from spots.web.editors import KINDS
 from spots_device.board.settings import checksum
+from spots_web.editors import KINDS
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "web"))
 

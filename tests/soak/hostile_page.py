@@ -25,8 +25,8 @@ from pathlib import Path
 import aiohttp
 import msgspec
 
-from spots.web.calibration import PageCalibration
 from spots_sim.demo.virtual import start_simulator
+from spots_web.calibration import PageCalibration
 
 _CLIENTS = 24
 _WARM_UP_S = 30.0

@@ -7,17 +7,18 @@ from pathlib import Path
 import pytest
 
 import spots
+import spots_linkage
 from spots.calibrate import calibration_file
-from spots.linkage import twin_source
 from spots.recording.export import export
 from spots.recording.recorder import Recorder
+from spots_linkage import twin_source
 
 DATA = Path(__file__).parents[1] / "data"
 RUN, JOINT = DATA / "run.spots", DATA / "joint.toml"
 
 
 def arm():
-    return spots.Linkage(100, 80)
+    return spots_linkage.Linkage(100, 80)
 
 
 CALLS = {
@@ -49,9 +50,9 @@ CALLS = {
         lambda: Recorder(time.monotonic, "x", dict, rotate_bytes="1"),
         "more than 0, not '1'",
     ),
-    "encoder": (lambda: spots.Encoder(5), "is not the calibration of a joint"),
-    "offset": (lambda: spots.Encoder(JOINT, "x"), "must be finite numbers"),
-    "twin": (lambda: spots.Twin(arm(), 5), "a linkage needs two encoders, not 5"),
+    "encoder": (lambda: spots_linkage.Encoder(5), "is not the calibration of a joint"),
+    "offset": (lambda: spots_linkage.Encoder(JOINT, "x"), "must be finite numbers"),
+    "twin": (lambda: spots_linkage.Twin(arm(), 5), "a linkage needs two encoders, not 5"),
     "text": (lambda: arm().forward("x", 1), "must be numbers, or arrays whose shapes broadcast"),
     "none": (lambda: arm().forward(None, 1), "must be numbers, or arrays whose shapes broadcast"),
     "shapes": (lambda: arm().inverse([1, 2], [1, 2, 3]), "arrays whose shapes broadcast"),

@@ -12,9 +12,9 @@ from playwright.sync_api import expect, sync_playwright
 from bring_browser import launch_options
 from serving import Bench, Serving
 from spots.keyboard.layout import load
-from spots.web.state import PageState
-from spots.web.twin_feed import driven_readers
 from spots_sim.demo.linkage_demo import endless
+from spots_web.state import PageState
+from spots_web.twin_feed import driven_readers
 
 # Playwright's default timeout of 5 s is too short for a machine under load.
 expect.set_options(timeout=60_000)

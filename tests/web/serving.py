@@ -13,18 +13,18 @@ from spots.errors import PortLostError, SpotsError
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
-from spots.web.app import NOTHING
-from spots.web.board_feed import BoardReader
-from spots.web.calibration import PageCalibration
-from spots.web.editors import LayoutEditor, SettingsEditor
-from spots.web.practice import PagePractice
-from spots.web.recordings import Recordings
-from spots.web.serve import Server
-from spots.web.state import PageState
-from spots.web.strip_choice import StripChoice
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.board.paced import PacedLink
 from spots_sim.person.stage import strip_lines
+from spots_web.app import NOTHING
+from spots_web.board_feed import BoardReader
+from spots_web.calibration import PageCalibration
+from spots_web.editors import LayoutEditor, SettingsEditor
+from spots_web.practice import PagePractice
+from spots_web.recordings import Recordings
+from spots_web.serve import Server
+from spots_web.state import PageState
+from spots_web.strip_choice import StripChoice
 
 
 class Cable(PacedLink):

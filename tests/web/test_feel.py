@@ -8,9 +8,9 @@ import pytest
 from spots.controller.controller_settings import load as load_controller
 from spots.keyboard.layout import load
 from spots.link.frames import Touch
-from spots.web.feel import Feel
-from spots.web.state import PageState
 from spots_device.reading.decode import MISFIT
+from spots_web.feel import Feel
+from spots_web.state import PageState
 
 ONCE = """
 name = "x"

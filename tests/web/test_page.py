@@ -16,15 +16,15 @@ from spots.link.board import Board
 from spots.link.frames import Touch
 from spots.link.timeouts import CONNECTED, LOST, REFUSED, SEARCHING, STALLED
 from spots.recording.replay import open_recording
-from spots.web import board_feed as reader
-from spots.web.board_feed import BoardReader
-from spots.web.feel import _message
-from spots.web.state import PageState
 from spots_device.reading.decode import LED_OFF, TOUCHING
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.demo.demo import open_fast
 from spots_sim.strip.files import Finger, ScenarioFile, load
 from spots_sim.strip.scenario import Held, Press, Scenario
+from spots_web import board_feed as reader
+from spots_web.board_feed import BoardReader
+from spots_web.feel import _message
+from spots_web.state import PageState
 
 LONG_MS = 60_000
 KNOB = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"

@@ -8,11 +8,11 @@ from playwright.sync_api import expect
 
 from serving import Bench, until
 from spots.link.board import Board
-from spots.web.board_feed import _NEXT
-from spots.web.editors import KINDS
-from spots.web.state import PageState
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held, Press
+from spots_web.board_feed import _NEXT
+from spots_web.editors import KINDS
+from spots_web.state import PageState
 from test_page_states import SCREENS
 
 LONG_MS = 60_000

@@ -16,14 +16,14 @@ from spots.calibrate import calibration_file
 from spots.calibrate.session import Session
 from spots.cli import main
 from spots.errors import SpotsError
-from spots.web import calibration as page_calibration
-from spots.web.calibration import PageCalibration
-from spots.web.state import PageState
 from spots_device.board.settings import checksum
 from spots_device.reading.calibration import Calibration
 from spots_sim.strip.change import Change
 from spots_sim.strip.optics import Optics
 from spots_sim.strip.scenario import Held, Press
+from spots_web import calibration as page_calibration
+from spots_web.calibration import PageCalibration
+from spots_web.state import PageState
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000

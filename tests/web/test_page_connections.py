@@ -11,8 +11,8 @@ import aiohttp
 import pytest
 
 from serving import run, until
-from spots.web import connections
-from spots.web.state import PageState
+from spots_web import connections
+from spots_web.state import PageState
 
 HALF_OPEN = 300
 WAIT_S = 60.0

@@ -13,8 +13,8 @@ from serving import apart
 from spots.cli import main
 from spots.errors import SpotsError
 from spots.keyboard.layout import load
-from spots.web import serve
 from spots_sim.demo import browser
+from spots_web import serve
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def test_who_asks_for_the_terminal_gets_it(at_a_screen, shown, arguments):
 
 
 def test_an_unknown_application_has_no_page(monkeypatch, capsys):
-    monkeypatch.setattr("spots.web.serve.serve", lambda *_: pytest.fail("served"))
+    monkeypatch.setattr("spots_web.serve.serve", lambda *_: pytest.fail("served"))
     assert apart(main, ["demo", "--page", "--use", "keybord"]) == 2
     assert "there is no demo of 'keybord'" in capsys.readouterr().err
     assert apart(main, ["demo", "--page", "--use", "keyboard", "--layout", "nowhere"]) == 2
@@ -78,7 +78,7 @@ def test_an_unknown_application_has_no_page(monkeypatch, capsys):
 
 def test_the_page_of_the_keyboard_shows_the_layout_that_was_named(monkeypatch):
     layouts = []
-    monkeypatch.setattr("spots.web.serve.serve", lambda *_: None)
+    monkeypatch.setattr("spots_web.serve.serve", lambda *_: None)
     monkeypatch.setattr(
         spots_sim.demo.demo, "BoardReader", lambda open_board, layout, state: layouts.append(layout)
     )

@@ -18,11 +18,11 @@ from spots.errors import CommandError, NoReplyError, SpotsError
 from spots.keyboard import keys
 from spots.keyboard.layout import load
 from spots.link.board import Board
-from spots.web import user_file
-from spots.web.editors import LayoutEditor, SettingsEditor
-from spots.web.state import PageState
 from spots_device.board.settings import checksum
 from spots_sim.strip.scenario import Held
+from spots_web import user_file
+from spots_web.editors import LayoutEditor, SettingsEditor
+from spots_web.state import PageState
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000

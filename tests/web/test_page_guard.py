@@ -19,10 +19,10 @@ from serving import Serving, apart, run
 from spots.cli import main
 from spots.errors import SpotsError
 from spots.keyboard.layout import FOLDER as LAYOUTS
-from spots.web import app
-from spots.web.serve import _announced
-from spots.web.state import PageState
 from spots_sim.strip.scenario import Held
+from spots_web import app
+from spots_web.serve import _announced
+from spots_web.state import PageState
 
 LONG_MS = 60_000
 STATIC = Path(app.__file__).parent / "static"
@@ -437,7 +437,7 @@ def test_why_there_is_no_board_is_printed_once_for_each_reason(capsys):
 def test_what_is_not_installed_is_told(monkeypatch, capsys, package):
     monkeypatch.setitem(sys.modules, package, None)
     for name in ("serve", "editors", "toml_text"):
-        monkeypatch.delitem(sys.modules, f"spots.web.{name}", raising=False)
+        monkeypatch.delitem(sys.modules, f"spots_web.{name}", raising=False)
     assert main(["serve"]) == 2
     message = f"the web UI needs {package}: pip install "
     assert message in capsys.readouterr().err

@@ -16,13 +16,13 @@ import pytest
 from serving import until
 from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
-from spots.web.board_feed import BoardReader
-from spots.web.editors import LayoutEditor
-from spots.web.state import Cursor, PageState
 from spots_sim.demo.demo import open_fast
 from spots_sim.strip.files import ScenarioFile
 from spots_sim.strip.files import load as load_file
 from spots_sim.strip.scenario import Scenario
+from spots_web.board_feed import BoardReader
+from spots_web.editors import LayoutEditor
+from spots_web.state import Cursor, PageState
 
 MEASURED = 150  # readings that the first page draws
 SETTLED = 60  # readings that this page draws before the measurement

@@ -13,10 +13,10 @@ from fuzzing import fuzz_change_nothing
 from serving import Bench, Serving, apart, eventually, send_from_other_site, until
 from spots.errors import SpotsError
 from spots.keyboard.layout import compiled, load
-from spots.web.editors import LayoutEditor
-from spots.web.state import PageState
 from spots_device.board.settings import checksum
 from spots_sim.strip.scenario import Held, Press
+from spots_web.editors import LayoutEditor
+from spots_web.state import PageState
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000

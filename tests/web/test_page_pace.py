@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from serving import Serving, run
 from spots.errors import RefusedError, SpotsError
-from spots.web import app
-from spots.web import board_feed as reading
-from spots.web.pace import PagePace
-from spots.web.state import EVENTS_KEPT, PageState
+from spots_web import app
+from spots_web import board_feed as reading
+from spots_web.pace import PagePace
+from spots_web.state import EVENTS_KEPT, PageState
 
 AWAY_S = 0.06
 

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from spots.web import pace
-from spots.web.pace import PagePace
+from spots_web import pace
+from spots_web.pace import PagePace
 
 SCREEN_S = 1 / 60
 PROCESSORS = 2

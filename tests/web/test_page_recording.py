@@ -21,10 +21,10 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
 from spots.recording.recording import Recording
-from spots.web.recordings import Recordings
-from spots.web.state import PageState
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held, Press
+from spots_web.recordings import Recordings
+from spots_web.state import PageState
 
 LONG_MS = 60_000
 

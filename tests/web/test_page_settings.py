@@ -18,9 +18,9 @@ from spots.controller.controller_settings import load
 from spots.controller.one_euro import OneEuro
 from spots.controller.shaping import deflection, shaped
 from spots.wearable import wearable
-from spots.web.editors import KINDS, SettingsEditor
-from spots.web.state import PageState
 from spots_sim.strip.scenario import Held, Press
+from spots_web.editors import KINDS, SettingsEditor
+from spots_web.state import PageState
 from test_page_recording import post, token_of
 
 LONG_MS = 60_000

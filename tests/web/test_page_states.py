@@ -8,10 +8,10 @@ import pytest
 from playwright.sync_api import expect
 
 from serving import apart, until
-from spots.web.state import PageState
 from spots_sim.demo.demo import show_page
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Held, Press, Scenario
+from spots_web.state import PageState
 
 LONG_MS = 60_000
 LENGTH_MM = 85.0
@@ -98,7 +98,7 @@ def test_the_application_that_was_asked_for_is_in_sight(
     bench, serve, open_page, monkeypatch, use, panel
 ):
     served = []
-    monkeypatch.setattr("spots.web.serve.serve", lambda state, *_: served.append(state))
+    monkeypatch.setattr("spots_web.serve.serve", lambda state, *_: served.append(state))
     apart(show_page, use, "default", "demo", 0)
     (state,) = served
     one = bench(Held())

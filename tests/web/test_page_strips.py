@@ -16,12 +16,12 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
 from spots.link.timeouts import CONNECTED
-from spots.web.one_strip import OneStrip
-from spots.web.state import PageState
 from spots_device.board.settings import checksum
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Held, Press, Scenario
+from spots_web.one_strip import OneStrip
+from spots_web.state import PageState
 from test_page_recording import post, token_of
 from test_page_states import SCREENS
 

@@ -10,13 +10,14 @@ import pytest
 from playwright.sync_api import expect
 
 from serving import apart, until
-from spots import Encoder, Linkage, SpotsError, Twin, cli
+from spots import SpotsError, cli
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
-from spots.web import twin_feed
-from spots.web.state import PageState
+from spots_linkage import Encoder, Linkage, Twin
 from spots_sim.board.paced import PacedLink
 from spots_sim.demo.linkage_demo import endless
+from spots_web import twin_feed
+from spots_web.state import PageState
 from test_encoder import JOINT
 from test_encoder import touch as reading
 from test_twin_live import Machine

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from spots import toml
+from spots.common import toml
 from spots.controller import controller_settings
 from spots.keyboard.layout import load
-from spots.web.editors import LayoutEditor, SettingsEditor
-from spots.web.state import PageState
+from spots_web.editors import LayoutEditor, SettingsEditor
+from spots_web.state import PageState
 
 DIGITS = load("digits")
 CHARACTERS = st.sampled_from("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789")
@@ -262,7 +262,7 @@ def test_a_file_that_cannot_be_patched_is_written_again(tmp_path, monkeypatch):
     one = editor(tmp_path / "mine.toml", text)
     now = json.loads(json.dumps(one._layout.content))
     now["layer"][0]["keys"] = ["B", {"tap": "C", "hold": "D"}]
-    monkeypatch.setattr("spots.web.toml_text._array", lambda text, was, now: text)
+    monkeypatch.setattr("spots_web.toml_text._array", lambda text, was, now: text)
     answer = changed(one, now)
     assert (answer["content"], answer["lost"]) == (now, 1)
 

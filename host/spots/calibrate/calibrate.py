@@ -9,11 +9,11 @@ from pathlib import Path
 
 from spots_device.sensor.smux import smux_map
 
-from .. import atomic
+from ..common import atomic
+from ..common.signals import stop_explained
 from ..errors import SpotsError
 from ..link.connect import open_named
 from ..link.ports import offered
-from ..signals import stop_explained
 from .bench import Bench
 from .calibration_file import KIND, CalibrationFile
 from .guide import Guide

@@ -20,8 +20,8 @@ import msgspec
 from spots_device.board.settings import checksum
 from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
 
-from .. import atomic, kinds, toml
-from ..bounded import read_text
+from ..common import atomic, kinds, toml
+from ..common.bounded import read_text
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.connect import ensured, upload

@@ -10,7 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from .. import typed_ahead
+from ..common import typed_ahead
 from ..errors import SpotsError, printable
 from ..terminal.view import bar, bars, framed, live, strip_columns
 from .dialog import Progress, UndoError

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from msgspec.structs import replace
 
-from spots.calibrate.decoded import Decoded
 from spots_device.reading.calibration import Calibration, CalibrationError
 from spots_device.reading.decode import CROSS
 
 from ..errors import SpotsError
 from . import calibration_file as file
 from . import rest
+from .decoded import Decoded
 from .fit import PLACES_MIN, fit
 from .hand import material
 from .joint import fit_joint, joint_marks

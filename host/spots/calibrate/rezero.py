@@ -17,9 +17,9 @@ from numpy.polynomial import polynomial
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.log2 import ONE as ONE_Q20
 
-from ..atomic import check_writable
+from ..common.atomic import check_writable
+from ..common.signals import stop_explained
 from ..errors import SpotsError
-from ..signals import stop_explained
 from . import calibration_file as file
 from . import rest
 from .bench import Bench

@@ -19,8 +19,8 @@ import numpy as np
 
 from spots_device.reading.calibration import Conditions
 
-from .. import atomic, kinds, locks
-from ..bounded import SESSION_MAX_BYTES, read_bytes
+from ..common import atomic, kinds, locks
+from ..common.bounded import SESSION_MAX_BYTES, read_bytes
 from ..errors import SpotsError
 from .presses import Presses
 from .spectra import Reading

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from spots.calibrate.decoded import Decoded
 from spots_device.reading.calibration import Calibration
 
 from ..errors import SpotsError
+from .decoded import Decoded
 from .fit import ONE_Q12
 from .session import Point
 

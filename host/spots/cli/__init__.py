@@ -4,19 +4,21 @@ import errno
 import os
 import sys
 from itertools import takewhile
+from sys import modules
 
 from spots_device import __version__
 
+from ..common.plugins import entry_points
+from ..common.signals import ended_cleanly
 from ..errors import SpotsError
-from ..plugins import entry_points
-from ..signals import ended_cleanly
-from . import applications, boards, look, recordings, remote
+from . import applications, boards, look, recordings
 from .glyphs import never_fail
 from .parser import Parser, add_commands
 
 # In the order in which `spots --help` lists their commands.
-_GROUPS = boards, look, applications, recordings, remote
-# Group of the entry points by which other packages add modules with commands, see `add_commands`.
+_GROUPS = boards, look, applications, recordings
+# Group of the entry points by which other packages add commands. Each entry point has the name of
+# a command, and refers to a function as `parser.add_commands` describes it.
 _MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT
@@ -53,7 +55,8 @@ def _run(arguments: list[str] | None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     # A comment in a copied line: cmd.exe of Windows and zsh pass it to the program.
     given = list(takewhile(lambda word: word != "#", given))
-    options = _parser().parse_args(given or ["--help"])
+    given = given or ["--help"]
+    options = _parser(given[0]).parse_args(given)
     if getattr(options, "zenoh_config", None):
         os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name
     try:
@@ -67,12 +70,21 @@ def _run(arguments: list[str] | None) -> int:
     return 0
 
 
-def _parser() -> Parser:
+def _parser(first: str = "--help") -> Parser:
+    """Return the parser of a command line with a first word, which is mostly a command.
+
+    A command of this package loads no other package; nor does the command of one package load
+    the other packages. The help lists the commands of all packages.
+    """
     parser = Parser(
         prog="spots",
         description="Commands for SPOTS, an optical strip that senses touch.",
     )
     parser.add_argument("--version", action="version", version=__version__)
-    more = (entry.load() for entry in entry_points(group=_MORE))
-    add_commands(parser, (*_GROUPS, *more))
+    ours = [(group.PURPOSE, command) for group in _GROUPS for command in group.COMMANDS]
+    more = []
+    if first not in {command.__name__ for _, command in ours}:
+        more = [*(entry_points(group=_MORE, name=first) or entry_points(group=_MORE))]
+    others = [entry.load() for entry in sorted(more)]
+    add_commands(parser, [*ours, *((modules[one.__module__].PURPOSE, one) for one in others)])
     return parser

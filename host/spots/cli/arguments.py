@@ -7,8 +7,8 @@ import math
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 
+from ..common.plugins import entry_points
 from ..link.ports import known, scheme_name
-from ..plugins import entry_points
 from .parser import Fits, Parser
 
 PORTS = f"serial port, {known()}"

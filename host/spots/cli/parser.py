@@ -8,7 +8,6 @@ import textwrap
 from collections.abc import Callable, Iterable
 from itertools import takewhile
 from pkgutil import resolve_name
-from types import ModuleType
 from typing import NoReturn
 
 from ..errors import did_you_mean, printable
@@ -204,17 +203,17 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, f"there is no '{value}': {hint}")
 
 
-def add_commands(parser: Parser, groups: Iterable[ModuleType]) -> None:
+def add_commands(parser: Parser, commands: Iterable[tuple[str, Callable]]) -> None:
     """Add commands to the main parser, whose help lists them by purpose.
 
     Parameters
     ----------
     parser : Parser
         The main parser.
-    groups : iterable of module
-        Modules with ``PURPOSE`` (title of its commands in the help) and ``COMMANDS`` (tuple of
-        functions). Each function has the name of a command, and the command's help as docstring.
-        The function takes the command's parser, adds the options, and returns another function,
+    commands : iterable of (str, callable)
+        The purpose of each command (a title of the help, which is ``PURPOSE`` of the command's
+        module), and a function. The function has the name of the command, and the command's help as
+        docstring. It takes the command's parser, adds the options, and returns another function,
         which takes the parsed options and runs the command.
     """
     subparsers = parser.add_subparsers(
@@ -222,9 +221,12 @@ def add_commands(parser: Parser, groups: Iterable[ModuleType]) -> None:
     )
     columns = shutil.get_terminal_size().columns - 2
     parser.epilog = f"'{parser.prog} COMMAND --help' shows examples and options."
-    for group in groups:
-        parser.epilog += f"\n\n{group.PURPOSE}:"
-        for command in group.COMMANDS:
+    purposes: dict[str, list[Callable]] = {}
+    for purpose, command in commands:
+        purposes.setdefault(purpose, []).append(command)
+    for purpose, group in purposes.items():
+        parser.epilog += f"\n\n{purpose}:"
+        for command in group:
             summary, _, more = (inspect.getdoc(command) or "").partition("\n")
             parser.epilog += "\n" + textwrap.fill(
                 summary.rstrip("."),

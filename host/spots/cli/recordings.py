@@ -5,7 +5,7 @@ import json
 import os
 from pathlib import Path
 
-from ..atomic import check_writable, exists
+from ..common.atomic import check_writable, exists
 from ..errors import printable
 from . import arguments
 from .parser import Parser

@@ -9,14 +9,14 @@ import msgspec
 from rich.live import Live
 from rich.panel import Panel
 
-from ..atomic import check_writable
+from ..common.atomic import check_writable
+from ..common.signals import released_by_signals
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
 from ..link.frames import Touch
 from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad
-from ..signals import released_by_signals
 from ..terminal.opening import open_announced
 from ..terminal.view import Pace, drawn
 from .controller_settings import DEFAULT, KIND, ControllerSettings, load

@@ -9,7 +9,7 @@ from typing import Annotated, Union
 
 import msgspec
 
-from .. import atomic, toml
+from ..common import atomic, toml
 
 DEFAULT = Path(__file__).parent / "data" / "controller.toml"
 

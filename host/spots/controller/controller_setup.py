@@ -7,11 +7,11 @@ from statistics import median
 
 import msgspec
 
+from ..common.signals import stop_explained
 from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.calibrated import hello_calibrated
 from ..link.frames import Touch
-from ..signals import stop_explained
 from .controller_settings import DEFAULT, ControllerSettings, ForceAxis, PositionAxis, load, save
 
 _SETTLE_S = 0.3  # the start of a touch is not used

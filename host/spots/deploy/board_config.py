@@ -6,7 +6,7 @@ import msgspec
 
 from spots_device.sensor.exposure import LED_MAX_MA, LED_MIN_MA
 
-from .. import toml
+from ..common import toml
 
 _Number = Annotated[int, msgspec.Meta(ge=0, le=63)]  # no chip of the supported runtimes has more
 _Name = Annotated[str, msgspec.Meta(min_length=1)]

@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from ..bounded import read_bytes
+from ..common.bounded import read_bytes
 from ..errors import SpotsError
 from . import uf2
 from .drive import removable

@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 from typing import NamedTuple
 
-from .. import atomic
+from ..common import atomic
 from ..errors import SpotsError, missing
 from . import constants, manifest
 from .staging import CONFIG, Device, device_of, stage

@@ -2,7 +2,7 @@
 
 import sys
 
-from .. import typed_ahead
+from ..common import typed_ahead
 from ..errors import SpotsError, printable
 
 

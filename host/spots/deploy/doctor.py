@@ -10,7 +10,7 @@ from typing import NamedTuple
 from spots_device import __version__
 from spots_device.reading import decode
 
-from .. import typed_ahead
+from ..common import typed_ahead
 from ..errors import AtPromptError, SpotsError, printable
 from ..link import lamps
 from ..link.board import Board

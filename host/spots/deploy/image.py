@@ -9,8 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from .. import atomic
-from ..bounded import read_bytes
+from ..common import atomic
+from ..common.bounded import read_bytes
 from ..errors import SpotsError
 from .build import build
 from .runtime_files import form_of

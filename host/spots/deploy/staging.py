@@ -11,8 +11,8 @@ import msgspec
 import spots_device
 from spots_device.board.light import LEDS
 
-from .. import toml
-from ..bounded import read_text
+from ..common import toml
+from ..common.bounded import read_text
 from ..errors import SpotsError, did_you_mean, missing
 from .board_config import check
 

@@ -3,13 +3,13 @@
 import argparse
 import math
 
+from ..common.signals import released_by_signals
 from ..errors import SpotsError
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard
-from ..signals import released_by_signals
 from ..terminal.opening import open_announced
 from .key_engine import KeyEngine
 from .layout import KeyLayout, load

@@ -16,7 +16,7 @@ import msgspec
 from spots_device.keys import layout as lines_of
 from spots_device.keys.layout import FULL, LIMITS
 
-from .. import kinds, toml
+from ..common import kinds, toml
 from ..errors import SpotsError
 from ..outputs.usages import (
     CONSUMER,

@@ -21,6 +21,7 @@ import msgspec
 from spots_device import PROTOCOL
 from spots_device.board.command import LINE_MAX, NAME_MAX
 
+from ..common.plugins import entry_points
 from ..errors import (
     AtPromptError,
     ClosedError,
@@ -30,7 +31,6 @@ from ..errors import (
     RefusedError,
     SpotsError,
 )
-from ..plugins import entry_points
 from .board_errors import in_words
 from .clocksync import TRIPS, ClockSync, spread_s
 from .frames import Contact, Decoder, Frame, Key, LinkStats, Note, Reading, Spectrum, Text, Touch

@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from ..common.signals import resumed
 from ..errors import SpotsError
-from ..signals import resumed
 from .advice import advice_for, streams
 from .board import Board
 from .board_errors import in_words

@@ -22,7 +22,7 @@ and may have
     simulated finger follows the requests of a session. `path` is the calibration file to write, and
     `guide` is a `calibrate.dialog.Dialog`.
 ``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
-    Returns a `linkage.twin_source.DrivenLinkage`: a five-bar linkage whose method ``open``
+    Returns a driven linkage: a five-bar linkage whose method ``open``
     opens the boards of its joints. `sensor`, `linkage` and `path` (a movement) are names of files.
     `path`, `seed` and `exposure_us` must have defaults.
 ``run_linkage(options)``
@@ -35,8 +35,8 @@ from collections.abc import Collection
 from types import ModuleType
 from typing import Any
 
+from ..common.plugins import entry_points
 from ..errors import did_you_mean, missing
-from ..plugins import entry_points
 
 GROUP = "spots.ports"
 _SIMULATED = "virtual"

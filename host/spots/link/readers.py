@@ -12,8 +12,8 @@ from weakref import ref
 
 from spots_device.reading.decode import DROPPED
 
+from ..common.guarded import Guarded
 from ..errors import ClosedError, SpotsError
-from ..guarded import Guarded
 from .frames import Contact, Key, LinkStats, Reading
 
 # A reader that lags by more frames than this loses the oldest ones.

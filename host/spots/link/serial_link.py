@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import serial
 from serial.tools import list_ports
 
+from ..common.kinds import kinds_of
 from ..errors import PortLostError, RefusedError, SpotsError
-from ..kinds import kinds_of
 from .ports import no_port
 
 try:

@@ -13,8 +13,8 @@ device and releases its keys.
 
 from typing import NamedTuple, Protocol
 
+from ..common.signals import SECTION
 from ..errors import SpotsError
-from ..signals import SECTION
 from .usages import KEYBOARD, MODIFIERS, MODIFIERS_FROM, USAGES, Usage, name_of
 
 AXIS_MAX = 32_767  # as in the reports of `spots_device.keys.reports`

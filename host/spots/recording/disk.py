@@ -5,9 +5,9 @@ import os
 import threading
 from pathlib import Path
 
-from ..atomic import exists, not_written
+from ..common.atomic import exists, not_written
+from ..common.guarded import Guarded
 from ..errors import SpotsError
-from ..guarded import Guarded
 
 _SYNC_EVERY_S = 1.0
 _NO_SYNC = errno.EINVAL, errno.ENOSYS, errno.ENOTSUP  # of file systems that cannot flush a file

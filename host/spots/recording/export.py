@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 from numpy.lib import format as npy
 
-from ..atomic import not_written, replacing, sync
+from ..common.atomic import not_written, replacing, sync
 from ..errors import SpotsError, missing, path_text
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema

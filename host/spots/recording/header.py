@@ -9,7 +9,7 @@ import msgspec
 
 from spots_device import PROTOCOL
 
-from .. import kinds
+from ..common import kinds
 from ..errors import SpotsError
 from ..link.frames import Decoder, Note, note
 from ..link.replies import validated

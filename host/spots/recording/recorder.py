@@ -12,7 +12,7 @@ import msgspec
 
 from spots_device import __version__
 
-from ..atomic import exists
+from ..common.atomic import exists
 from ..errors import SpotsError, path_text
 from ..link.frames import note, whole
 from ..link.readers import Handle

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from .. import kinds
-from ..bounded import open_regular
+from ..common import kinds
+from ..common.bounded import open_regular
 from ..errors import SpotsError, path_text
 from ..link.clockmap import ClockMap
 from ..link.frames import Decoder, Frame, LinkStats, Note

@@ -7,7 +7,8 @@ from typing import Annotated
 
 import msgspec
 
-from .. import toml
+from ..common import toml
+from ..common.signals import released_by_signals
 from ..errors import SpotsError, did_you_mean
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
@@ -15,7 +16,6 @@ from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard
 from ..outputs.usages import chord_of
-from ..signals import released_by_signals
 from ..terminal.opening import open_announced
 from ..terminal.view import Pace, drawn
 from .gestures import NAMES, Gesture, Gestures

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import msgspec
 
-from spots import toml
+from spots.common import toml
 from spots.deploy.staging import device_of
 from spots.errors import SpotsError
 

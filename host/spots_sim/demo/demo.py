@@ -11,9 +11,9 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.terminal.monitor import watch
-from spots.web.board_feed import BoardReader, finder
-from spots.web.state import PageState
-from spots.web.twin_feed import driven_readers
+from spots_web.board_feed import BoardReader, finder
+from spots_web.state import PageState
+from spots_web.twin_feed import driven_readers
 
 from ..board.faults import Faults, FaultyLink, of_scenario
 from ..board.link_wrapper import Tap
@@ -260,7 +260,7 @@ def show_page(
         If `use` is unknown, the layout is missing or invalid, or for ``fivebar`` the sensor file
         is.
     """
-    from spots.web.serve import LOOPBACK, serve
+    from spots_web.serve import LOOPBACK, serve
 
     if use is not None:
         _check_use(use)

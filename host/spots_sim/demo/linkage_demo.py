@@ -1,7 +1,7 @@
 """Runs a simulated five-bar linkage in real time, or measures its twin's error in simulated time.
 
-The digital twin (`spots.Twin`) computes the position of the end point. Its input is the readings of
-two strips, one in each base joint of the linkage.
+The digital twin (`spots_linkage.Twin`) computes the position of the end point. Its input is the
+readings of two strips, one in each base joint of the linkage.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from spots.errors import SpotsError
-from spots.linkage.digital_twin import Terminal, Twin
-from spots.linkage.mounted import is_mounted
-from spots.linkage.twin import Lines, show
-from spots.linkage.twin_source import DrivenLinkage, Source, record_all
+from spots_linkage.digital_twin import Terminal, Twin
+from spots_linkage.mounted import is_mounted
+from spots_linkage.twin import Lines, show
+from spots_linkage.twin_source import DrivenLinkage, Source, record_all
 
 from ..board.runtimes import headline
 from ..measure import maps

@@ -19,8 +19,8 @@ from dataclasses import asdict, dataclass
 import msgspec
 import numpy as np
 
-from spots import toml
 from spots.cli import arguments
+from spots.common import toml
 from spots.errors import SpotsError
 
 from ..person.by_hand import calibrate_by_hand

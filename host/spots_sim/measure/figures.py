@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spots import atomic
+from spots.common import atomic
 from spots.errors import SpotsError, missing
 
 # Okabe and Ito's colours, distinct with any colour vision; markers differ as well.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spots.linkage.fivebar import Linkage
+from spots_linkage.fivebar import Linkage
 
 from .figures import label, legend, panels, require, save
 from .survey import LEAST_OUTER_RAD, PathRun, Survey

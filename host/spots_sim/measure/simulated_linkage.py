@@ -16,11 +16,11 @@ from spots.calibrate.rezero import rezero
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
-from spots.linkage.digital_twin import readings
-from spots.linkage.encoder import Angle, Encoder
-from spots.linkage.fivebar import Linkage
-from spots.linkage.twin_points import LASTS_S
 from spots_device.reading import decode
+from spots_linkage.digital_twin import readings
+from spots_linkage.encoder import Angle, Encoder
+from spots_linkage.fivebar import Linkage
+from spots_linkage.twin_points import LASTS_S
 
 from ..board.identity import board_id
 from ..board.lockstep import LockstepLink

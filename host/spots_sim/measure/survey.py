@@ -1,6 +1,6 @@
 """Measures the error of a digital twin of a simulated linkage, over the workspace and on a path.
 
-The twin (`spots.Twin`) computes the position of the end point from readings of the strips.
+The twin (`spots_linkage.Twin`) computes the position of the end point from readings of the strips.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from spots.errors import SpotsError
-from spots.linkage import kinematics
-from spots.linkage.digital_twin import Terminal, Twin
-from spots.linkage.encoder import Angle
-from spots.linkage.fivebar import Linkage
-from spots.linkage.twin_points import mean_angle
+from spots_linkage import kinematics
+from spots_linkage.digital_twin import Terminal, Twin
+from spots_linkage.encoder import Angle
+from spots_linkage.fivebar import Linkage
+from spots_linkage.twin_points import mean_angle
 
 from ..person.mechanism import Mechanism, Motion, guided
 from ..strip.files import LinkageFile, PathFile, SensorFile
@@ -96,8 +96,8 @@ def survey(
 ) -> Survey:
     """Calibrate a simulated five-bar linkage, then measure its digital twin's error on a grid.
 
-    The digital twin (`spots.Twin`) computes the position of the end point from readings of the
-    strips. The grid covers the workspace.
+    The digital twin (`spots_linkage.Twin`) computes the position of the end point from readings of
+    the strips. The grid covers the workspace.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import msgspec
 
-from spots.atomic import begins, replacing
+from spots.common.atomic import begins, replacing
 
 from ..board.kept_folder import FOLDER
 from ..board.runtimes import is_cpython

@@ -2,9 +2,9 @@
 
 Each of its two base joints moves an indenter along a strip.
 
-The true positions of this linkage test the digital twin (`spots.Twin`), which computes positions
-from readings of the strips. This module shares no formula with `spots.linkage.fivebar`, so that the
-test also finds a wrong formula.
+The true positions of this linkage test the digital twin (`spots_linkage.Twin`), which computes
+positions from readings of the strips. This module shares no formula with `spots_linkage.fivebar`,
+so that the test also finds a wrong formula.
 """
 
 from __future__ import annotations

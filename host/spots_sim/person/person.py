@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import astuple, replace
 
-from spots.guarded import Guarded
+from spots.common.guarded import Guarded
 
 from ..strip.scenario import Held, Press
 

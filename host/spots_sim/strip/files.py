@@ -19,7 +19,7 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-from spots import toml
+from spots.common import toml
 
 from . import spectrum
 from .change import Change, ChangeInTime, Temperature

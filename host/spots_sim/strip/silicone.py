@@ -26,7 +26,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from spots import toml
+from spots.common import toml
 
 _Percent = Annotated[float, msgspec.Meta(ge=0, le=50)]
 _Force = Annotated[float, msgspec.Meta(ge=0, le=1e6)]

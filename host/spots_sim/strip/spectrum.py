@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spots.bounded import read_text
+from spots.common.bounded import read_text
 from spots.errors import SpotsError
 
 Table = tuple[tuple[float, float], ...]

@@ -1,0 +1,1 @@
+"""What all rooms use: TOML, atomic writes, locks, bounded reads, signals, plug-ins."""

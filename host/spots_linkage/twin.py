@@ -1,0 +1,180 @@
+"""``spots twin``: shows a linkage's digital twin, or calibrates or simulates a linkage."""
+
+import argparse
+import json
+import math
+from contextlib import suppress
+from pathlib import Path
+
+from spots.common.atomic import check_writable
+from spots.errors import SpotsError, printable
+from spots.link.ports import offered
+from spots.terminal.opening import doubted
+from spots.terminal.view import Pace, drawn
+
+from . import mounted
+from .digital_twin import Terminal
+from .twin_points import fit, measure
+from .twin_source import Source, has_boards, is_recording, opened, paced
+from .twin_view import TwinView
+
+_LINES_PER_S = 4
+
+
+def twin_command(options: argparse.Namespace) -> None:
+    """Run ``spots twin`` with the options that `cli` parsed.
+
+    Raises
+    ------
+    SpotsError
+        If a file is wrong, or two options exclude each other.
+    """
+    ports = options.port
+    played = any(map(is_recording, ports))
+    boards = has_boards(options.linkage, ports)
+    if not boards and options.linkage.endswith(".toml") and not Path(options.linkage).exists():
+        mounted.load(options.linkage)  # raises the error about the file, before others follow
+    if options.measure and (played or not boards):
+        raise SpotsError(
+            "--measure needs real boards, because you move the end point by hand: name the boards "
+            "with --port"
+        )
+    if options.picture and (ports or boards):
+        raise SpotsError(
+            "--picture shows a simulated linkage: leave out --port, and name no linkage file of "
+            "real boards"
+        )
+    if options.out and not options.calibrate:
+        raise SpotsError("--out writes what --calibrate finds: add --calibrate POINTS.csv")
+    if options.calibrate:
+        others = "port", "seconds", "json", "record", "measure", "picture"
+        if any(getattr(options, name) for name in others):
+            raise SpotsError(
+                "--calibrate reads a file of points and no board: leave out all options except "
+                "--linkage, --place-sigma-mm and --out"
+            )
+        out = options.out and Path(options.out)
+        sigma_mm = options.place_sigma_mm
+        print(fit(Path(options.calibrate), Path(options.linkage), sigma_mm, out))
+    elif boards:
+        if options.measure:
+            check_writable(Path(options.measure), append=True)
+        with opened(options.linkage, ports, options.record) as source:
+            if options.measure:
+                _measure(source, Path(options.measure), options.linkage)
+                return
+            for board in dict.fromkeys(source.boards):
+                doubted(board)
+            count = show(source, options.seconds, options.json, played)
+            if not count and all(board.ended for board in source.boards):
+                raise SpotsError(
+                    "the recordings give no position: name recordings in which both strips are "
+                    "pressed at the same time"
+                )
+    else:
+        run = offered("virtual", "run_linkage")
+        if run is None:
+            raise SpotsError(
+                "there is no simulator for a linkage: name the linkage file of real boards with "
+                "--linkage"
+            )
+        run(options)
+
+
+def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
+    """Show a linkage's digital twin as a live picture or as lines, until Ctrl-C or `seconds`.
+
+    Parameters
+    ----------
+    source : Source
+        The twin and its boards.
+    seconds : float or None
+        Time after which to end, in seconds; no limit if None. When recordings end, this function
+        ends, too.
+    as_json : bool
+        Whether to print each position as a JSON object. Otherwise a terminal window shows a
+        picture, and any other output gets at most four lines a second.
+    played : bool
+        Whether the boards are recordings; a picture shows recordings at their original pace.
+
+    Returns
+    -------
+    int
+        Number of values that the twin computed, including those without a position.
+
+    Raises
+    ------
+    SpotsError
+        If a board is lost.
+    """
+    pace, count = Pace(), 0
+    on_terminal = _json if as_json else Lines()
+    view = TwinView(source.twin, [board.port for board in source.boards])
+    with suppress(KeyboardInterrupt), drawn(not as_json) as display:
+        pairs = source.readings(seconds)
+        for joint, touch in paced(pairs) if played and display else pairs:
+            for terminal in source.twin.take(joint, touch):
+                count += 1
+                if not display:
+                    on_terminal(terminal)
+            if display and pace.due(touch.time_s):
+                stats = [board.stats for board in source.boards]
+                display.update(view.picture(stats, touch.time_s), refresh=True)
+    return count
+
+
+def _measure(source: Source, points: Path, linkage: str) -> None:
+    shown, arm = printable(str(points)), printable(linkage)
+    try:
+        count = measure(source, points)
+    except (EOFError, KeyboardInterrupt):
+        kept = f"{shown} keeps its points" if points.exists() else "nothing is stored"
+        print(f"\nstopped: {kept}; the same command adds more points")
+        return
+    print(f"{shown} has {count} points; next: spots twin --linkage {arm} --calibrate {shown}")
+
+
+def _json(terminal: Terminal) -> None:
+    print(json.dumps(terminal.message()), flush=True)
+
+
+class Lines:
+    """Prints positions of the end point as lines, at most four in a second."""
+
+    def __init__(self):
+        self._began_s: float | None = None
+        self._pace = Pace(_LINES_PER_S)
+
+    def __call__(self, terminal: Terminal) -> None:
+        if self._began_s is None:
+            self._began_s = terminal.time_s
+        if self._pace.due(terminal.time_s):
+            print(line(terminal, self._began_s), flush=True)
+
+
+def line(terminal: Terminal, began_s: float) -> str:
+    """Return a position of the end point as a line of text.
+
+    Parameters
+    ----------
+    terminal : Terminal
+        The position to print.
+    began_s : float
+        Time that the line shows as 0 s, in seconds by the clock of `Terminal.time_s`.
+
+    Returns
+    -------
+    str
+        Time in s, joint angles in degrees, position and error ellipse in mm, speed in mm/s.
+    """
+    theta = "  ".join(f"{math.degrees(angle):8.2f}" for angle in terminal.theta_rad)
+    text = f"{terminal.time_s - began_s:7.2f} s  joints {theta} deg"
+    if not terminal.limit:
+        major, minor, angle = terminal.ellipse
+        text += (
+            f"  end point {terminal.x_mm:8.2f} {terminal.y_mm:8.2f} mm  "
+            f"+- {major:.3f} x {minor:.3f} mm at {math.degrees(angle):4.0f} deg"
+        )
+        if terminal.velocity_mm_s is not None:
+            text += f"  {math.hypot(*terminal.velocity_mm_s):6.1f} mm/s"
+    return f"{text}  {terminal.remark}".rstrip()

@@ -1,0 +1,159 @@
+"""Opens a Zenoh session, builds the Zenoh keys of a board, and finds published boards."""
+
+import os
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from spots.common import kinds
+from spots.common.bounded import ZENOH_MAX_BYTES, read_bytes
+from spots.common.guarded import Guarded
+from spots.errors import SpotsError
+
+from .optional import zenoh
+
+# The environment variable with the path of Zenoh's configuration; Zenoh's own name.
+CONFIG_VARIABLE = "ZENOH_CONFIG"
+# Keys of the queries that a publisher answers, by command.
+READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
+
+_WANTED = "a Zenoh configuration"
+_NESTED_MAX = 1000  # objects and lists in a configuration; the longest example has about 150
+_PATIENCE_S = 3.0  # longest wait for the first published board
+_OTHERS_S = 0.5  # time for other boards to appear after the first one
+_FOUND_MAX = 16  # boards that are listed; anyone may publish under thousands of ids
+
+
+def key(board_id: str, *rest: str | int) -> str:
+    """Return a Zenoh key of a board: ``spots/<board>/…``.
+
+    Parameters
+    ----------
+    board_id : str
+        Id of the board.
+    *rest : str or int
+        Further parts of the key.
+
+    Returns
+    -------
+    str
+    """
+    return "/".join(("spots", board_id, *map(str, rest)))
+
+
+def open_session() -> zenoh.Session:
+    """Open a session with the configuration file that ZENOH_CONFIG names, or with the defaults.
+
+    Raises
+    ------
+    SpotsError
+        If the file does not exist or is invalid, or no session can be opened.
+    """
+    path = os.environ.get(CONFIG_VARIABLE)
+    if path:
+        _check_config(path)
+    try:
+        config = zenoh.Config.from_file(path) if path else zenoh.Config()
+    except zenoh.ZError as error:
+        raise SpotsError(
+            f"{path} is not a Zenoh configuration ({_first_line(error)}): name another file"
+        ) from None
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        what = path or "its default configuration"
+        raise SpotsError(
+            f"Zenoh does not start with {what}: {_first_line(error)}; name another configuration "
+            "with --zenoh-config"
+        ) from None
+
+
+def _check_config(path: str) -> None:
+    """Raise SpotsError for a file on which Zenoh's own parser would block or crash."""
+    try:
+        text = read_bytes(path, ZENOH_MAX_BYTES)
+    except FileNotFoundError:
+        raise SpotsError(
+            f"cannot read the Zenoh configuration {path}, because there is no such file: name the "
+            "file with --zenoh-config or the variable ZENOH_CONFIG"
+        ) from None
+    except OSError as error:
+        raise kinds.not_read(path, error, _WANTED) from None
+    kinds.check(path, text, _WANTED)
+    if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
+        raise SpotsError(
+            f"{path} is not a Zenoh configuration (nested too deep): name another file"
+        )
+
+
+def find(session: zenoh.Session, wanted: str) -> str:
+    """Wait until a board is published, and return its id.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    wanted : str
+        Id of the board; empty for the only published board.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    SpotsError
+        If the board is not published within 3 s, or several boards are published and `wanted` is
+        empty.
+    """
+    alive: set[str] = set()
+    changed = threading.Condition()
+
+    def note(sample: zenoh.Sample) -> None:
+        with changed:
+            board_id = str(sample.key_expr).split("/")[1]
+            if sample.kind != zenoh.SampleKind.PUT:
+                alive.discard(board_id)
+            elif len(alive) < _FOUND_MAX:
+                alive.add(board_id)
+            changed.notify_all()
+
+    tokens = key(wanted or "*", "alive")
+    try:
+        watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
+    except zenoh.ZError:
+        raise SpotsError(
+            f"'{wanted}' is not a board's id: give zenoh:ID, or zenoh: for the only board"
+        ) from None
+    try:
+        with changed:
+            changed.wait_for(lambda: alive, _PATIENCE_S)
+            if not wanted:
+                changed.wait_for(lambda: len(alive) > 1, _OTHERS_S)
+            found = sorted(alive)
+    finally:
+        watch.undeclare()
+    if not found:
+        what = f"no board {wanted} is" if wanted else "no board is"
+        raise SpotsError(
+            f"{what} published on Zenoh: run 'spots publish' on the machine of the board"
+        )
+    if len(found) > 1:
+        names = ", ".join(f"zenoh:{board_id}" for board_id in found)
+        raise SpotsError(f"more than one board is published: give one of these: {names}")
+    return found[0]
+
+
+def direct(callback: Callable[[Any], None]) -> zenoh.handlers.Callback:
+    """Return a handler that calls a function in Zenoh's own threads.
+
+    Zenoh's usual handler starts a Python thread, which blocks the exit of a program that has not
+    closed its board. The function must neither wait nor call Zenoh. An exception in the function is
+    reported in one line; the handler continues with the next message.
+    """
+    guarded = Guarded(callback, "the handler of Zenoh messages")
+    return zenoh.handlers.Callback(guarded, indirect=False)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0].split(" at ")[0].rstrip(". ")

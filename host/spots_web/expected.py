@@ -1,0 +1,42 @@
+"""Computes the spectra of presses from a board's calibration; the web UI shows these spectra."""
+
+from spots.calibrate.expect import expected
+from spots.link.board import Board
+from spots_device.board.settings import checksum
+from spots_device.reading.calibration import CalibrationError
+from spots_device.reading.decode import DARK_SAMPLES
+
+
+def expected_shown(board: Board, info: dict, dark: list[int]) -> dict | None:
+    """Return the spectra of presses along the strip, computed from the board's calibration.
+
+    Parameters
+    ----------
+    board : Board
+        Board whose calibration is used.
+    info : dict
+        The board's reply to ``hello``.
+    dark : list of int
+        Dark frame from the board's reply to ``get``: sums of `DARK_SAMPLES` counts.
+
+    Returns
+    -------
+    dict or None
+        ``from_um`` and ``step_um``: first position and spacing; ``logs``: log2 of the counts at
+        each position, see `expect.expected`; ``dark``: dark counts per sample. None if the
+        calibration is unknown or invalid, or if `board.calibration` is not the one that the board
+        stores.
+    """
+    lines = board.calibration
+    if lines is None or checksum(lines) != info["calibration"]:
+        return None
+    try:
+        position_um, logs = expected(lines, info.get("strain_ppm") or 0)
+    except CalibrationError:
+        return None  # the calibration in a recording is not validated
+    return {
+        "from_um": float(position_um[0]),
+        "step_um": float(position_um[1] - position_um[0]),
+        "logs": logs.round(3).tolist(),
+        "dark": [one / DARK_SAMPLES for one in dark],
+    }

@@ -1,0 +1,61 @@
+"""One strip of a board with several strips, with the interface of a board with one strip."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from spots.link.board import Board, addressed
+from spots.link.readers import FrameIterator
+
+
+class OneStrip:
+    """One strip of a board with several strips.
+
+    Attributes that this class does not define are those of the board.
+
+    Parameters
+    ----------
+    board : Board
+        Board with several strips.
+    sensor : int
+        Number of the strip.
+
+    Attributes
+    ----------
+    info : dict
+        The latest reply to ``hello`` for this strip; before the first one, that for strip 0.
+    calibration : list of str or None
+        Lines of the calibration that was uploaded to this strip, if known.
+    """
+
+    def __init__(self, board: Board, sensor: int):
+        self._board, self.sensor = board, sensor
+        self.info: dict = dict(board.info)
+        self.calibration = board.calibration if sensor == 0 else None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._board, name)
+
+    def command(self, line: str, timeout_s: float | None = None) -> Mapping[str, Any]:
+        """Send a command to this strip, and return its reply; see `Board.command`."""
+        reply = self._board.command(addressed(line, self.sensor), timeout_s)
+        if reply["re"] == "hello":
+            self.info = dict(reply)
+        return reply
+
+    def set(self, **settings: Any) -> Mapping[str, Any]:
+        """Change settings of this strip; see `Board.set`."""
+        return self._board.set(**{**settings, "sensor": self.sensor})
+
+    def frames(self, seconds: float | None = None) -> FrameIterator:
+        """Iterate over all frames of this strip."""
+        return self._only(self._board.frames(seconds))
+
+    def spectra(self, seconds: float | None = None) -> FrameIterator:
+        """Iterate over the spectra of this strip."""
+        return self._only(self._board.spectra(seconds))
+
+    def _only(self, frames: FrameIterator) -> FrameIterator:
+        frames.sensor = self.sensor
+        return frames

@@ -1,0 +1,52 @@
+"""Practice of calibration sessions in the web UI, with a simulated strip; no file is written."""
+
+from argparse import Namespace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from spots.calibrate.practice import practise
+from spots.errors import SpotsError
+
+from .calibration import PageCalibration, Start
+from .state import PageState
+
+
+class PagePractice(PageCalibration):
+    """Runs practice sessions for browsers, see `calibrate.practice`.
+
+    Parameters
+    ----------
+    sensor : str
+        Sensor file of the simulated strip: a path, or a name such as ``default``.
+    seed : int
+        Random seed of the simulated finger and noise.
+    state : PageState
+        State of the web UI, as for `PageCalibration`.
+    """
+
+    def __init__(self, sensor: str, seed: int, state: PageState):
+        self._folder = TemporaryDirectory()
+        super().__init__(Path(self._folder.name) / "practice.jsonl", state)
+        self._options = Namespace(sensor=sensor, seed=seed, plan=None, keep_settings=False)
+        self._show(practice=True, ruler=None)
+
+    @property
+    def _stopped(self) -> str:
+        return "stopped: practice stores no presses"
+
+    def _rezero(self) -> None:
+        raise SpotsError("practice has no re-zero: start 'spots serve --session' with a real board")
+
+    def _calibrate(self, start: Start) -> None:
+        self._options.length_mm = start.length_mm
+        practise(self._options, start.kind, 0, self)
+
+    def instruments(self, place_um: float | None, force_mN: float | None) -> None:
+        """Show a simulated ruler and scale with the next question, see `Dialog.instruments`."""
+        self._show(ruler={"place_um": place_um, "force_mN": force_mN})
+
+    def ask(self, question: str) -> str:
+        try:
+            return super().ask(question)
+        finally:
+            self._show(ruler=None)

@@ -1,0 +1,294 @@
+"""``spots serve``: reads boards, and serves the web UI until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import ipaddress
+import os
+import secrets
+import signal
+import socket
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from spots.common import atomic, signals
+from spots.errors import SpotsError, missing, printable
+from spots.keyboard.layout import load
+from spots.link.board import Board
+from spots.link.ports import offered
+from spots_linkage.twin_source import is_recording, linkage_factory
+
+from .board_feed import BoardReader, finder
+from .calibration import PageCalibration
+from .connections import Connections
+from .orders import Orders
+from .practice import PagePractice
+from .recordings import Recordings
+from .state import PageState
+from .strip_choice import StripChoice
+from .twin_feed import driven_readers, linkage_readers
+
+try:
+    from aiohttp import web
+
+    from .app import LOG, NOTHING, PageApp
+    from .editors import KINDS, FileEditor, LayoutEditor, SettingsEditor
+    from .guard import Guard
+except ImportError as error:
+    raise missing("the web UI needs", error.name or "aiohttp", "web") from None
+
+LOOPBACK = "127.0.0.1"
+_VIRTUAL = "virtual"  # port of the simulated strip
+
+
+class Server:
+    """Server of the web UI, as an asynchronous context manager.
+
+    Parameters
+    ----------
+    state : PageState
+        State of the web UI to serve.
+    address : str
+        IP address of this machine to listen on. Unless this is a loopback address, every browser
+        needs the access token.
+    port : int
+        TCP port to listen on; 0 for any free port.
+    orders : dict of Orders, optional
+        Handler of the requests to each path, such as ``strip``. These requests need the access
+        token. Pass the same objects to the reader of the board.
+    hosts : sequence of str
+        Further names of this server, see `Guard`. With such a name, every browser needs the token.
+
+    Attributes
+    ----------
+    url : str
+        Address to open in a browser, with the access token if there is one.
+
+    Raises
+    ------
+    SpotsError
+        If the address is not an IP address of this machine, the port is in use, or one of `hosts`
+        is not a host name.
+    """
+
+    def __init__(
+        self,
+        state: PageState,
+        address: str = LOOPBACK,
+        port: int = 0,
+        orders: Mapping[str, Orders] = NOTHING,
+        hosts: Sequence[str] = (),
+    ):
+        self._state, self._address, self._port = state, address, port
+        self._orders = orders
+        try:
+            at_home = ipaddress.ip_address(address).is_loopback
+        except ValueError:
+            raise SpotsError(
+                f"'{address}' is not an IP address: give one such as 192.168.1.20"
+            ) from None
+        self._token = None if at_home and not orders and not hosts else secrets.token_urlsafe(16)
+        self._guard = Guard(address, self._token, hosts)
+        self.url = ""
+
+    async def __aenter__(self) -> Server:
+        app = PageApp(self._state, self._guard, self._orders)
+        self._runner = web.AppRunner(app.web, access_log=None, logger=LOG, shutdown_timeout=1.0)
+        await self._runner.setup()
+        connections = Connections(self._runner.server)
+        app.on_page = connections.release
+        try:
+            self._listener = await asyncio.get_running_loop().create_server(
+                connections, sock=_listening(self._address, self._port)
+            )
+        except OSError as error:
+            await self._runner.cleanup()
+            raise SpotsError(
+                f"cannot serve on {self._address} port {self._port}: {os.strerror(error.errno)}; "
+                "choose another port with --http-port, or an address of this machine with --address"
+            ) from None
+        address, port = self._listener.sockets[0].getsockname()[:2]
+        if ipaddress.ip_address(address).is_unspecified:
+            address = _outward(address)
+        host = f"[{address}]" if ":" in address else address
+        query = f"?token={self._token}" if self._token else ""
+        self.url = f"http://{host}:{port}/{query}"
+        return self
+
+    async def __aexit__(self, *exception) -> None:
+        self._listener.close()
+        await self._runner.cleanup()
+
+
+def serve_command(options: argparse.Namespace) -> None:
+    """Run ``spots serve`` with the options that `cli` parsed."""
+    state, layout, ports = PageState(), load(options.layout), options.port
+    if options.practice:
+        if options.session or options.record_to or options.linkage or ports not in ([], [_VIRTUAL]):
+            raise SpotsError(
+                "--practice shows a simulated strip: leave out --port, --session, --record-to and "
+                "--linkage"
+            )
+        ports = [_VIRTUAL]
+    orders: dict[str, Orders] = {}
+    _check_files(options)
+    if options.record_to is not None:
+        orders["recording"] = Recordings(Path(options.record_to), state)
+    elif options.session is not None:
+        orders["calibration"] = PageCalibration(Path(options.session), state)
+    elif options.practice:
+        orders["calibration"] = PagePractice(options.sensor, options.seed, state)
+    if options.edit is not None:
+        orders["layout"] = LayoutEditor(Path(options.edit), layout, state)
+    for name in KINDS:
+        if (path := getattr(options, f"edit_{name}")) is not None:
+            orders[name] = SettingsEditor(name, Path(path), state)
+    if orders:
+        orders["strip"] = StripChoice()
+    if orders and (options.linkage is not None or any(map(is_recording, ports))):
+        named = "record_to", "session", "edit", *(f"edit_{name}" for name in KINDS)
+        given = (name for name in named if getattr(options, name) is not None)
+        option = f"--{next(given).replace('_', '-')}"
+        raise SpotsError(
+            f"{option} works with one board: do not use it with --linkage or a recording"
+        )
+    if options.record_to is not None and options.session is not None:
+        raise SpotsError("--record-to and --session exclude each other: use only one of them")
+    if options.session and ports and offered(ports[0], "calibration_setup"):
+        raise SpotsError(
+            "--session needs a person who presses the strip, and nobody can press a virtual board: "
+            f"use 'spots serve --practice' or 'spots calibrate --port {ports[0]}', which simulate "
+            "the presses"
+        )
+    if options.linkage is None:
+        if len(ports) > 1:
+            raise SpotsError(
+                f"'spots serve' shows one board, but --port was given {len(ports)} times: name one "
+                "port, or add --linkage FILE for the two boards of a linkage"
+            )
+        port = ports[0] if ports else None
+        open_board = _announced(finder(port, options.sensor, options.scenario, options.seed))
+        readers = [BoardReader(open_board, layout, state, orders=orders.values())]
+    elif simulated := linkage_factory(ports):
+        machine = simulated(options.sensor, options.linkage, seed=options.seed)
+        readers = driven_readers(machine, layout, state)
+    else:
+        readers = linkage_readers(options.linkage, ports, layout, state)
+    for order in orders.values():
+        if isinstance(order, FileEditor) and not order.file.path.exists():
+            print(f"{printable(str(order.file.path))} is a new file: the first change writes it")
+    hosts = options.host or ()
+    serve(state, options.address, options.http_port, readers, orders=orders, hosts=hosts)
+
+
+def _announced(open_board: Callable[[str | None], Board]) -> Callable[[str | None], Board]:
+    """Return a function that opens a board, and prints each new reason why there is none."""
+    reason = ""
+
+    def opened(board_id: str | None) -> Board:
+        nonlocal reason
+        try:
+            board = open_board(board_id)
+        except SpotsError as error:
+            if str(error) != reason:
+                reason = str(error)
+                print(f"spots: waiting for a board: {reason}", file=sys.stderr, flush=True)
+            raise
+        reason = ""
+        return board
+
+    return opened
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Check that no two options make the web UI write to the same file."""
+    named = {"--edit": options.edit}
+    named |= {f"--edit-{name}": getattr(options, f"edit_{name}") for name in KINDS}
+    files = {option: Path(name) for option, name in named.items() if name}
+    if options.session:
+        session = Path(options.session)
+        files["--session"] = session
+        if session.name:
+            files["the calibration of --session"] = session.with_suffix(".toml")
+    atomic.distinct(files)
+
+
+def serve(
+    state: PageState,
+    address: str,
+    port: int,
+    readers: list[BoardReader],
+    on_start: Callable[[str], None] = lambda url: None,
+    orders: Mapping[str, Orders] = NOTHING,
+    hosts: Sequence[str] = (),
+) -> None:
+    """Print the address of the web UI, then serve the web UI until Ctrl-C or SIGTERM.
+
+    Parameters
+    ----------
+    state : PageState
+        State of the web UI to serve.
+    address : str
+        IP address to listen on, see `Server`.
+    port : int
+        TCP port to listen on; 0 for any free port.
+    readers : list of BoardReader
+        Readers that fill the state. This function starts and stops them.
+    on_start : callable, optional
+        ``on_start(url)`` is called when the web UI can be opened at `url`.
+    orders : dict of Orders, optional
+        Handlers of the requests of browsers, see `Server`.
+    hosts : sequence of str
+        Further names of this server, see `Server`.
+    """
+
+    async def main():
+        async with Server(state, address, port, orders, hosts) as server:
+            ended = _ended_by_signal()
+            for reader in readers:
+                reader.start()
+            print(f"the web UI is at {server.url} (Ctrl-C ends it)", flush=True)
+            on_start(server.url)
+            await ended.wait()
+
+    try:
+        with suppress(KeyboardInterrupt):
+            asyncio.run(main())
+    finally:
+        for reader in readers:
+            reader.stop()
+
+
+def _ended_by_signal() -> asyncio.Event:
+    ended = asyncio.Event()
+    with suppress(NotImplementedError, RuntimeError):  # Windows, or not the main thread
+        for number in signals.numbers("SIGTERM", "SIGHUP"):
+            if signal.getsignal(number) != signal.SIG_IGN:  # as nohup sets it
+                asyncio.get_running_loop().add_signal_handler(number, ended.set)
+    return ended
+
+
+def _listening(address: str, port: int) -> socket.socket:
+    """Return a listening socket; with the address ``::``, it also accepts IPv4."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    both = ipaddress.ip_address(address) == ipaddress.IPv6Address("::")
+    return socket.create_server(
+        (address, port), family=family, dualstack_ipv6=both and socket.has_dualstack_ipv6()
+    )
+
+
+def _outward(address: str) -> str:
+    """Return the address of this machine in its local network, without sending a packet.
+
+    The result is an IPv6 address if `address` is one, else an IPv4 address.
+    """
+    six = ":" in address
+    with socket.socket(socket.AF_INET6 if six else socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("2001:db8::1" if six else "192.0.2.1", 9))
+            return probe.getsockname()[0]
+        except OSError:
+            return socket.gethostname()

@@ -1,0 +1,29 @@
+"""The strip of a board that a browser has chosen: editors and calibration change this strip."""
+
+from spots.errors import SpotsError
+from spots.link.board import Board
+
+from .orders import Orders
+
+
+class StripChoice(Orders):
+    """Handles requests of browsers to choose one strip of a board with several strips.
+
+    Attributes
+    ----------
+    sensor : int
+        Number of the chosen strip.
+    """
+
+    what = "the choice of a strip"
+
+    def decode(self, body: bytes) -> int:
+        """Return the number of a strip; raise a ValueError if the body is not one digit."""
+        if len(body) != 1 or not body.isdigit():
+            raise ValueError("the body must be the number of a strip, such as 1")
+        return int(body)
+
+    def _handle(self, board: Board, sensor: int) -> None:
+        if sensor not in board.sensors:
+            raise SpotsError(f"the board has no strip {sensor}: reload this window")
+        self.sensor = sensor
