@@ -18,6 +18,7 @@ class Case(NamedTuple):
     switches: list
     events: list
     outcome: list
+    after_ms = 0  # all is decided when all keys are released
 
     def layout(self, times):
         """Return the text of a layout file with all times multiplied by `times`."""
@@ -40,13 +41,19 @@ def cases():
     lines = Path(__file__).with_name("data").joinpath("hold_tap.tsv").read_text().splitlines()
     for line in lines[3:]:
         name, flavor, term_ms, quick_ms, switches, times, outcome = line.split("\t")
-        events = []
-        for word in times.split():
-            at = max(word.find("d"), word.find("u"))
-            events.append((int(word[:at]), word[at] == "d", int(word[at + 1 :])))
+        terms = int(term_ms), int(quick_ms)
         keys = switches.split()
-        found.append(Case(name, flavor, int(term_ms), int(quick_ms), keys, events, outcome.split()))
+        found.append(Case(name, flavor, *terms, keys, events_of(times), outcome.split()))
     return found
+
+
+def events_of(times):
+    """Return events such as ``10d2`` as (ms, whether it is a press, switch)."""
+    events = []
+    for word in times.split():
+        at = max(word.find("d"), word.find("u"))
+        events.append((int(word[:at]), word[at] == "d", int(word[at + 1 :])))
+    return events
 
 
 def log_of(reports):

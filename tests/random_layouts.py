@@ -14,6 +14,7 @@ _KEYS = [
 _MORE = """
 [tap_dance.d]
 actions = ["A", "LEFT_SHIFT+B", "sticky LEFT_CONTROL"]
+holds = ["LEFT_ALT", "", "C"]
 [mod_morph.m]
 action = "A"
 morphed = "B"
@@ -37,6 +38,8 @@ def random_layout(rng):
             slots = [slot for slot in ("double", "hold", "firm") if rng.random() < 0.2]
             slots += ["slide_minus", "slide_plus"] * bool(rng.random() < 0.05)
             parts = [f'{slot} = "{rng.choice(actions)}"' for slot in ["tap", *slots]]
+            if "hold" in slots and rng.random() < 0.2:
+                parts.append("retro_tap = true")
             keys.append("{" + ", ".join(parts) + "}")
         ways = [f'"to {other}"' for other in names if other != name]
         text += f'[[layer]]\nname = "{name}"\nkeys = [{", ".join(keys + ways)}]\n'

@@ -1,4 +1,4 @@
-"""Hold-tap keys under two fingers, through light, firmware and USB reports, on board and host."""
+"""Keys under two fingers, through light, firmware and USB reports, on board and host."""
 
 from pathlib import Path
 
@@ -6,6 +6,8 @@ import pytest
 from boards import store
 from computer import Computer
 from hold_tap import SWITCHES, cases, log_of
+from zmk import cases as zmk_cases
+from zmk import played
 
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
@@ -18,9 +20,10 @@ from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
 START_S = 3.0
-BETWEEN_S = 2.0  # from the end of a case to the start of the next one
+BETWEEN_S = 2.0  # from the end of a case, when all is released, to the start of the next one
 RAMP_S = 0.02
 FORCE_MN = 1500
+LONGEST_MS = 2000  # longer cases would take minutes
 # Runs a large selection if true.
 ALL = [(times, exposure_us) for times in (8, 4) for exposure_us in (10_000, 5_000)]
 
@@ -47,7 +50,7 @@ def play(sensor, lines, folder, some, times, exposure_us):
         starts_s.append(now_s)
         found, end_s = fingers_of(case, times, now_s, sensor.length_mm)
         fingers += found
-        now_s = end_s + BETWEEN_S
+        now_s = end_s + BETWEEN_S + times * case.after_ms / 1000
     store(folder, calibration=lines, settings=["keys=1", f"exposure_us={exposure_us}"])
     scenario = Scenario(ScenarioFile(seconds=now_s + 1, touch=fingers))
     logs = []
@@ -84,4 +87,16 @@ def test_a_hold_tap_decides_under_fingers_as_keyboard_firmware_does(
         for case, (board, host) in zip(some, logs)
         if not board == host == case.outcome
     }
+    assert not wrong
+
+
+def test_keys_do_under_two_fingers_what_the_engine_does(sensor, tmp_path):
+    some = [one for one in zmk_cases() if one.events[-1][0] < LONGEST_MS and one.fingers <= 2]
+    logs = play(sensor, calibrate(sensor, 10_000), tmp_path, some, 8, 10_000)
+    wrong = {}
+    for case, (board, host) in zip(some, logs):
+        keyboard = played(case).keyboard
+        if board != log_of(keyboard.reports) or host != keyboard.computer.log:
+            wrong[case.name] = (keyboard.computer.log, board, host)
+    assert len(some) > 50
     assert not wrong

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-
 from engine_bench import Bench
+
 from spots.keyboard.layout import compiled
 
 
@@ -207,6 +207,35 @@ action = "A"
 morphed = "B"
 mods = ["LEFT_SHIFT"]
 """
+
+
+def test_a_key_with_a_retro_tap_is_a_hold_only_beside_another_key():
+    for flavor in ("balanced", "tap-preferred"):
+        key = f'{{tap = "F", hold = "LEFT_SHIFT", retro_tap = true, flavor = "{flavor}"}}'
+        text = layer(key, "B", "C", "D")
+        assert play(bench(text), "0d0", "900u0") == "+F -F"
+        assert (
+            play(bench(text), "0d0", "900d1", "950u1", "990u0") == "+LEFT_SHIFT +B -B -LEFT_SHIFT"
+        )
+        # A key that waits at the end of the term makes it a hold at once.
+        made = bench(text)
+        made.press("0", 0.1)
+        made.at(150)
+        made.press("1", 0.4)
+        made.at(300)
+        assert made.keyboard.computer.log == ["+LEFT_SHIFT", "+B"]
+
+
+def test_the_last_tap_of_a_dance_may_be_held_too():
+    text = layer("tap_dance x", "C", "D", "E") + (
+        '[tap_dance.x]\nactions = ["A", "B"]\nholds = ["", "LEFT_SHIFT"]\n'
+    )
+    assert play(bench(text), "0d0", "900u0") == "+A -A"  # no hold after one tap
+    assert play(bench(text), "0d0", "50u0", "90d0", "140u0") == "+B -B"
+    log = play(bench(text), "0d0", "50u0", "90d0", "900d1", "950u1", "990u0")
+    assert log == "+LEFT_SHIFT +C -C -LEFT_SHIFT"
+    # Another key before the time ends: the key is its tap.
+    assert play(bench(text), "0d0", "50u0", "90d0", "120d1", "150u1", "990u0") == "+B +C -C -B"
 
 
 def test_a_mod_morph_hides_its_modifier_unless_that_is_kept():

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
+from engine_bench import Bench
 from hold_tap import SWITCHES, cases
 
-from engine_bench import Bench
 from spots.keyboard.layout import compiled
 
 

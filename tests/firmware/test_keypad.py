@@ -330,7 +330,7 @@ def test_a_release_forgets_a_tap_that_waits_and_the_layer():
 
 EVERYTHING = (
     STICKY_LAYER,
-    f"behaviour 1 {TAP_DANCE} 200 {letter(20)} {letter(21)} {action(BEHAVIOUR, 0)}",
+    f"behaviour 1 {TAP_DANCE} 200 3 {letter(20)} {letter(21)} {action(BEHAVIOUR, 0)}",
     f"behaviour 2 {MOD_MORPH} 2 0 {letter(22)} {letter(23)}",
     f"behaviour 3 {KEY_REPEAT}",
     f"behaviour 4 {CAPS_WORD}",

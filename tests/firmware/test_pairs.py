@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from engine_bench import Bench, Keyboard
 from pairs import ACTIONS, some
 
-from engine_bench import Bench, Keyboard
 from spots.outputs.usages import chord_of
 from spots_device.keys.layout import FULL, action
 

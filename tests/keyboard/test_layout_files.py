@@ -11,6 +11,7 @@ from spots.outputs.usages import USAGES
 from spots_device.keys.layout import (
     HOLD_TAP,
     KEY_SIZE,
+    RETRO_TAP,
     TAP,
     action,
     parse,
@@ -157,10 +158,16 @@ MISTAKES |= {
         r"line 4: in \[tap_dance.x\]: \[tap_dance.x\] refers to itself"
     ),
     'keys = ["tap_dance x"]\n[tap_dance.x]\nactions = ["A"]': "line 6.*actions",
+    'keys = ["tap_dance x"]\n[tap_dance.x]\nactions = ["A", "B"]\nholds = ["C", "D", "E"]': (
+        r"line 4: in \[tap_dance.x\]: there are more holds than actions: remove some"
+    ),
     'keys = ["mod_morph x"]\n[mod_morph.x]\naction = "A"\nmorphed = "B"\nmods = ["C"]': (
         r"line 8: in \[mod_morph.x\]: 'C' is no modifier"
     ),
     'keys = [{tap = "A", flavor = "balanced"}]': (
+        "in layer 'a', key 1: flavor and terms are those of a hold: add one"
+    ),
+    'keys = [{tap = "A", retro_tap = true}]': (
         "in layer 'a', key 1: flavor and terms are those of a hold: add one"
     ),
 }
@@ -198,13 +205,15 @@ keys = [
   {tap = "A", hold = "LEFT_SHIFT", flavor = "hold-preferred", quick_tap_ms = 0},
   {tap = "B", hold = "LEFT_SHIFT", tapping_term_ms = 1024, require_prior_idle_ms = 128},
   {tap = "C", hold = "LEFT_SHIFT"},
+  {tap = "D", hold = "LEFT_SHIFT", retro_tap = true},
 ]
 """
     layout = load(write(tmp_path, text))
     board = parse(layout.lines)
-    assert [list(board.behaviours[i : i + 5]) for i in (0, 6)] == [
+    assert [list(board.behaviours[i : i + 5]) for i in (0, 6, 12)] == [
         [HOLD_TAP, 0, 300 * 125 >> 7, 0, 0],
         [HOLD_TAP, 1, 1000, 200 * 125 >> 7, 125],
+        [HOLD_TAP, 1 + RETRO_TAP, 300 * 125 >> 7, 200 * 125 >> 7, 0],
     ]
     assert {say(layout, key.actions["hold"]) for key in layout.layers["a"]} == {"LEFT_SHIFT"}
 

@@ -462,7 +462,7 @@ RICH = [
     "slide_um 2000",
     f"behaviour 0 {STICKY} 0 {action(MOMENTARY, 1)}",
     f"behaviour 1 {HOLD_TAP} 3 100 150 50 {action(BEHAVIOUR, 0)}",
-    f"behaviour 2 {TAP_DANCE} 200 {action(KEYBOARD, 16)} {action(KEYBOARD, 17)}",
+    f"behaviour 2 {TAP_DANCE} 200 2 {action(KEYBOARD, 16)} {action(KEYBOARD, 17)}",
     f"behaviour 3 {MOD_MORPH} 2 0 {action(KEYBOARD, 18)} {action(KEYBOARD, 19)}",
     f"behaviour 4 {KEY_REPEAT}",
     f"behaviour 5 {CAPS_WORD}",

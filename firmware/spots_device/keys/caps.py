@@ -5,6 +5,7 @@ from .layout import KEYBOARD
 from .merge import MODIFIERS_FROM
 
 _SHIFT = const(0x2000)  # left shift in an action
+_SHIFTS = const(0x22)  # left and right shift as modifiers
 _LAST_LETTER = const(0x1D)
 _LAST_DIGIT = const(0x27)
 _BACKSPACE = const(0x2A)
@@ -16,6 +17,7 @@ class CapsWord:
     """The caps word of an `engine.Engine`."""
 
     def __init__(self, engine):
+        self._merger = engine.merger
         self.forget()
 
     def forget(self):
@@ -39,7 +41,7 @@ class CapsWord:
             usage <= _LAST_DIGIT
             or usage in (_BACKSPACE, _DELETE)
             or usage >= MODIFIERS_FROM
-            or (usage == _MINUS and action & _SHIFT)
+            or (usage == _MINUS and (action >> 12 | self._merger.down) & _SHIFTS)
         ):
             self._on = False
         return action

@@ -1,7 +1,8 @@
 """Tap dance: the number of taps on a key decides its action. Imported only if the layout uses it.
 
 It is decided by the last possible tap, by the press of another key, or when no further tap comes in
-time. If the key is then still held, its action is held, too.
+time. If the key is then still held, its action is held, too. After a tap that has an action for a
+hold, the key is this action if it is still held when the time ends.
 """
 
 from .. import const
@@ -27,13 +28,15 @@ class Dance:
         self._of = i
         self._since = t
         self._taps += 1
-        if self._taps == self._engine.layout.behaviours[n + 2]:
+        if self._is_last() and not self._hold():
             self._decide(t)
 
-    def released(self, i):
+    def released(self, i, t):
         """The switch `i` was released."""
         if self._of == i:
             self._of = _NONE
+            if self._is_last():
+                self._decide(t)
 
     def beside(self, row, t):
         """The key `row` was pressed."""
@@ -43,12 +46,27 @@ class Dance:
     def tick(self, t):
         """Decide what gets no further tap."""
         if self._taps and past(self._since, t) >= self._engine.layout.behaviours[self._which + 1]:
-            self._decide(t)
+            hold = self._hold()
+            if hold and self._of >= 0:
+                i = self._of
+                self.forget()
+                self._engine.start(i, hold, t)
+            else:
+                self._decide(t)
 
     def forget(self):
         """Drop a dance that is not decided."""
         self._which = self._row = self._of = _NONE
         self._taps = self._since = 0
+
+    def _is_last(self):
+        return self._taps == self._engine.layout.behaviours[self._which + 2]
+
+    def _hold(self):
+        # Returns the action of a hold after this number of taps, or 0.
+        b = self._engine.layout.behaviours
+        n = self._which
+        return b[n + 2 + b[n + 2] + self._taps]
 
     def _decide(self, t):
         if not self._taps:

@@ -15,7 +15,8 @@ another press          hold-preferred, tap-unless-interrupted: hold; without a h
                        flavors: none
 release of a press     balanced: hold; the other flavors: none
 that waits
-end of its time        hold; tap-unless-interrupted, or without a hold: tap
+end of its time        hold; tap-unless-interrupted, or without a hold: tap. With a retro tap: if
+                       no other key waits, the next press decides that it is a hold
 =====================  ============================================================================
 
 The time of an event counts, not when it arrives: if the time of the open switch is over at the time
@@ -338,7 +339,7 @@ class Engine:
             self._end(i, t)
             self.switches[at + w.ACTION] = 0
         if self._dance is not None:
-            self._dance.released(i)
+            self._dance.released(i, t)
         self.switches[at] = w.FREE
 
     # Decisions.
@@ -427,7 +428,12 @@ class Engine:
         row = self.switches[self._open * w.SIZE + w.ROW]
         if self._hold and event != _OWN_UP:
             if self._is_hold(event):
-                self._act(self.close(), self._hold, t)
+                if event == _TIMER and self._flavor & y.RETRO_TAP and not self._seen:
+                    # From now on only another press decides: the release alone is a tap.
+                    self.wait_t = 0
+                    self._flavor = y.HOLD_PREFERRED
+                else:
+                    self._act(self.close(), self._hold, t)
                 return
             if event != _TIMER:
                 return
@@ -443,7 +449,7 @@ class Engine:
             self._tap(self.close(), row, t)
 
     def _is_hold(self, event):
-        flavor = self._flavor
+        flavor = self._flavor & ~y.RETRO_TAP
         if event == _TIMER:
             return flavor != y.TAP_UNLESS_INTERRUPTED
         if event == _OTHER_UP:
@@ -485,7 +491,7 @@ class Engine:
         self._end(i, t)
         self.switches[i * w.SIZE + w.ACTION] = 0
         if self._dance is not None:
-            self._dance.released(i)
+            self._dance.released(i, t)
 
     def start(self, i, action, t):
         """Press an action for the switch `i`."""
@@ -516,13 +522,13 @@ class Engine:
         if not self.merger.press(self.sink, action):
             action = 0
         self.switches[i * w.SIZE + w.ACTION] = action
-        if action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM:
-            return
-        self._key_t = t
-        if self._repeat is not None:
-            self._repeat.pressed(action | self.merger.down << 12)
+        is_modifier = action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM
+        if not is_modifier:
+            self._key_t = t
+            if self._repeat is not None and action >> 20 == y.KEYBOARD:
+                self._repeat.pressed(action | self.merger.down << 12)
         if self._sticky is not None:
-            self._sticky.pressed()
+            self._sticky.pressed(is_modifier)
 
     def _behave(self, i, number, t):
         n = self.layout.behaviour(number)

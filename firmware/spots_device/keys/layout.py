@@ -20,10 +20,11 @@ layer. With the kind `BEHAVIOUR` they are the number of a ``behaviour`` line, wh
 the lines that use it. After its number and kind, it has these numbers:
 
 ============  ======================================================================================
-`HOLD_TAP`    flavor, three times in ms (tapping term, quick tap, prior idle), action of the hold;
-              only as the hold of a key
+`HOLD_TAP`    flavor (plus `RETRO_TAP`), three times in ms (tapping term, quick tap, prior idle),
+              action of the hold; only as the hold of a key
 `STICKY`      time in ms after which it ends (0: never), action: a key or `MOMENTARY`
-`TAP_DANCE`   longest time between two taps in ms, action of one tap, of two taps, …
+`TAP_DANCE`   longest time between two taps in ms, most taps, action of one tap, of two taps, …;
+              then, if the key may also be held after these taps, the actions of the holds
 `MOD_MORPH`   bits of modifiers, bits of those that stay down, action without them, action with one
 `KEY_REPEAT`  none
 `CAPS_WORD`   none
@@ -53,6 +54,7 @@ HOLD_PREFERRED = 0
 BALANCED = 1
 TAP_PREFERRED = 2
 TAP_UNLESS_INTERRUPTED = 3
+RETRO_TAP = 4  # added to the flavor of a `HOLD_TAP`
 
 LOW, HIGH, TAP, DOUBLE, HOLD, FIRM, SLIDE_MINUS, SLIDE_PLUS = range(8)
 KEY_SIZE = 8
@@ -87,7 +89,7 @@ _LAYER_ACTIONS = (MOMENTARY, TOGGLE, TO)
 _SHAPES = {
     HOLD_TAP: (5, 5, 4),
     STICKY: (2, 2, 1),
-    TAP_DANCE: (3, 9, 1),
+    TAP_DANCE: (4, 18, 2),
     MOD_MORPH: (4, 4, 2),
     KEY_REPEAT: (0, 0, 0),
     CAPS_WORD: (0, 0, 0),
@@ -173,7 +175,7 @@ def parse(lines):
             if kind == STICKY and each >> 20 not in (KEYBOARD, MOMENTARY):
                 raise LayoutError("the action %d is not sticky" % each)
         if kind == TAP_DANCE:
-            values_of[2:2] = [len(values_of) - 2]  # how many actions follow
+            values_of += [0] * (3 + 2 * values_of[2] - len(values_of))
         layout.behaviours.extend(array("i", values_of))
     layout.kinds = tuple(sorted({values_of[0] for values_of in behaviours}))
     for row in range(0, len(keys), KEY_SIZE):
@@ -223,7 +225,9 @@ def _behaviour(line, number):
     times = range(3, 6) if kind == HOLD_TAP else (2,) if kind in (STICKY, TAP_DANCE) else ()
     for i in times:
         values[i] = _ticks(values[i])
-    if kind == HOLD_TAP and values[2] > TAP_UNLESS_INTERRUPTED:
+    if kind == TAP_DANCE and not (values[3] > 1 and len(values) - 4 in (values[3], 2 * values[3])):
+        raise LayoutError("'%s': the count of actions is wrong" % line)
+    if kind == HOLD_TAP and values[2] > TAP_UNLESS_INTERRUPTED + RETRO_TAP:
         raise LayoutError("'%s': there is no such flavor" % line)
     return values[1:]
 

@@ -1,7 +1,7 @@
 """Sticky keys and layers: after a tap they are down until the next key is pressed.
 
-While its switch is held, a sticky key is an ordinary key. Modifiers are no next key, so several
-sticky modifiers combine. Imported only if the layout uses it.
+While its switch is held, a sticky key is an ordinary key. A modifier ends a sticky layer, but no
+sticky key, so several sticky modifiers combine. Imported only if the layout uses it.
 """
 
 from array import array
@@ -30,9 +30,11 @@ class Sticky:
         for k in range(_MOST):
             if self._which[k] == n and self._of[k] < 0:
                 self._finish(k)
-            if self._which[k] < 0:
+            if self._which[k] < 0 and free < 0:
                 free = k
         if free >= 0:
+            if not self._is_layer(n):
+                self.pressed(True)
             self._which[free] = n
             self._of[free] = i
             self._used[free] = False
@@ -47,10 +49,11 @@ class Sticky:
                 if self._used[k]:
                     self._finish(k)
 
-    def pressed(self):
-        """A key that is no modifier was pressed."""
+    def pressed(self, is_modifier):
+        """A key was pressed. A modifier ends only layers."""
         for k in range(_MOST):
-            if self._which[k] >= 0:
+            n = self._which[k]
+            if n >= 0 and (not is_modifier or self._is_layer(n)):
                 if self._of[k] >= 0:
                     self._used[k] = True
                 else:
@@ -74,10 +77,13 @@ class Sticky:
         """Return whether a layer is on for the next key only."""
         for k in range(_MOST):
             if self._which[k] >= 0 and self._of[k] < 0:
-                action = self._engine.layout.behaviours[self._which[k] + 2]
-                if action >> 20 == MOMENTARY and action & 0xFFF == layer:
+                n = self._which[k]
+                if self._is_layer(n) and self._engine.layout.behaviours[n + 2] & 0xFFF == layer:
                     return True
         return False
+
+    def _is_layer(self, n):
+        return self._engine.layout.behaviours[n + 2] >> 20 == MOMENTARY
 
     def _finish(self, k):
         n = self._which[k]
@@ -87,7 +93,7 @@ class Sticky:
     def _change(self, n, change):
         engine = self._engine
         action = engine.layout.behaviours[n + 2]
-        if action >> 20 == MOMENTARY:
+        if self._is_layer(n):
             engine.layer_on(action & 0xFFF, change)
         elif change > 0:
             engine.merger.press(engine.sink, action)

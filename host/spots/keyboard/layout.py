@@ -69,6 +69,7 @@ class _Key(toml.Strict, omit_defaults=True):
     tapping_term_ms: Optional[_ms("tapping_term_ms")] = None
     quick_tap_ms: Optional[_ms("quick_tap_ms")] = None
     require_prior_idle_ms: Optional[_ms("require_prior_idle_ms")] = None
+    retro_tap: bool = False
 
 
 class _Layer(toml.Strict, omit_defaults=True):
@@ -81,6 +82,7 @@ class _Layer(toml.Strict, omit_defaults=True):
 
 class _TapDance(toml.Strict, omit_defaults=True):
     actions: Annotated[list[str], msgspec.Meta(min_length=2, max_length=8)]
+    holds: Annotated[list[str], msgspec.Meta(max_length=8)] = []
     tapping_term_ms: Optional[_ms("tapping_term_ms")] = None
 
 
@@ -150,7 +152,7 @@ class Behaviour:
     @property
     def actions(self) -> tuple[int, ...]:
         """The actions that this behaviour may cause."""
-        first = {lines_of.HOLD_TAP: 5, lines_of.STICKY: 2, lines_of.TAP_DANCE: 2}
+        first = {lines_of.HOLD_TAP: 5, lines_of.STICKY: 2}
         return self.numbers[first.get(self.numbers[0], 3) :]
 
 
@@ -307,7 +309,7 @@ class _Compiler:
 
     def _hold(self, key: _Key, action: int, layer: str, where: str) -> int:
         terms = [getattr(key, name) for name in HOLD_TERMS]
-        if key.flavor is None and terms == [None] * len(terms):
+        if key.flavor is None and not key.retro_tap and terms == [None] * len(terms):
             return action
         if not action:
             self._refuse(
@@ -315,6 +317,7 @@ class _Compiler:
             )
         tuning = self._tuning
         flavor = tuning["flavor"] if key.flavor is None else FLAVORS.index(key.flavor)
+        flavor += lines_of.RETRO_TAP * key.retro_tap
         terms = [tuning[name] if term is None else term for name, term in zip(HOLD_TERMS, terms)]
         return self._behave(key.hold, lines_of.HOLD_TAP, flavor, *terms, action)
 
@@ -367,8 +370,12 @@ class _Compiler:
         one, where = table[name], f"in [{verb}.{name}]"
         if verb == "tap_dance":
             term_ms = one.tapping_term_ms or self._tuning["tapping_term_ms"]
-            actions = [self._action(action, "", where) for action in one.actions]
-            found = self._behave(text, lines_of.TAP_DANCE, term_ms, *actions)
+            many = len(one.actions)
+            if len(one.holds) > many:
+                self._refuse(text, f"{where}: there are more holds than actions: remove some")
+            holds = [*one.holds, *[""] * (many - len(one.holds))] if one.holds else []
+            actions = [self._action(action, "", where) for action in (*one.actions, *holds)]
+            found = self._behave(text, lines_of.TAP_DANCE, term_ms, many, *actions)
         else:
             mods, kept = (self._bits(names, where) for names in (one.mods, one.keep_mods))
             actions = [self._action(action, "", where) for action in (one.action, one.morphed)]
