@@ -3,7 +3,7 @@
 from spots.calibrate.expect import expected
 from spots.link.board import Board
 from spots_device.board.settings import checksum
-from spots_device.reading.calibration import CalibrationError
+from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.decode import DARK_SAMPLES
 
 

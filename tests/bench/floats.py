@@ -10,7 +10,8 @@ import math
 import struct
 
 from spots_device.reading import decode as d
-from spots_device.reading.calibration import ONE_Q13, Calibration
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import ONE_Q13
 
 _STATUS = 0x93
 _CLEAR = b"\x93\x08"
@@ -24,7 +25,7 @@ class FloatPath:
     Parameters
     ----------
     lines : sequence of str
-        Lines of the calibration, see `spots_device.reading.calibration`.
+        Lines of the calibration, see `spots_device.reading.calibration_lines`.
     dark : sequence of float
         Dark counts of the six channels.
     bus, clock, serial : object

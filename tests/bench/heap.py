@@ -1,4 +1,7 @@
-"""Script for MicroPython: prints the heap that the firmware uses without and with a calibration."""
+"""Script for MicroPython: prints the heap that the firmware uses in each of its states.
+
+The states are: without a calibration, with one, and with keys and a layout.
+"""
 
 import gc
 import json
@@ -6,19 +9,24 @@ import sys
 
 import canned
 
+
+def measured():
+    gc.collect()
+    return {"heap_bytes": gc.mem_alloc(), "modules": list(sys.modules)}
+
+
+def given(name):
+    with open("inputs.json") as file:
+        return json.load(file)[name]
+
+
 made = canned.app()
-gc.collect()
-started = gc.mem_alloc()
-with open("inputs.json") as file:
-    made[0].use_calibration(json.load(file)["calibration"])
-file = None
-gc.collect()
-print(
-    json.dumps(
-        {
-            "started_bytes": started,
-            "calibrated_bytes": gc.mem_alloc(),
-            "modules": list(sys.modules),
-        }
-    )
-)
+app = made[0]
+states = {}
+states["started"] = measured()
+app.use_calibration(given("calibration"))
+states["calibrated"] = measured()
+app.settings.change(["keys=1"])
+app.use_layout(given("layout"))
+states["typing"] = measured()
+print(json.dumps(states))

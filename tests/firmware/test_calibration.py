@@ -6,7 +6,8 @@ import pytest
 from smallint import SmallInt
 
 from spots.calibrate.decoded import bounds_of, segments_of
-from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
+from spots_device.reading.calibration import Calibration, Conditions
+from spots_device.reading.calibration_lines import CalibrationError
 
 GOOD = """\
 board 00ff

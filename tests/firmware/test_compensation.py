@@ -5,7 +5,8 @@ import math
 import pytest
 from smallint import SmallInt, small
 
-from spots_device.reading.calibration import Calibration, CalibrationError
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.decode import (
     FLAGS,
     FORCE_MN,

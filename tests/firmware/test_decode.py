@@ -10,7 +10,8 @@ from smallint import SmallInt, small
 
 from spots.calibrate.decoded import Decoded, segments_of
 from spots_device.reading import decode, kernel
-from spots_device.reading.calibration import ONE_Q13, WEIGHT_SUM_MAX, Calibration
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import ONE_Q13, WEIGHT_SUM_MAX
 from spots_device.reading.log2 import ONE
 
 LOG_MAX = 24 * ONE

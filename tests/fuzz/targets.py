@@ -39,7 +39,8 @@ from spots_device.board import settings
 from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import LayoutError, parse
 from spots_device.keys.merge import Merger
-from spots_device.reading.calibration import Calibration, CalibrationError
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.decode import AVERAGE_MAX
 from spots_linkage import mounted, twin_points
 from spots_net import subscribe

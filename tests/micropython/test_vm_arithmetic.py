@@ -43,11 +43,11 @@ from spots_device.keys.layout import (
     parse,
 )
 from spots_device.reading import decode
-from spots_device.reading.calibration import (
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import (
     KNOTS_MAX,
     ONE_Q13,
     WEIGHT_SUM_MAX,
-    Calibration,
     CalibrationError,
 )
 from spots_device.reading.decode import (

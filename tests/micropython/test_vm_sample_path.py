@@ -14,7 +14,8 @@ from spots_device.fingers.contacts import (
     UP,
 )
 from spots_device.keys.layout import KEYBOARD, action
-from spots_device.reading.calibration import Calibration, CalibrationError
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.dark import _DARK_EVERY_US, IDLE_US
 from spots_device.reading.decode import (
     DARK_SUBTRACTED,

@@ -511,6 +511,7 @@ class BoardApp:
             lines = self.store.load(self._name(part))
             if lines:
                 check(lines)
+                gc.collect()  # the parser and its garbage, before modules that stay are loaded
             return lines
         except ValueError as error:
             self._unused.append("stored %s not used: %s" % (part, error))

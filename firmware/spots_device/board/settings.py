@@ -2,7 +2,7 @@
 
 from binascii import crc32
 
-from ..reading.calibration import STRAIN_MAX_PPM
+from ..reading.calibration_lines import STRAIN_MAX_PPM
 from ..reading.decode import AVERAGE_MAX
 from ..sensor.exposure import (
     DEFAULT_GAIN,

@@ -4,11 +4,9 @@ A contact is a finger on the strip. A board without USB HID sends keys as frames
 functions that are switched off are not imported, which saves memory.
 """
 
-import gc
-import sys
-
 from ..fingers.state import STATE, STUCK_T, TWO
 from ..reading import decode as d
+from ..runtime.modules import drop
 
 # Name of each USB interface, and the setting that enables it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
@@ -23,14 +21,10 @@ def check_layout(lines):
 def _parse(lines):
     from ..keys import layout
 
-    made = layout.parse(lines or layout.default_lines())
-    if sys.implementation.name != "cpython":
-        # A board has no memory for a module that is used once. The package refers to it, too.
-        package, name = layout.__name__.rsplit(".", 1)
-        del sys.modules[layout.__name__], layout
-        delattr(sys.modules[package], name)
-        gc.collect()
-    return made
+    try:
+        return layout.parse(lines or layout.default_lines())
+    finally:
+        drop(layout)
 
 
 class Uses:

@@ -18,7 +18,8 @@ from typing import Annotated
 import msgspec
 
 from spots_device.board.settings import checksum
-from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
+from spots_device.reading.calibration import Calibration, Conditions
+from spots_device.reading.calibration_lines import CalibrationError
 
 from ..common import atomic, kinds, toml
 from ..common.bounded import read_text
@@ -174,7 +175,7 @@ class CalibrationFile(toml.Strict, kw_only=True):
         Board and settings of the calibration; `plan` is the choice of the six channels. See
         `spots_device.reading.calibration.Conditions`.
     lines : tuple of str
-        Calibration lines that the board uses, see `spots_device.reading.calibration`.
+        Calibration lines that the board uses, see `spots_device.reading.calibration_lines`.
     original : tuple of str
         Calibration lines before the first re-zero; empty if there was no re-zero.
     residuals : list of Residual

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spots_device.reading.calibration import ONE_Q13, Calibration
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import ONE_Q13
 from spots_device.reading.decode import CROSS
 from spots_device.reading.log2 import ONE as ONE_Q20
 from spots_device.sensor.smux import CHANNELS
@@ -29,7 +30,7 @@ class CrossLines:
     Parameters
     ----------
     lines : sequence of str
-        Lines of a calibration, see `spots_device.reading.calibration`.
+        Lines of a calibration, see `spots_device.reading.calibration_lines`.
     """
 
     def __init__(self, lines):

@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from spots_device.reading.calibration import ONE_Q13, Calibration
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import ONE_Q13
 from spots_device.reading.log2 import ONE as ONE_Q20
 from spots_device.sensor.smux import CHANNELS
 
@@ -33,7 +34,7 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     lines : sequence of str
-        Lines of the calibration, see `spots_device.reading.calibration`.
+        Lines of the calibration, see `spots_device.reading.calibration_lines`.
     strain_ppm : int
         Strain of the strip: elongation over length at rest, in ppm.
 
@@ -47,7 +48,7 @@ def expected(lines, strain_ppm: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
     Raises
     ------
-    spots_device.reading.calibration.CalibrationError
+    spots_device.reading.calibration_lines.CalibrationError
         If the lines are not a calibration, or have no table for this strain.
     """
     made = Calibration(lines, strain_ppm)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from spots_device.reading.calibration import ONE_Q13, WEIGHT_SUM_MAX, Conditions
+from spots_device.reading.calibration import Conditions
+from spots_device.reading.calibration_lines import ONE_Q13, WEIGHT_SUM_MAX
 from spots_device.reading.log2 import ONE as ONE_Q20
 
 from ..errors import SpotsError
@@ -61,7 +62,7 @@ def fit(
     conditions: Conditions,
     misfit: np.ndarray | None = None,
 ) -> list[str]:
-    """Fit a calibration and return its lines, see `spots_device.reading.calibration`.
+    """Fit a calibration and return its lines, see `spots_device.reading.calibration_lines`.
 
     Parameters
     ----------

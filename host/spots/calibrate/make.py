@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from msgspec.structs import replace
 
-from spots_device.reading.calibration import Calibration, CalibrationError
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.decode import CROSS
 
 from ..errors import SpotsError

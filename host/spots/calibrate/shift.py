@@ -3,7 +3,7 @@
 Drift adds c_i(x) to log2 of the counts of channel i at the position x. c_i is a polynomial through
 the drift that was measured at the known positions, called marks. The tables contain weighted sums
 of log2 of the counts: contrasts (which show the position), expected misfits, corrections of the
-brightness, and the coarse contrast at which each segment begins, see `reading.calibration`. A
+brightness, and the coarse contrast at which each segment begins, see `reading.calibration_lines`. A
 sum with the weights w_i changes by the sum of w_i c_i(x). The weights do not change.
 """
 
@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import polynomial
 
-from spots_device.reading.calibration import ONE_Q13, Calibration, CalibrationError
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.calibration_lines import ONE_Q13, CalibrationError
 from spots_device.reading.log2 import ONE as ONE_Q20
 from spots_device.sensor.smux import CHANNELS
 
@@ -44,8 +45,8 @@ def shifted(lines, place_um, shifts) -> list[str]:
     Parameters
     ----------
     lines : sequence of str
-        Lines of the original calibration, see `spots_device.reading.calibration`. The tables of all
-        strains shift by the same c_i(x), see the module docstring.
+        Lines of the original calibration, see `spots_device.reading.calibration_lines`. The
+        tables of all strains shift by the same c_i(x), see the module docstring.
     place_um : sequence of float, length n
         Distances of the n marks from the strip's end at the sensor, in um. The shift is a
         polynomial of degree n - 1 in the position.

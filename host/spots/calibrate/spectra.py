@@ -155,7 +155,7 @@ class SpectrumReader:
         Parameters
         ----------
         lines : iterable of str
-            Lines of the calibration, see `spots_device.reading.calibration`.
+            Lines of the calibration, see `spots_device.reading.calibration_lines`.
         """
         made = Calibration(lines)
         longer = self.conditions.exposure_us / made.conditions.exposure_us

@@ -9,7 +9,8 @@ from os import PathLike
 from typing import Any
 
 from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
-from spots_device.reading.calibration import Calibration, CalibrationError, Conditions
+from spots_device.reading.calibration import Calibration, Conditions
+from spots_device.reading.calibration_lines import CalibrationError
 
 from ..errors import CommandError, NoReplyError, SpotsError, path_text
 from .board import Board, of_sensor
@@ -196,7 +197,7 @@ def prepare(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     board : Board
         The board to change.
     calibration : sequence of str
-        Lines of the calibration, see `spots_device.reading.calibration`.
+        Lines of the calibration, see `spots_device.reading.calibration_lines`.
     sensor : int
         Number of the strip on the board.
 
@@ -224,7 +225,7 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     board : Board
         The board to calibrate.
     calibration : sequence of str
-        Lines of the calibration, see `spots_device.reading.calibration`.
+        Lines of the calibration, see `spots_device.reading.calibration_lines`.
     sensor : int
         Number of the strip on the board.
 

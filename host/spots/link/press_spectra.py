@@ -24,7 +24,7 @@ class PressSpectra:
     Parameters
     ----------
     lines : sequence of str
-        Lines of a calibration, see `spots_device.reading.calibration`. At least two lines
+        Lines of a calibration, see `spots_device.reading.calibration_lines`. At least two lines
         ``spectrum`` are required.
 
     Attributes

@@ -13,7 +13,7 @@ from spots_device.fingers.locate import power as power_of_two
 from spots_device.fingers.steady import stays
 from spots_device.reading import decode as d
 from spots_device.reading import kernel, sticking
-from spots_device.reading.calibration import pack
+from spots_device.reading.calibration_lines import pack
 from spots_device.reading.decode import Decode
 from spots_device.reading.frame import Time32
 from spots_device.reading.log2 import log2_q20
