@@ -241,7 +241,116 @@ def test_what_can_never_be_typed_is_found_key_by_key(tmp_path, capsys, action):
         "layer 'b', key 1 (B)",
         "layer 'b', key 2 (two)",
     ]
-    assert "2 keys can never be typed" in shown.err
+    assert "2 keys or actions can never be typed" in shown.err
+
+
+DANCE = """
+[tap_dance.x]
+actions = ["A", "LEFT_SHIFT+B"]
+"""
+MORPH = """
+[mod_morph.y]
+action = "A"
+morphed = "B"
+mods = ["LEFT_SHIFT"]
+"""
+# Part of a file after its name, what can never be typed, and a change after which all can be typed.
+PARTS = [
+    (
+        'swipe_plus = "C"\nkeys = [{tap = "A", hold = "B", slide_plus = "D"}]\n'
+        "[tuning]\ntapping_term_ms = 250",
+        "key 1 (A B): slide_plus can never be typed: the key is decided after tapping_term_ms (250",
+        ("250", "260"),
+    ),
+    (
+        'keys = ["C", {tap = "A", firm = "B"}]\n[tuning]\npress_mN = 3000\nfirm_mN = 3000',
+        "key 2 (A B): tap can never be typed: each touch is firm: set firm_mN to more",
+        ("firm_mN = 3000", "firm_mN = 3001"),
+    ),
+    (
+        'keys = [{tap = "tap_dance x", double = "C"}]' + DANCE,
+        "what its tap_dance does after two taps can never be typed: a second tap within double_ms",
+        (', "LEFT_SHIFT+B"]', ', "LEFT_SHIFT+B"]\ntapping_term_ms = 400'),
+    ),
+    (
+        'keys = [{tap = "tap_dance x", hold = "C"}]' + DANCE + 'holds = ["D"]',
+        "the first of holds of its tap_dance can never be typed: a long touch is the hold",
+        ('holds = ["D"]', 'holds = ["", "D"]'),
+    ),
+    (
+        'keys = ["mod_morph y", "RIGHT_SHIFT"]' + MORPH,
+        "mod_morph y: morphed can never be typed: no key of this layout presses its mods",
+        ("RIGHT", "LEFT"),
+    ),
+    (
+        'keys = ["mod_morph y", "B"]' + MORPH,
+        "mod_morph y: morphed can never be typed",
+        ('"B"]', '"sticky LEFT_SHIFT"]'),
+    ),
+    (
+        'keys = ["A"]' + DANCE,
+        "[tap_dance.x] can never be typed: no key uses it",
+        ('"A"]', '"tap_dance x"]'),
+    ),
+    (
+        'keys = ["A"]' + MORPH,
+        "[mod_morph.y] can never be typed",
+        ('["A"]', '["mod_morph y", "LEFT_SHIFT"]'),
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "sentence", "change"), PARTS)
+def test_what_can_never_be_typed_of_a_key_is_found(tmp_path, text, sentence, change):
+    (problem,) = load(write(tmp_path, HEAD + text)).problems
+    assert sentence in problem
+    assert not load(write(tmp_path, HEAD + text.replace(change[0], change[1], 1))).problems
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_all_of_a_layout_of_the_package_can_be_typed(name):
+    assert not load(name).problems
+
+
+SHOWN = """name = "x"
+[[layer]]
+name = "a"
+swipe_plus = "F9"
+keys = [
+  {tap = "S", hold = "LEFT_SHIFT", firm = "F1"},
+  {tap = "D", hold = "momentary b", retro_tap = true, tapping_term_ms = 300},
+  "tap_dance x",
+  "mod_morph y",
+]
+[[layer]]
+name = "b"
+keys = ["1"]
+"""
+
+
+def test_show_draws_what_a_key_does(tmp_path, capsys):
+    path = write(tmp_path, SHOWN + DANCE + 'holds = ["F2"]\n' + MORPH)
+    assert cli.main(["keys", "show", str(path)]) == 0
+    out = capsys.readouterr().out
+    lines = [" ".join(line.strip("│ ").split()) for line in out.splitlines()]
+    for expected in (
+        "key tap hold firm swipe away",
+        "S S LEFT_SHIFT (1) F1",
+        "D b D momentary b (2)",
+        "(anywhere) F9",
+        "1 tap: A, held: F2",
+        "2 taps: LEFT_SHIFT+B",
+        "at most 200 ms from press to press",
+        "with LEFT_SHIFT: B, without LEFT_SHIFT",
+        "balanced ========== tapping term 200 ms",
+        "balanced, retro_tap ========== tapping term 300 ms",
+    ):
+        assert lines.count(expected) == 1, (expected, out)
+    drawn = [line for line in lines if line.startswith(("a long touch", "another finger"))]
+    assert [line.split()[-1] for line in drawn] == [
+        *("hold", "hold", "tap", "hold"),
+        *("tap", "hold", "tap", "hold"),
+    ]
 
 
 def test_a_layer_below_that_can_be_seen_is_no_problem(tmp_path):

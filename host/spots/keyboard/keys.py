@@ -6,34 +6,45 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from spots_device.keys.layout import BEHAVIOUR
+from spots_device.keys import layout as lines_of
+from spots_device.keys.layout import BEHAVIOUR, RETRO_TAP
 
 from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.connect import ensured, upload_lines
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
 from ..terminal.view import framed
-from .layout import LAYER_VERBS, SLOTS, SWIPES, KeyLayout, PlacedKey, load, parts_of
+from . import trial
+from .layout import FLAVORS, LAYER_VERBS, SLOTS, SWIPES, KeyLayout, PlacedKey, load, parts_of
 
 COLUMNS = 74
 _LABEL = 20  # characters of a label; a longer one takes several lines
 _GAP = 2  # between the columns of a table
 _SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
+_TERM = 10  # characters of a drawing that are a tapping term
+_GESTURES = {
+    "tap": "a short touch",
+    "held": "a long touch",
+    "nested": "another finger lifts first",
+    "rolled": "another finger lifts later",
+    "later": "another finger after the term",
+}
 _VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 
 
 def check(name: str) -> None:
     """Validate a layout file, and print its number of keys.
 
-    Raises SpotsError if it is invalid. Prints keys that can never be typed, and raises SpotsError.
+    Raises SpotsError if it is invalid. Prints what can never be typed, and raises SpotsError.
     """
     layout = load(name)
     for problem in layout.problems:
         print(printable(problem))
     if layout.problems:
         many = len(layout.problems)
+        what = "1 key or action" if many == 1 else f"{many} keys or actions"
         raise SpotsError(
-            f"layout {name}: {many} keys can never be typed: change the layers as the lines above "
+            f"layout {name}: {what} can never be typed: change the layout as the lines above "
             "describe"
         )
     keys = sum(len(row) for row in layout.layers.values())
@@ -74,13 +85,29 @@ def push(board: Board, layout: KeyLayout) -> str | None:
 
 
 def picture(layout: KeyLayout) -> Panel:
-    """Return a picture of each layer: the keys along the strip, and a table of all actions."""
+    """Return a picture of each layer with its keys along the strip, and of what each key does."""
     parts = []
+    rules = list(
+        dict.fromkeys(
+            _rule(layout, key.actions["hold"])
+            for keys in layout.layers.values()
+            for key in keys
+            if key.actions["hold"]
+        )
+    )
     for name, keys in layout.layers.items():
-        actions = [(key.label, key.actions) for key in keys]
+        actions = [(key.label, _words(layout, key, rules)) for key in keys]
         if any(layout.swipes[name].values()):
-            actions.append(("(anywhere)", layout.swipes[name]))
-        parts += [Text(name, style="bold"), row(keys), _table(layout, actions), Text()]
+            words = {slot: say(layout, one) for slot, one in layout.swipes[name].items()}
+            actions.append(("(anywhere)", words))
+        parts += [Text(name, style="bold"), row(keys), _table(actions), Text()]
+    for one in dict.fromkeys(one.text for one in layout.behaviours):
+        lines = _steps(layout, one)
+        if lines:
+            parts += [Text(one, style="bold"), *map(Text, lines), Text()]
+    for number, rule in enumerate(rules, 1):
+        title = f"hold ({number})" if len(rules) > 1 else "hold"
+        parts += [Text(title, style="bold"), _drawn(rule), Text()]
     return framed(parts[:-1], layout.name, COLUMNS + 6)
 
 
@@ -131,14 +158,82 @@ def say(layout: KeyLayout, action: int) -> str:
         return layout.behaviours[number].text
     if kind in _VERBS:
         return f"{_VERBS[kind]} {list(layout.layers)[number]}"
-    names = [name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(8) if bits >> i & 1]
-    return "+".join([*names, name_of(kind, number)])
+    return "+".join([*_modifiers(bits), name_of(kind, number)])
 
 
-def _table(layout: KeyLayout, actions: list[tuple[str, dict[str, int]]]) -> Table:
+def _words(layout: KeyLayout, key: PlacedKey, rules: list) -> dict[str, str]:
+    words = {slot: say(layout, one) for slot, one in key.actions.items()}
+    if words["hold"] and len(rules) > 1:
+        words["hold"] += f" ({rules.index(_rule(layout, key.actions['hold'])) + 1})"
+    return words
+
+
+def _rule(layout: KeyLayout, hold: int) -> tuple[int, ...]:
+    """Return flavor and times of a hold, as in a ``behaviour`` line."""
+    kind, number, _ = parts_of(hold)
+    if kind == BEHAVIOUR and layout.behaviours[number].numbers[0] == lines_of.HOLD_TAP:
+        return layout.behaviours[number].numbers[1:5]
+    tuning = dict(line.split() for line in layout.lines if len(line.split()) == 2)
+    names = "flavor", "tapping_term_ms", "quick_tap_ms", "require_prior_idle_ms"
+    return tuple(int(tuning[name]) for name in names)
+
+
+def _drawn(rule: tuple[int, ...]) -> Table:
+    """Return a drawing of what a key does when its finger is alone, and beside another finger."""
+    flavor, term_ms, quick_ms, idle_ms = rule
+    table = Table.grid(padding=(0, _GAP, 0, 0))
+    table.add_column(no_wrap=True)
+    retro = ", retro_tap" if flavor & RETRO_TAP else ""
+    table.add_row(
+        f"{FLAVORS[flavor & ~RETRO_TAP]}{retro}", "=" * _TERM, f"tapping term {term_ms} ms"
+    )
+    for gesture, words in _GESTURES.items():
+        found = trial.play(flavor, gesture)
+        what = next(one.what for one in found if one.what != "other")
+        fingers = [
+            " " * round(_TERM * begin) + mark * round(_TERM * (end - begin))
+            for mark, (begin, end) in zip("=-", trial.GESTURES[gesture])
+        ]
+        table.add_row(words, "\n".join(fingers), what)
+    if quick_ms:
+        table.add_row("again, soon after a tap", "", f"tap, within {quick_ms} ms")
+    if idle_ms:
+        table.add_row("soon after another key", "", f"tap, within {idle_ms} ms")
+    return table
+
+
+def _steps(layout: KeyLayout, text: str) -> list[str]:
+    """Return what a tap dance or mod-morph does, in lines; empty for other behaviours."""
+    kind, *numbers = next(one.numbers for one in layout.behaviours if one.text == text)
+    if kind == lines_of.TAP_DANCE:
+        term_ms, many, *actions = numbers
+        words = [say(layout, one) or "nothing" for one in actions]
+        holds = [f", held: {one}" if one != "nothing" else "" for one in words[many:]]
+        holds += [""] * (many - len(holds))
+        lines = [
+            f"{count} tap{'s' * (count > 1)}: {words[count - 1]}{holds[count - 1]}"
+            for count in range(1, many + 1)
+        ]
+        return [*lines, f"at most {term_ms} ms from press to press"]
+    if kind == lines_of.MOD_MORPH:
+        mods, kept, action, morphed = numbers
+        hidden = _modifiers(mods & ~kept)
+        without = f", without {' and '.join(hidden)}" if hidden else ""
+        return [
+            say(layout, action) or "nothing",
+            f"with {' or '.join(_modifiers(mods))}: {say(layout, morphed) or 'nothing'}{without}",
+        ]
+    return []
+
+
+def _modifiers(bits: int) -> list[str]:
+    return [name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(8) if bits >> i & 1]
+
+
+def _table(actions: list[tuple[str, dict[str, str]]]) -> Table:
     """Return a table of labels and actions; if its columns are too wide, a line for each action."""
     does = [
-        (label, {_heading(slot): say(layout, action) for slot, action in by_slot.items() if action})
+        (label, {_heading(slot): text for slot, text in by_slot.items() if text})
         for label, by_slot in actions
     ]
     used = dict.fromkeys(_heading(slot) for slot in (*SLOTS, *SWIPES))

@@ -40,6 +40,7 @@ LAYER_VERBS = {
     "to": lines_of.TO,
 }
 STICKY = "sticky"
+NAMED = ("tap_dance", "mod_morph")  # tables of the file, which an action names
 # Actions without a name behind them.
 WORDS = {"key_repeat": lines_of.KEY_REPEAT, "caps_word": lines_of.CAPS_WORD}
 # Words of older layouts, which the words of other keyboard firmware have replaced.
@@ -286,9 +287,13 @@ class _Compiler:
         content = msgspec.to_builtins(self._file)
         typed = frozenset(one for one in used if parts_of(one)[0] in (KEYBOARD, CONSUMER))
         parts = self._file.name, layers, swipes, lines, typed, self._behaviours
-        return KeyLayout(
-            *parts, reach.problems(layers, swipes, self._behaviours), self._text, content
-        )
+        problems = reach.problems(layers, swipes, self._behaviours, tuning) + [
+            f"[{verb}.{name}] can never be typed: no key uses it"
+            for verb in NAMED
+            for name in getattr(self._file, verb)
+            if all(one.text != f"{verb} {name}" for one in self._behaviours)
+        ]
+        return KeyLayout(*parts, problems, self._text, content)
 
     def _keys(self, layer: _Layer) -> list[PlacedKey]:
         keys = [_Key(tap=key) if isinstance(key, str) else key for key in layer.keys]
@@ -339,7 +344,7 @@ class _Compiler:
             else:
                 action = self._chord(name, text, at, f" and no layer; layers are {self._known}")
             return self._behave(text, lines_of.STICKY, after_ms, action)
-        if verb in ("tap_dance", "mod_morph"):
+        if verb in NAMED:
             return self._named(verb, name, text, at)
         return self._chord(text, text, at)
 
