@@ -10,8 +10,9 @@ from itertools import pairwise, takewhile
 from typing import NamedTuple
 
 from spots.errors import SpotsError
-from spots.link.board import Board, of_sensor
+from spots.link.board import Board
 from spots.link.frames import Touch
+from spots.link.lines import of_sensor
 
 from .encoder import Angle, Encoder
 from .fivebar import Limit, LimitError, Linkage

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 
 from spots.calibrate.calibration_file import CalibrationFile
 from spots.errors import SpotsError, path_text
-from spots.link.board import Board, of_sensor
+from spots.link.board import Board
 from spots.link.connect import (
     find,
     of_id,
@@ -17,6 +17,7 @@ from spots.link.connect import (
     prepare,
 )
 from spots.link.frames import Touch
+from spots.link.lines import of_sensor
 from spots.link.ports import offered, scheme, scheme_name
 from spots.link.replies import Hello
 from spots.recording.replay import open_recording

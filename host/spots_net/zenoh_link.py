@@ -3,8 +3,8 @@
 from contextlib import suppress
 
 from spots.errors import PortLostError, SpotsError
+from spots.link.link import ReplyingLink
 from spots.link.replies import decoded
-from spots.link.serial_link import Link
 
 from .mailbox import Mailbox
 from .optional import zenoh
@@ -13,14 +13,17 @@ from .zenoh_session import READ_ONLY, direct, key
 # Longest name of a run. A publisher begins a run, with a new name, at its start and at each restart
 # of the board.
 _RUN_BYTES_MAX = 64
+_STREAMS = {"touch", "spectrum", "contact"}
 _ERROR_BYTES_MAX = 600  # longer error messages are ignored
 
 
-class ZenohLink(Link):
+class ZenohLink(ReplyingLink):
     """Receives the frames of a published board, and never writes to the board.
 
-    Frames arrive after a call of `listen`; call `listen` again after each `reopen`. If the
-    publisher disconnects or restarts, or the board restarts, `read` raises PortLostError.
+    The publisher replies to the commands ``hello``, ``get`` and ``sync``. This link replies to
+    ``stream``, which only starts or stops the reception of all published frames, and ends with
+    each `reopen`. Other commands are refused. If the publisher disconnects or restarts, or the
+    board restarts, `read` raises PortLostError.
 
     Parameters
     ----------
@@ -36,6 +39,7 @@ class ZenohLink(Link):
         self._mail = Mailbox()
         self._alive = True  # the board was found a moment ago
         self._frames: zenoh.Subscriber | None = None
+        self._streams: list[str] = []
         self._run: bytes | None = None
         token = key(board_id, "alive")
         self._watch = session.liveliness().declare_subscriber(
@@ -74,17 +78,47 @@ class ZenohLink(Link):
         return b""
 
     def close_port(self) -> None:
-        self.listen(False)
+        self._stream(["off"])
 
     def reopen(self) -> None:
-        """Prepare for another `listen`; raise SpotsError if the board is not published."""
-        self.listen(False)
+        """Prepare for another ``stream``; raise SpotsError if the board is not published."""
+        self._stream(["off"])
         self._run = None
         if not self._alive:
             raise SpotsError(self._gone())
 
     def write(self, data: bytes) -> None:
-        """Ignore the data, because nothing is written to a remote board; see `ask`."""
+        """Ignore the data, because nothing is written to a remote board; see `reply`."""
+
+    def reply(self, line: str, timeout_s: float) -> dict | None:
+        name, *words = line.split()
+        sensor = [word for word in words if word.startswith("sensor=")]
+        if name == "stream":
+            # The words sensor=N have no effect: a publisher sends the frames of all sensors.
+            return self._stream([word for word in words if word not in sensor])
+        if sensor:
+            return {"error": "a remote board replies only for sensor 0: leave sensor= out"}
+        if name not in READ_ONLY:
+            return {"error": "a remote board is read-only: send the command on its machine"}
+        reply = self.ask(name, timeout_s)
+        if reply is not None and name == "hello" and "error" in reply:
+            raise SpotsError(
+                f"the board {self.name} does not answer 'hello'; its publisher reports: "
+                f"{reply['error']}"
+            )
+        if reply is not None and name == "sync":
+            if not isinstance(reply.get("t_us"), int):
+                return None  # the board is disconnected, or no SPOTS publisher has replied
+            reply["stream"] = self._streams
+        return reply
+
+    def _stream(self, words: list[str]) -> dict:
+        kinds = sorted(set(words))
+        if not kinds or (kinds != ["off"] and set(kinds) - _STREAMS):
+            return {"error": "the arguments of stream are touch, spectrum, contact, or off"}
+        self._streams = kinds if kinds != ["off"] else []
+        self.listen(bool(self._streams))
+        return {"stream": kinds}
 
     def ask(self, command: str, timeout_s: float) -> dict | None:
         """Query the publisher for the reply to a command that changes nothing.

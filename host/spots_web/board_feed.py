@@ -32,7 +32,7 @@ from spots.link.timeouts import (
     STALLED,
     silent_s,
 )
-from spots.recording.replay import Replay, open_recording
+from spots.recording.replay import open_recording
 from spots.terminal.view import Pace
 from spots_device.sensor.smux import CHANNELS
 
@@ -201,7 +201,7 @@ class BoardReader:
                     left = ()  # the board is still connected
                     return
                 # A pause in a recording is part of the recording.
-                paused = isinstance(board, Replay) and not board.ended
+                paused = board.recorded and not board.ended
                 if board.silent(SEARCH_S) and not paused:
                     raise SpotsError("no readings arrive")
                 if board.stats.restarts != restarts:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from spots.link.board import Board, addressed
+from spots.link.board import Board
+from spots.link.lines import addressed
 from spots.link.readers import FrameIterator
 
 

@@ -18,9 +18,9 @@ from touch_framer import TouchFramer
 
 from spots.link.frames import Decoder
 from spots.recording.export import EXPORTS, export
-from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
 from spots.recording.replay import open_recording
+from spots.recording.writer import Writer
 from spots_device import PROTOCOL
 from spots_device.reading.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW
 
@@ -102,7 +102,7 @@ def _overhead(folder: Path) -> dict:
         for what in ("touch", "touch spectrum"):
             link = _Link(rate_Hz, spectra=what != "touch")
             name = f"{what} at {rate_Hz} Hz"
-            with Recorder(link.now_s, folder / f"{name}.spots", _describe) as recorder:
+            with Writer(link.now_s, folder / f"{name}.spots", _describe) as recorder:
                 header = recorder.bytes
                 for _ in range(_READINGS):
                     recorder.take(link.read(0), link.now_s())
@@ -115,7 +115,7 @@ def _times(folder: Path) -> dict:
     link = _Link(360, spectra=True)
     pieces = [link.read(0) for _ in range(_READINGS)]
     link.close()
-    with Recorder(link.now_s, path, _describe) as recorder:
+    with Writer(link.now_s, path, _describe) as recorder:
         for _ in pieces:
             recorder.take(link.read(0), link.now_s())
     link.close()
@@ -146,7 +146,7 @@ def _decode(data: bytes) -> int:
 
 def _record(link: _Link, path: Path) -> int:
     decoder, count = Decoder(), 0
-    with Recorder(link.now_s, path, _describe) as recorder:
+    with Writer(link.now_s, path, _describe) as recorder:
         for _ in range(_READINGS):
             piece = link.read(0)
             recorder.take(piece, link.now_s())

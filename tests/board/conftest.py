@@ -64,7 +64,7 @@ class Rig:
 
     def settle(self, seconds=0.15):
         """Let simulated time pass; unlike `Board.frames`, this starts no stream of frames."""
-        for _ in self.board._start(seconds, Touch, Spectrum, Key, wanted=False):
+        for _ in self.board._streams.start(seconds, Touch, Spectrum, Key, wanted=False):
             pass
 
     def spectra(self, count):

@@ -61,9 +61,9 @@ def test_a_reply_that_is_late_or_lost_neither_stops_the_opening_nor_bends_time(
     sensor, for_s, loses
 ):
     with Board(LockstepLink(sensor, Held())) as board:
-        in_time = board._clocks.clock
+        in_time = board._channel.clocks.clock
     with Board(HesitantAtSync(LockstepLink(sensor, Held()), for_s, loses)) as board:
-        late = board._clocks.clock
+        late = board._channel.clocks.clock
     assert late.uncertainty_s < 0.001
     assert late.host_s(5_000_000, 5.0) == pytest.approx(in_time.host_s(5_000_000, 5.0), abs=0.002)
 
@@ -116,7 +116,7 @@ def test_a_line_that_is_no_text_is_answered_and_the_next_one_works(rig, raw, say
     made = rig()
     made.board._link.write(raw)
     made.settle(0.05)
-    assert says in made.board._replies[-1].content["error"]
+    assert says in made.board._channel.replies[-1].content["error"]
     assert made.board.command("hello")["protocol"] == 2
 
 
@@ -124,7 +124,11 @@ def test_lines_in_one_piece_get_one_reply_each(rig):
     made = rig()
     made.board._link.write(b"sync\nget\r\nhello\n")
     made.settle(0.1)
-    assert [reply.content["re"] for reply in made.board._replies] == ["sync", "get", "hello"]
+    assert [reply.content["re"] for reply in made.board._channel.replies] == [
+        "sync",
+        "get",
+        "hello",
+    ]
 
 
 def test_settings_take_effect_on_the_sensor(rig):
@@ -193,7 +197,7 @@ def test_a_request_cut_short_by_a_reboot_is_answered(rig):
     made = rig()
     made.board._link.write(b"dark\nreboot\n")
     made.settle(0.3)
-    replies = [reply.content for reply in made.board._replies]
+    replies = [reply.content for reply in made.board._channel.replies]
     assert [reply["re"] for reply in replies] == ["dark", "reboot"]
     assert "rebooted" in replies[0]["error"]
 
@@ -274,7 +278,7 @@ def test_a_request_that_is_interrupted_is_answered(rig):
     made = rig()
     made.board._link.write(b"auto\nset gain=5\n")
     made.settle(0.1)
-    replies = [reply.content for reply in made.board._replies]
+    replies = [reply.content for reply in made.board._channel.replies]
     assert [reply["re"] for reply in replies] == ["auto", "set"]
     assert "before the command ended" in replies[0]["error"]
 
@@ -283,5 +287,5 @@ def test_one_request_at_a_time(rig):
     made = rig()
     made.board._link.write(b"dark\ndark\n")
     made.settle(1.0)
-    replies = [reply.content for reply in made.board._replies]
+    replies = [reply.content for reply in made.board._channel.replies]
     assert sorted("error" in reply for reply in replies) == [False, True]

@@ -93,7 +93,7 @@ def test_a_soft_reset_at_the_friendly_prompt_starts_the_application(start):
 @pytest.fixture(params=["friendly", "raw"])
 def at_prompt(start, request, monkeypatch):
     """The port of a board that another program has left at its friendly or raw prompt."""
-    monkeypatch.setattr("spots.link.board._HELLO_TIMEOUT_S", 0.3)
+    monkeypatch.setattr("spots.link.reconnect.HELLO_TIMEOUT_S", 0.3)
     port = start()
     link = interrupted(port)
     if request.param == "friendly":

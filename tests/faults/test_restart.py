@@ -14,8 +14,8 @@ import pytest
 
 from fault_streams import encoded
 from spots.errors import PortLostError, SpotsError
-from spots.link import board as module
 from spots.link import readers
+from spots.link import reconnect as module
 from spots.link.board import Board
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, SEARCH_S, STALLED
@@ -299,7 +299,7 @@ def test_the_newest_reading_of_a_board_that_came_back_is_had_again():
     assert board.latest().position_um == 42_000
     link.restart()
     link.streams = None  # restarted, and sends nothing yet
-    board._restarted(link.now_s(), 0)
+    board._channel.restarted(link.now_s(), 0)
     assert board.latest() is None
 
 

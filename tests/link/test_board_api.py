@@ -131,7 +131,7 @@ def test_the_latest_reading_is_what_is_there_and_costs_no_time():
     board = Board(link)
     link.read, read = (lambda timeout_s: b""), link.read
     began_s = link.now_s()
-    board._streams = {0: ["touch"]}
+    board._channel.wanted = {0: ["touch"]}
     link.streams = ["touch"]
     assert [board.latest() for _ in range(5)] == [None] * 5
     assert link.now_s() == began_s
@@ -142,7 +142,7 @@ def test_the_latest_reading_is_what_is_there_and_costs_no_time():
     assert board.latest() is first
     with pytest.raises(SpotsError, match="the board has no strip 1: its strips are 0"):
         board.latest(sensor=1)
-    board._loss.expect(link.now_s() - 10)  # no reading for ten seconds
+    board._channel.loss.expect(link.now_s() - 10)  # no reading for ten seconds
     assert board.latest() is None
 
 
@@ -152,7 +152,7 @@ def test_the_latest_reading_never_waits_for_a_thread_that_reads(strip):
     taken, release = threading.Event(), threading.Event()
 
     def reads():
-        with board._turn:
+        with board._channel.turn:
             taken.set()
             release.wait(GIVE_UP_S)
 
@@ -169,7 +169,7 @@ def test_readings_of_which_only_the_latest_is_wanted_are_not_kept(strip):
     _, board = strip
     for _ in range(300):
         board.latest()
-    assert len(board._frames) == 0
+    assert len(board._channel.frames) == 0
     assert board.stats.overrun == 0
     keeps = board.touches()
     for _ in range(10):
@@ -179,7 +179,7 @@ def test_readings_of_which_only_the_latest_is_wanted_are_not_kept(strip):
 
 def test_a_timeout_that_is_too_short_names_the_call_that_does_not_wait(strip):
     link, board = strip
-    board._streams = {0: ["touch"]}
+    board._channel.wanted = {0: ["touch"]}
     link.streams = None
     with pytest.raises(SpotsError, match=r"sends one every .* s: wait longer, or call latest\(\)"):
         board.read_latest(0)
@@ -196,7 +196,7 @@ def test_a_slow_board_has_time_for_its_newest_reading(strip):
     link.exposure_us = 1_500_000
     board.command("hello")
     link.streams, link.deaf = None, {"stream", "sync"}
-    board._streams = {0: ["touch"]}
+    board._channel.wanted = {0: ["touch"]}
     began_s = link.now_s()
     with pytest.raises(SpotsError, match=r"within 4\.5 s"):
         board.read_latest()
@@ -338,7 +338,7 @@ def test_a_fault_in_a_thread_is_raised_in_asyncio_and_reported_by_a_subscription
 
     link = Broken()
     board = Board(link)
-    board._streams = {0: ["touch"]}
+    board._channel.wanted = {0: ["touch"]}
     link.streams = ["touch"]
     with pytest.raises(ZeroDivisionError):
         asyncio.run(asyncio.wait_for(read(board), GIVE_UP_S))

@@ -7,8 +7,8 @@ import math
 from spots.errors import SpotsError
 from spots.link.clockmap import ClockMap
 from spots.link.frames import Decoder
-from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
+from spots.recording.writer import Writer
 from spots_device import PROTOCOL
 
 INFO = {
@@ -55,7 +55,7 @@ class Recorded:
 
     def __init__(self, link, path, describe, **options):
         self._link = link
-        self._recorder = Recorder(link.now_s, path, describe, **options)
+        self._recorder = Writer(link.now_s, path, describe, **options)
         self.now_s, self.stop = link.now_s, self._recorder.stop
 
     def __enter__(self):

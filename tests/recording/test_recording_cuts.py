@@ -19,8 +19,8 @@ import kills
 import spots
 from reels import INFO, clock, record, recorder, replayed
 from spots.link.frames import Decoder, note
-from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
+from spots.recording.writer import Writer
 from test_frames import encoded, touch
 
 _FRAMES = 60
@@ -74,7 +74,7 @@ def test_a_stop_in_another_thread_waits_for_the_frame_in_work(tmp_path):
             stop.join(0.2)  # without a lock, the recording has ended by then
         return {"info": INFO, "clock": clock().state(), "calibration": None}
 
-    one = Recorder(time.monotonic, path, describe)
+    one = Writer(time.monotonic, path, describe)
     stops.append(threading.Thread(target=one.stop))
     one.take(touch(0), time.monotonic())
     stops[0].join()

@@ -17,8 +17,8 @@ from reels import INFO, clock, record
 from spots.cli import main
 from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import export as exports
-from spots.recording.recorder import Recorder
 from spots.recording.table import described as described_by
+from spots.recording.writer import Writer
 from spots_device.reading.frame import TEXT_MAX
 from test_frames import encoded, stream
 
@@ -182,7 +182,7 @@ def recorded(tmp_path, info, *contents):
     pieces = [*stream(5), *replies(*contents)]
     known = clock().state()
     header = {"info": {**INFO, **info}, "clock": known, "dark": [[64] * 6] * 2}
-    with Recorder(lambda: 1000.0, tmp_path / "run.spots", lambda: header) as recorder:
+    with Writer(lambda: 1000.0, tmp_path / "run.spots", lambda: header) as recorder:
         recorder.take(b"".join(pieces), 1000.0)
     return described_by(spots.RecordingBlocks(tmp_path / "run.spots"))
 

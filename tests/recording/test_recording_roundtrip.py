@@ -17,7 +17,7 @@ from spots.keyboard.layout import load as load_layout
 from spots.link.frames import Contact, Decoder, Key, Spectrum, Text, Touch, note
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.recording import replay
-from spots.recording.recorder import ARRIVAL_STEP_S
+from spots.recording.writer import ARRIVAL_STEP_S
 from spots.wearable import wearable
 from test_frames import encoded, stream, touch
 
@@ -147,9 +147,9 @@ def test_a_recording_can_begin_in_the_middle_of_a_frame_and_of_a_stream(opened, 
 
     board._link.read = late
     next(frames)
-    assert board._decoder.pending
+    assert board._channel.decoder.pending
     with board.record(tmp_path / "a.spots"):
-        waited = len(board._frames)
+        waited = len(board._channel.frames)
         live = list(board.frames(0.2))[waited:]
     assert live == [f for f in replayed(tmp_path / "a.spots")[0] if not isinstance(f, Text)]
     assert len(live) > 10

@@ -8,8 +8,8 @@ import pytest
 
 import spots
 from reels import INFO, record, recorder, replayed
-from spots.recording.recorder import Recorder
 from spots.recording.recording import Recording
+from spots.recording.writer import Writer
 from test_frames import encoded, stream
 
 
@@ -118,5 +118,5 @@ def test_a_set_does_not_begin_where_one_of_its_later_files_is_in_the_way(tmp_pat
 
 def test_a_header_that_is_none_makes_no_file(tmp_path):
     with pytest.raises(msgspec.ValidationError):
-        Recorder(time.monotonic, tmp_path / "run.spots", lambda: {"info": INFO, "clock": {}})
+        Writer(time.monotonic, tmp_path / "run.spots", lambda: {"info": INFO, "clock": {}})
     assert list(tmp_path.iterdir()) == []

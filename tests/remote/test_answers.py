@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from spots.errors import SpotsError
-from spots.link.serial_link import Link
+from spots.link.link import Link
 from spots_net.answers import Answers
 from spots_net.zenoh_link import ZenohLink
 

@@ -14,7 +14,7 @@ import zenoh
 import spots
 from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import SpotsError
-from spots.link import board as board_module
+from spots.link import reconnect as reconnect_module
 from spots_net import mailbox, subscribe
 
 DEEP = b'{"a":' * 50_000 + b"1" + b"}" * 50_000
@@ -39,7 +39,7 @@ while True:
 
 @pytest.mark.parametrize("answer", [DEEP, WIDE, LONG], ids=["deep", "wide", "long"])
 def test_an_answer_that_is_too_deep_or_too_long_is_no_answer(net, answer, monkeypatch):
-    monkeypatch.setattr(board_module, "_HELLO_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
     with session(net.hub) as hostile:
         hostile.declare_queryable("spots/x/info", lambda q: q.reply(q.key_expr, answer))
         with (
@@ -51,7 +51,7 @@ def test_an_answer_that_is_too_deep_or_too_long_is_no_answer(net, answer, monkey
 
 @pytest.mark.parametrize("error", [b"\xff\xfe", b"x" * 1_000_000], ids=["no text", "long"])
 def test_an_error_that_is_no_text_is_one_sentence(net, error, monkeypatch):
-    monkeypatch.setattr(board_module, "_HELLO_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
     with session(net.hub) as hostile:
         hostile.declare_queryable("spots/x/info", lambda q: q.reply_err(error))
         with (

@@ -22,6 +22,7 @@ import spots
 from net import publishing, session, stand_in, wait_until
 from spots import Board
 from spots.keyboard.layout import load
+from spots.link.channel import Channel
 from spots.link.timeouts import CONNECTED
 from spots.recording import disk
 from spots_net import mailbox, subscribe
@@ -104,7 +105,7 @@ def test_a_reader_whose_board_cannot_be_opened(fault):
 
 
 def test_a_reader_while_it_reads(fault, monkeypatch):
-    fault.patch(monkeypatch, Board, "_pump", at=100)
+    fault.patch(monkeypatch, Channel, "pump", at=100)
     reader, state = reading(open_stand_in)
     reader.start()
     wait_until(lambda: fault.raised)
@@ -324,7 +325,7 @@ time.sleep(10)
             },
         ),
         # The caller awaits the result, so that it gets the exception.
-        (r"to_thread\(", {"spots/link/board.py"}),
+        (r"to_thread\(", {"spots/link/streams.py"}),
         (r"ensure_future\(|TaskGroup\(|add_done_callback|start_new_thread", set()),
     ],
 )

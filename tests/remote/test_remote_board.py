@@ -15,7 +15,7 @@ from net import DEADLINE_S, Restarting, publishing, session, stand_in, wait_unti
 from spots import Board, Key, Spectrum, SpotsError, Touch
 from spots.cli import main
 from spots.errors import CommandError, PortLostError
-from spots.link import board as board_module
+from spots.link import reconnect as reconnect_module
 from spots_device import PROTOCOL
 from spots_device.board.settings import checksum
 from spots_linkage.twin_source import give
@@ -55,7 +55,7 @@ def test_a_late_joiner_reads_all_from_then_on(net):
     # The clock of the substitute board is the monotonic clock of this machine.
     for touch in touches:
         error_s = touch.time_s % (2**32 / 1e6) - touch.t_us / 1e6
-        assert abs(error_s) <= board._clocks.clock.uncertainty_s + 2e-6
+        assert abs(error_s) <= board._channel.clocks.clock.uncertainty_s + 2e-6
 
 
 class Typing(StandIn):
@@ -150,7 +150,7 @@ def test_a_publisher_that_is_gone_is_a_lost_port_and_may_come_back(net):
 
 
 def test_a_publisher_that_stays_away_ends_the_reading(net, monkeypatch):
-    monkeypatch.setattr(board_module, "PATIENCE_S", 0.3)
+    monkeypatch.setattr(reconnect_module, "PATIENCE_S", 0.3)
     with spots_open_while(net) as (board, publisher_ends):
         touches = board.touches()
         next(touches)
@@ -200,12 +200,12 @@ def test_a_reader_that_is_too_slow_counts_what_it_missed(net, monkeypatch):
         (first,) = take(board, 1)
         count = link._port.count
         wait_until(lambda: link._port.count > count + 500)
-        assert board._far._mail._bytes <= 2000
+        assert board._link._mail._bytes <= 2000
         frames = [first, *take(board, 300)]
         assert board.stats.lost > 0
         gaps = sum(b.sequence - a.sequence - 1 for a, b in zip(frames, frames[1:]))
         assert frames[-1].sequence - first.sequence + 1 == len(frames) + gaps
-        take(board, len(board._frames))
+        take(board, len(board._channel.frames))
         assert board.stats.lost >= gaps - 2 > 0  # replies to the publisher have numbers, too
 
 
@@ -313,7 +313,7 @@ def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net, monkeypa
     ],
 )
 def test_a_publisher_that_is_none_of_ours(net, answer, told, monkeypatch):
-    monkeypatch.setattr(board_module, "_HELLO_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
     with session(net.hub) as hostile:
         if answer is not None:
             for name in ("info", "sync"):

@@ -18,7 +18,7 @@ from boards import running
 import spots
 from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Board
-from spots.link import board as board_module
+from spots.link import reconnect as reconnect_module
 from spots_net import publish
 from spots_net.publish import Publisher
 
@@ -97,7 +97,7 @@ def test_ctrl_c_while_the_board_is_announced_ends_cleanly(monkeypatch, capsys):
 
 
 def test_a_publisher_killed_outright_and_back(net, monkeypatch):
-    monkeypatch.setattr(board_module, "PATIENCE_S", DEADLINE_S)
+    monkeypatch.setattr(reconnect_module, "PATIENCE_S", DEADLINE_S)
     with running("") as start:
         port = start["port"]
         publisher = spawn(net.hub, "publish", "--port", port)

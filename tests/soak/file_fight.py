@@ -32,7 +32,7 @@ from spots.errors import SpotsError
 from spots.keyboard import layout
 from spots.recording.arrays import RecordingBlocks
 from spots.recording.export import export
-from spots.recording.recorder import Recorder
+from spots.recording.writer import Writer
 from spots.wearable import wearable
 from spots_linkage import mounted, twin_points
 from spots_web.user_file import UserFile
@@ -363,8 +363,8 @@ class Recording(Fight):
 
     def __init__(self, folder, rng):
         super().__init__(folder, rng)
-        self.recorders: list[Recorder | None] = [None] * _PROGRAMS
-        self.files: dict[Recorder, tuple[Path, list[int]]] = {}
+        self.recorders: list[Writer | None] = [None] * _PROGRAMS
+        self.files: dict[Writer, tuple[Path, list[int]]] = {}
         self.begun = False
 
     def start(self, program):
@@ -377,7 +377,7 @@ class Recording(Fight):
             return {"info": INFO, "clock": known.state(), "calibration": ["a line"]}
 
         try:
-            new = Recorder(lambda: 1000.0 + 0.01 * self.count, self.path, describe)
+            new = Writer(lambda: 1000.0 + 0.01 * self.count, self.path, describe)
         except SpotsError:
             assert there is None or self.bytes == there
             if there is None:  # the disk is full; nobody else has written the file

@@ -19,9 +19,10 @@ from rich.progress import Progress
 from spots.errors import SpotsError
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.layout import compiled
-from spots.link.board import Board, of_sensor
+from spots.link.board import Board
 from spots.link.connect import prepare, upload_lines
 from spots.link.frames import Key, Touch
+from spots.link.lines import of_sensor
 from spots.outputs.usages import KEYBOARD
 from spots_sim.board.faults import (
     WAYS,

@@ -10,7 +10,7 @@ import spots
 import spots_linkage
 from spots.calibrate import calibration_file
 from spots.recording.export import export
-from spots.recording.recorder import Recorder
+from spots.recording.writer import Writer
 from spots_linkage import twin_source
 
 DATA = Path(__file__).parents[1] / "data"
@@ -44,10 +44,10 @@ CALLS = {
     "text for bytes": (lambda: spots.Decoder().feed("x"), "a decoder needs bytes, not 'x'"),
     "none for bytes": (lambda: spots.Decoder().feed(None), "a decoder needs bytes, not None"),
     "link": (lambda: spots.Board("COM3"), r"a Board needs a link, not 'COM3': call spots.open"),
-    "new file": (lambda: Recorder(time.monotonic, 5, dict), "path of a recording must be a text"),
-    "size": (lambda: Recorder(time.monotonic, "x", dict, rotate_bytes=-1), "must be more than 0"),
+    "new file": (lambda: Writer(time.monotonic, 5, dict), "path of a recording must be a text"),
+    "size": (lambda: Writer(time.monotonic, "x", dict, rotate_bytes=-1), "must be more than 0"),
     "size x": (
-        lambda: Recorder(time.monotonic, "x", dict, rotate_bytes="1"),
+        lambda: Writer(time.monotonic, "x", dict, rotate_bytes="1"),
         "more than 0, not '1'",
     ),
     "encoder": (lambda: spots_linkage.Encoder(5), "is not the calibration of a joint"),

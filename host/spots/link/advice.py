@@ -9,8 +9,9 @@ from typing import Any, cast
 from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 
 from ..errors import SpotsError
-from .board import Board, of_sensor
+from .board import Board
 from .frames import Reading, Spectrum, Touch
+from .lines import of_sensor
 from .notice import Floor, Notice, notice_for
 from .untrusted import Untrusted
 

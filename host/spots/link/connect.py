@@ -13,7 +13,8 @@ from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.calibration_lines import CalibrationError
 
 from ..errors import CommandError, NoReplyError, SpotsError, path_text
-from .board import Board, of_sensor
+from .board import Board
+from .lines import of_sensor
 from .ports import known, scheme, scheme_name
 from .serial_link import SerialLink, usb_boards, usb_ports
 

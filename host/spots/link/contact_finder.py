@@ -9,7 +9,10 @@ from typing import Any
 from spots_device.fingers import contacts as fingers
 from spots_device.fingers.state import TICKS
 from spots_device.fingers.tracker import TICK_US, ContactTracker
-from spots_device.keys.layout import default_lines, parse
+from spots_device.keys.layout import (
+    default_lines,
+    parse,  # pyright: ignore[reportUnknownVariableType]
+)
 from spots_device.reading.decode import (
     BRIGHTNESS,
     DROPPED,

@@ -1,18 +1,18 @@
-"""Links to a board: they read and write bytes, and have a clock. `SerialLink` is a serial port."""
+"""`SerialLink`: the link to a board over a serial port. USB devices and their port names."""
 
 import errno
 import os
 import sys
-import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any
 
 import serial
 from serial.tools import list_ports
 
 from ..common.kinds import kinds_of
 from ..errors import PortLostError, RefusedError, SpotsError
+from .link import Link
 from .ports import no_port
 
 try:
@@ -30,50 +30,6 @@ _CHUNK = 4096  # most bytes of one read from a socket
 def takes_nothing(port: str) -> str:
     """Return the error message for a port that accepts no bytes within `WRITE_TIMEOUT_S`."""
     return f"the board on {port} accepts no data: replug the board"
-
-
-class Link(Protocol):
-    """Transports bytes to and from a board, independently of the protocol.
-
-    Attributes
-    ----------
-    name : str
-        Name of the port.
-    """
-
-    name: str
-
-    def now_s(self) -> float:
-        """Return the host's time in seconds, by the clock of this link."""
-        return time.monotonic()
-
-    def read(self, timeout_s: float) -> bytes:
-        """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first."""
-        ...
-
-    def write(self, data: bytes) -> None:
-        """Send bytes to the board."""
-
-    def sleep(self, duration_s: float) -> None:
-        """Wait for `duration_s` seconds by the clock of `now_s`."""
-        time.sleep(duration_s)
-
-    def reopen(self) -> None:
-        """Open the port again. A link that never raises PortLostError need not implement this.
-
-        Raises
-        ------
-        RefusedError
-            If another device now has the port's name, and the board is on no other port.
-        SpotsError
-            If the port does not exist or cannot be opened.
-        """
-
-    def close_port(self) -> None:
-        """Close the port until `reopen`; needed only in a link that raises PortLostError."""
-
-    def close(self) -> None:
-        """Close the port permanently."""
 
 
 class SerialLink(Link):

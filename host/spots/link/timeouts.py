@@ -6,6 +6,10 @@ searches again after `SEARCH_S`. The search for an unplugged port has a growing 
 over frames raise SpotsError after `PATIENCE_S`.
 """
 
+import math
+
+from ..errors import SpotsError
+
 # States of a link; a program that has not found a board yet is in the state SEARCHING.
 SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
 LOST, REFUSED = "lost", "refused"
@@ -33,6 +37,36 @@ _REOPEN_MOST_S = 1.0
 # Timeout and number of queries on a port that has appeared again.
 WHO_S = 0.3
 WHO_TRIES = 5
+
+
+def duration_s(value: object, name: str) -> float:
+    """Return an argument of a function that is a duration in seconds; validate it.
+
+    A negative duration is valid: a program may compute it as the rest of a time that has passed.
+
+    Parameters
+    ----------
+    value : object
+        The argument.
+    name : str
+        Name of the argument, for the error message.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    SpotsError
+        If the value is not a number.
+    """
+    try:
+        found = float(value)  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError):
+        found = math.nan
+    if math.isnan(found):
+        raise SpotsError(f"{name} must be a number of seconds, not {value!r}")
+    return found
 
 
 def silent_s(least_s: float, every_s: float) -> float:

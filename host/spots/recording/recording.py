@@ -12,7 +12,7 @@ from ..errors import SpotsError, path_text
 from ..link.clockmap import ClockMap
 from ..link.frames import Decoder, Frame, LinkStats, Note
 from .header import Clock, Header, read
-from .recorder import part_path, parts_beside
+from .writer import part_path, parts_beside
 
 # Statistics may be ahead of the frames by a block; a smaller block means more work per frame.
 _BLOCK_BYTES = 512

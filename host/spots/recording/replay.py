@@ -2,49 +2,26 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..errors import SpotsError
 from ..link.board import Board
-from ..link.frames import LinkStats
-from ..link.serial_link import Link
-from .recorder import Recorder
+from ..link.frames import LinkStats, Reading, Text
+from ..link.link import POLL_S, FrameLink
 from .recording import Recording
 
 # Frames to read in one call; the log of a board has room for more, so no frame is dropped.
 _PUMPED_FRAMES = 1000
 
 
-class _Player(Link):
-    """The link of a replayed board; its clock is that of the playback, see `Replay`."""
+class RecordedLink(FrameLink):
+    """Delivers the frames of a recording at their original times of arrival.
 
-    def __init__(self, recording: Recording, speed: float):
-        self.name = str(recording.path)
-        self._speed = speed
-        self._recorded_s = recording.header.host_s
-        self._begun_s = time.monotonic()
-
-    def now_s(self) -> float:
-        if math.isinf(self._speed):
-            return self._recorded_s
-        return self._recorded_s + (time.monotonic() - self._begun_s) * self._speed
-
-    def wait_until(self, recorded_s: float) -> None:
-        if math.isinf(self._speed):
-            self._recorded_s = max(self._recorded_s, recorded_s)
-        else:
-            time.sleep(max(0.0, recorded_s - self.now_s()) / self._speed)
-
-
-class Replay(Board):
-    """A board whose frames come from a recording, at their original times of arrival.
-
-    Programs read this object like any other board. Iterators end with the recording. All commands
-    except ``hello`` and ``stream`` are refused, and ``stream`` has no effect: all recorded frames
-    are played. `now_s` returns the present time of the playback, on the time scale of the
-    recording.
+    Its clock is that of the playback, on the time scale of the recording. All commands except
+    ``hello`` and ``stream`` are refused, and ``stream`` has no effect: all recorded frames are
+    delivered.
 
     Parameters
     ----------
@@ -54,13 +31,17 @@ class Replay(Board):
         1 for the original pace, 2 for twice as fast, infinity for no pauses.
     """
 
-    read_only = True
-
     def __init__(self, recording: Recording, speed: float = 1.0):
+        self.name = str(recording.path)
+        self.info: Any = recording.header.info
+        self.calibration = recording.header.calibration
+        self.poll_s = math.inf if math.isinf(speed) else POLL_S
         self._recording = recording
-        if math.isinf(speed):
-            self._poll_s = math.inf  # goes to the next frame without a pause
-        super().__init__(_Player(recording, speed))
+        self._speed = speed
+        self._recorded_s = recording.header.host_s
+        self._begun_s = time.monotonic()
+        self._entries = iter(recording)
+        self._next = next(self._entries, None)
 
     @property
     def stats(self) -> LinkStats:
@@ -74,55 +55,52 @@ class Replay(Board):
 
     @property
     def ended(self) -> bool:
-        """Whether all recorded frames have been read."""
-        return self._next is None and not len(self._frames)
+        """Whether all recorded frames have been delivered."""
+        return self._next is None
 
-    def _command(self, line: str, timeout_s: float | None = None) -> dict[str, Any]:
-        self._check_open()
-        name = line.split()[:1]
-        if name == ["hello"]:
+    def now_s(self) -> float:
+        if math.isinf(self._speed):
+            return self._recorded_s
+        return self._recorded_s + (time.monotonic() - self._begun_s) * self._speed
+
+    def reply(self, line: str, timeout_s: float) -> dict[str, Any]:
+        name, *words = line.split()
+        if name == "hello":
             sensor = line.rpartition("sensor=")[2]
             strips: Any = self.info.get("strips")
             if isinstance(strips, list) and sensor.isdecimal() and int(sensor) < len(strips):
                 return {**strips[int(sensor)]}
             return {**self.info}
-        if name == ["stream"]:
-            self._loss.expect(self.now_s())
-            return {"re": "stream"}
+        if name == "stream":
+            return {"stream": [word for word in words if not word.startswith("sensor=")]}
         raise SpotsError(
-            f"'{line}' needs a connected board, but {self.port} is a recording: give the port of a "
+            f"'{line}' needs a connected board, but {self.name} is a recording: give the port of a "
             "board"
         )
 
-    def record(self, path: str | Path, *, rotate_bytes: int | None = None) -> Recorder:
-        """Raise SpotsError, because a recording cannot be recorded."""
-        raise SpotsError(f"{self.port} is already a recording: copy its file")
-
-    def close(self) -> None:
-        """Close the recording's file."""
-        super().close()
-        self._entries.close()
-
-    def _connect(self) -> None:
-        self.info = self._recording.header.info
-        self.calibration = self._recording.header.calibration
-        self._entries = iter(self._recording)
-        self._next = next(self._entries, None)
-
-    def _pump(self, timeout_s: float) -> None:
-        self._check_open()
+    def frames(self, timeout_s: float) -> Iterator[Reading | Text]:
         if self._next is None:
-            raise SpotsError(f"the recording {self.port} has ended: open it again")
-        self._link.wait_until(min(self._next[0], self.now_s() + timeout_s))
+            raise SpotsError(f"the recording {self.name} has ended: open it again")
+        self._wait_until(min(self._next[0], self.now_s() + timeout_s))
         now_s = self.now_s()
         for _ in range(_PUMPED_FRAMES):
             if self._next is None or self._next[0] > now_s:
                 return
-            self._take(self._next[1])
+            yield self._next[1]
             self._next = next(self._entries, None)
 
+    def close(self) -> None:
+        """Close the recording's file."""
+        self._entries.close()
 
-def open_port(rest: str, **simulated) -> Replay:
+    def _wait_until(self, recorded_s: float) -> None:
+        if math.isinf(self._speed):
+            self._recorded_s = max(self._recorded_s, recorded_s)
+        else:
+            time.sleep(max(0.0, recorded_s - self.now_s()) / self._speed)
+
+
+def open_port(rest: str, **simulated) -> Board:
     """Open the port ``recording:FILE`` as a board, at the original pace; see `link.ports`.
 
     Parameters
@@ -134,7 +112,7 @@ def open_port(rest: str, **simulated) -> Replay:
 
     Returns
     -------
-    Replay
+    Board
 
     Raises
     ------
@@ -146,7 +124,7 @@ def open_port(rest: str, **simulated) -> Replay:
     return open_recording(rest)
 
 
-def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
+def open_recording(path: str | Path, speed: float = 1.0) -> Board:
     """Open a recording as a board.
 
     Parameters
@@ -159,7 +137,7 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
 
     Returns
     -------
-    Replay
+    Board
         A board that refuses all commands except ``hello`` and ``stream``.
 
     Raises
@@ -170,4 +148,4 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Replay:
     """
     if not (isinstance(speed, (int, float)) and speed > 0):
         raise SpotsError(f"the speed of a recording must be more than 0, not {speed!r}")
-    return Replay(Recording(path), speed)
+    return Board(RecordedLink(Recording(path), speed))

@@ -7,9 +7,10 @@ from rich.console import Group
 
 from ..errors import CommandError
 from ..link.advice import advice_for, streams
-from ..link.board import Board, of_sensor
+from ..link.board import Board
 from ..link.calibrated import next_step
 from ..link.frames import Touch
+from ..link.lines import of_sensor
 from ..link.replies import Hello
 from .view import Judge, Pace, StripView, drawn, plain
 

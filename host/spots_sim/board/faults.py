@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spots.link.serial_link import Link
+from spots.link.link import Link
 
 from ..chip.bus import I2CBus
 from ..strip.files import (

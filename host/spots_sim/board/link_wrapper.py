@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from spots.link.serial_link import Link
+from spots.link.link import Link
 
 
 class LinkWrapper:

@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from spots.calibrate.silicone import fit_silicone
-from spots.link.board import Board, of_sensor
+from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
+from spots.link.lines import of_sensor
 from spots_device.reading.decode import LED_OFF
 
 from ..board.lockstep import LockstepLink
