@@ -13,6 +13,7 @@ from spots.common import atomic
 from spots.controller import controller as play
 from spots.controller.controller_settings import load as load_controller
 from spots.deploy.staging import board_names, device_of
+from spots.keyboard import timing_picture
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
@@ -85,7 +86,7 @@ TYPED = "hello strip, ty"
 
 def main() -> None:
     """Draw the pictures of the demos and the wirings, and print their paths."""
-    for path in (demo(), keyboard(), controller(), wearable(), twin(), *wirings()):
+    for path in (demo(), keyboard(), flavors(), controller(), wearable(), twin(), *wirings()):
         print(path)
 
 
@@ -227,6 +228,13 @@ def keyboard() -> Path:
                 break
         picture = typing_view.picture(layout, engine, touch, typed, board.stats)
     return _drawn(picture, "keyboard.svg", "spots demo --use keyboard")
+
+
+def flavors() -> Path:
+    """Draw when a key is a tap and when a hold, docs/flavors.svg; return its path."""
+    path = _HERE / "flavors.svg"
+    atomic.write_text(timing_picture.document(), path, SVG)
+    return path
 
 
 def wearable() -> Path:

@@ -16,7 +16,7 @@ from spots.common import toml
 from spots.common.atomic import ChangedError
 from spots.controller import controller_settings
 from spots.errors import SpotsError, printable
-from spots.keyboard import keys
+from spots.keyboard import keys, timing_picture
 from spots.keyboard.layout import (
     FLAVORS,
     RELEASE_AFTER_MS,
@@ -223,7 +223,8 @@ class LayoutEditor(FileEditor):
     def _checked(self, text: str) -> dict[str, Any]:
         layout = self._compiled(text)
         self._draft = None if layout.lines == self._layout.lines else layout
-        return {"content": layout.content, "loses": self._lost(layout)}
+        shown = {"content": layout.content, "problems": layout.problems}
+        return {**shown, "loses": self._lost(layout)}
 
     def _handle(self, board: Board, request: Push | Clear) -> dict[str, Any] | None:
         if isinstance(request, Push):
@@ -298,6 +299,7 @@ class LayoutEditor(FileEditor):
             "stored": info and stored_layout(info, self._layout),
             "limits": {**LIMITS, "release_after_ms": RELEASE_AFTER_MS},
             "flavors": FLAVORS,
+            "timing": timing_picture.pictures(),
         }
 
 

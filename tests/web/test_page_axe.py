@@ -194,8 +194,12 @@ def test_the_keyboard_reaches_everything_of_the_editor(bench, serve, open_page, 
     expect(page.locator("#editor .zone").first).to_be_visible(timeout=LONG_MS)
     push = page.get_by_role("button", name="Put on the board")
     expect(push).to_be_enabled(timeout=LONG_MS)
-    page.locator("#editor summary").focus()
-    page.keyboard.press("Enter")
+    for part in ("tuning", "behaviours"):
+        page.locator(f"#editor .{part} summary").focus()
+        page.keyboard.press("Enter")
+    for kind in ("tap dance", "mod-morph"):
+        page.get_by_role("button", name=f"Add a {kind}").click()
+        expect(page.get_by_label(f"Name of the {kind}")).to_be_visible()
     expect(page.get_by_label("Force of a firm press, mN")).to_be_visible()
     assert reached(page, "editor") == 0
     # The arrow keys reach the zones and borders that Tab skips.

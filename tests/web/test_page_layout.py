@@ -254,6 +254,109 @@ def test_what_could_be_typed_is_lost_only_after_a_question(desk, open_page):
     assert desk.on_board() is None
 
 
+RULED = {
+    "layer": [
+        {
+            "name": "keys",
+            "keys": [
+                {
+                    "tap": "S",
+                    "hold": "LEFT_SHIFT",
+                    "flavor": "tap-preferred",
+                    "tapping_term_ms": 300,
+                    "retro_tap": True,
+                },
+                {"tap": "tap_dance twice", "slide_plus": "momentary more"},
+                "mod_morph morph1",
+                "key_repeat",
+            ],
+        },
+        {"name": "more", "keys": ["caps_word"]},
+    ],
+    "tap_dance": {"twice": {"actions": ["A", "B", "sticky more"], "holds": ["", "LEFT_ALT"]}},
+    "mod_morph": {
+        "morph1": {
+            "action": "BACKSPACE",
+            "morphed": "DELETE",
+            "mods": ["LEFT_SHIFT", "RIGHT_SHIFT"],
+            "keep_mods": ["RIGHT_SHIFT"],
+        }
+    },
+}
+
+
+def test_rules_of_a_hold_tap_dances_and_mod_morphs_are_edited(desk, open_page):
+    page = open_page(desk.server.url)
+    open_editor(page)
+    page.get_by_role("button", name="New").click()
+    page.get_by_role("button", name="Add a layer").click()
+    page.get_by_label("Name of the layer").fill("more")
+    page.get_by_label("Name of the layer").press("Enter")
+    choose(page, "tap", "caps_word")
+    page.get_by_role("button", name="keys", exact=True).click()
+    # The rule of a hold, with its picture.
+    rule, picture = page.locator("#editor .hold-rule"), page.locator("#editor .timing title")
+    expect(rule).to_be_hidden()
+    choose(page, "tap", "S")
+    choose(page, "hold", "LEFT_SHIFT")
+    expect(picture).to_have_text("balanced")
+    page.get_by_label("Decided by").select_option("tap-preferred")
+    expect(picture).to_have_text("tap-preferred")
+    expect(page.locator("#editor .timing .gets-tap")).to_have_count(3)
+    page.get_by_label("Hold after, ms").fill("300")
+    page.get_by_label("Hold after, ms").press("Enter")
+    page.get_by_label("Without another key, always a tap").check()
+    expect(picture).to_have_text("tap-preferred, retro_tap")
+    # A tap dance gets a third tap, a hold, and another name; a removed one leaves no action.
+    page.get_by_text("Tap dances and mod-morphs").click()
+    page.get_by_role("button", name="Add a tap dance").click()
+    page.get_by_role("button", name="One more tap").click()
+    page.get_by_role("button", name="Add a zone").click()
+    choose(page, "tap", "tap_dance dance1")
+    for name, action in {
+        "1 tap": "A",
+        "2 taps": "B",
+        "3 taps": "sticky more",
+        "2 taps, the last one held": "LEFT_ALT",
+        "slide away": "momentary more",
+    }.items():
+        choose(page, name, action)
+    page.get_by_label("Name of the tap dance").fill("twice")
+    page.get_by_label("Name of the tap dance").press("Enter")
+    expect(page.get_by_role("combobox", name="tap", exact=True)).to_have_value("tap_dance twice")
+    page.get_by_role("button", name="Add a mod-morph").click()
+    page.get_by_role("button", name="Add a zone").click()
+    choose(page, "tap", "mod_morph morph1")
+    choose(page, "without the modifiers", "BACKSPACE")
+    choose(page, "with one of them", "DELETE")
+    page.get_by_role("group", name="Modifiers", exact=True).get_by_label("RIGHT_SHIFT").check()
+    page.get_by_role("group", name="Modifiers that stay down").get_by_label("RIGHT_SHIFT").check()
+    page.get_by_role("button", name="Add a mod-morph").click()
+    page.get_by_role("button", name="Add a zone").click()
+    choose(page, "tap", "mod_morph morph2")
+    never = page.get_by_role("list", name="What can never be typed")
+    expect(never).to_be_hidden()
+    choose(page, "tap", "key_repeat")
+    expect(never).to_contain_text("[mod_morph.morph2] can never be typed", timeout=LONG_MS)
+    choose(page, "tap", "mod_morph morph2")
+    page.get_by_role("button", name="Remove morph2").click()
+    expect(never).to_be_hidden(timeout=LONG_MS)
+    expect(page.get_by_role("combobox", name="tap", exact=True)).to_have_value("")
+    choose(page, "tap", "key_repeat")
+    page.get_by_role("button", name="Put on the board").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_role("button", name="Put it on the board").click(timeout=LONG_MS)
+    expect(state(page)).to_have_text(ON_BOARD, timeout=LONG_MS)
+    content = load(desk.path).content
+    del content["name"]
+    assert content == RULED
+    # Without its hold, a key has no rule.
+    page.locator("#editor .zone").first.click()
+    choose(page, "hold", "")
+    expect(rule).to_be_hidden()
+    expect(state(page)).to_contain_text("not on the board yet", timeout=LONG_MS)
+
+
 COMMENTED = """# Mine.
 # For the left hand.
 name = "Mine"  # a good name

@@ -7,7 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from spots_device.keys import layout as lines_of
-from spots_device.keys.layout import BEHAVIOUR, RETRO_TAP
+from spots_device.keys.layout import BEHAVIOUR
 
 from ..errors import SpotsError, printable
 from ..link.board import Board
@@ -15,20 +15,13 @@ from ..link.connect import ensured, upload_lines
 from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
 from ..terminal.view import framed
 from . import trial
-from .layout import FLAVORS, LAYER_VERBS, SLOTS, SWIPES, KeyLayout, PlacedKey, load, parts_of
+from .layout import LAYER_VERBS, SLOTS, SWIPES, KeyLayout, PlacedKey, flavor_name, load, parts_of
 
 COLUMNS = 74
 _LABEL = 20  # characters of a label; a longer one takes several lines
 _GAP = 2  # between the columns of a table
 _SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
 _TERM = 10  # characters of a drawing that are a tapping term
-_GESTURES = {
-    "tap": "a short touch",
-    "held": "a long touch",
-    "nested": "another finger lifts first",
-    "rolled": "another finger lifts later",
-    "later": "another finger after the term",
-}
 _VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 
 
@@ -183,11 +176,8 @@ def _drawn(rule: tuple[int, ...]) -> Table:
     flavor, term_ms, quick_ms, idle_ms = rule
     table = Table.grid(padding=(0, _GAP, 0, 0))
     table.add_column(no_wrap=True)
-    retro = ", retro_tap" if flavor & RETRO_TAP else ""
-    table.add_row(
-        f"{FLAVORS[flavor & ~RETRO_TAP]}{retro}", "=" * _TERM, f"tapping term {term_ms} ms"
-    )
-    for gesture, words in _GESTURES.items():
+    table.add_row(flavor_name(flavor), "=" * _TERM, f"tapping term {term_ms} ms")
+    for gesture, words in trial.WORDS.items():
         found = trial.play(flavor, gesture)
         what = next(one.what for one in found if one.what != "other")
         fingers = [

@@ -449,6 +449,12 @@ class _Compiler:
         raise SpotsError(f"layout {self._path}{line}: {why}") from None
 
 
+def flavor_name(flavor: int) -> str:
+    """Return the name of a flavor, given as in a ``behaviour`` line of the board."""
+    retro = ", retro_tap" if flavor & lines_of.RETRO_TAP else ""
+    return FLAVORS[flavor & ~lines_of.RETRO_TAP] + retro
+
+
 def parts_of(action: int) -> tuple[int, int, int]:
     """Return kind, number and modifiers of an action.
 

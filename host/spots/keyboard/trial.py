@@ -29,6 +29,13 @@ GESTURES = {
     "rolled": ((0, 0.6), (0.3, 0.9)),
     "later": ((0, 1.9), (1.3, 1.6)),
 }
+WORDS = {
+    "tap": "a short touch",
+    "held": "a long touch",
+    "nested": "another finger lifts first",
+    "rolled": "another finger lifts later",
+    "later": "another finger after the term",
+}
 
 
 def play(flavor: int, gesture: str) -> list[Span]:

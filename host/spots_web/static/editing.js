@@ -10,12 +10,12 @@ const CHECK_MS = 250;  // pause between the last change and the check
 // `opener`: the button that opens the panel. `path`: path of the requests. `store`: name of the request
 // that stores the file. `it`: the part of the state that describes the file, from the server.
 // `state(it, changed, loses)` returns the state of the draft in words. `refresh` draws the draft.
-// `paused` returns whether a check must wait. `first(it)` is called for the first `it`.
+// `checked(answer)` is called with each answer to a check. `paused` returns whether a check must wait. `first(it)` is called for the first `it`.
 //
 // A draft is {content, text, agreed}. `text` is the text of an imported or new file; without it, the
 // draft is a change of the file on the server, which writes the text of each draft. `agreed` is the
 // number of comments that may be lost.
-export function editing(root, opener, { path, store, words, refresh, first, state: stateOf, paused = () => false, shown = () => {} }) {
+export function editing(root, opener, { path, store, words, refresh, first, state: stateOf, paused = () => false, shown = () => {}, checked = () => {} }) {
   const OPEN = `spots-editing-${path}`, closed = opener.textContent;
   // `problem`: why the draft is invalid. `failure`: why the last request failed.
   let it = null, may = false, open = false, problem = "", failure = "", news = "", loses = [];
@@ -92,6 +92,7 @@ export function editing(root, opener, { path, store, words, refresh, first, stat
       if (number !== asked || answer.unanswered) return;
       problem = answer.refused ?? "";
       loses = answer.loses ?? [];
+      checked(answer);
       showState();
     }, CHECK_MS);
   }

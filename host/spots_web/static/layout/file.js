@@ -10,6 +10,8 @@ export const LAYER_VERBS = ["momentary", "toggle", "to", "sticky"];
 // Actions that need no name, and tables of the file that name an action.
 export const WORDS = ["key_repeat", "caps_word"];
 export const TABLES = ["tap_dance", "mod_morph"];
+// Parts of a key that only a key with a hold has.
+const OF_HOLD = ["flavor", "retro_tap", "tapping_term_ms", "quick_tap_ms", "require_prior_idle_ms"];
 export const LEAST_SHARE = 0.01;  // smallest zone, as a share of the strip
 
 export function empty() {
@@ -37,6 +39,7 @@ export function zones(layer) {
 export function change(layer, index, parts) {
   const key = Object.fromEntries(Object.entries({ ...table(layer.keys[index]), ...parts })
     .filter(([name, value]) => value !== "" && value !== undefined && !(name === "width" && value === 1)));
+  if (!key.hold) for (const name of OF_HOLD) delete key[name];
   layer.keys[index] = Object.keys(key).join() === "tap" ? key.tap : key;
 }
 
@@ -62,28 +65,62 @@ function rounded(width) {
   return Math.max(Number(width.toFixed(4)), 0.0001);
 }
 
-// Calls `visit(table, name)` for each action of a layout.
+// Calls `visit(table, name)` for each action of a layout. `none` is the value of an element without one.
 function eachAction(content, visit) {
   for (const layer of content.layer) {
     for (const name of Object.keys(SWIPES)) if (layer[name]) visit(layer, name);
     layer.keys.forEach((key, i) => {
-      if (typeof key === "string") visit(layer.keys, i);
+      if (typeof key === "string") visit(layer.keys, i, {});
       else for (const name of Object.keys(SLOTS)) if (key[name]) visit(key, name);
     });
   }
-  for (const dance of Object.values(content.tap_dance ?? {})) dance.actions.forEach((_, i) => visit(dance.actions, i));
-  for (const morph of Object.values(content.mod_morph ?? {})) for (const name of ["action", "morphed"]) visit(morph, name);
+  for (const dance of Object.values(content.tap_dance ?? {})) {
+    for (const some of [dance.actions, dance.holds ?? []]) some.forEach((_, i) => visit(some, i, ""));
+  }
+  for (const morph of Object.values(content.mod_morph ?? {})) for (const name of ["action", "morphed"]) visit(morph, name, "");
+}
+
+// Renames a tap dance or mod-morph, if no other one has the name. With an empty name, removes it and all
+// actions that use it.
+export function renameTable(content, kind, before, name) {
+  if (name in content[kind]) return;
+  if (name) content[kind] = Object.fromEntries(Object.entries(content[kind]).map(([one, table]) => [one === before ? name : one, table]));
+  else delete content[kind][before];
+  if (!Object.keys(content[kind]).length) delete content[kind];
+  replace(content, (action) => (action !== `${kind} ${before}` ? action : name && `${kind} ${name}`));
+}
+
+// Sets the action of a tap dance for a hold after `i` + 1 taps.
+export function setHold(dance, i, action) {
+  const holds = Array.from({ length: Math.max(dance.holds?.length ?? 0, i + 1) }, (_, k) => dance.holds?.[k] ?? "");
+  holds[i] = action;
+  while (holds.length && !holds.at(-1)) holds.pop();
+  if (holds.length) dance.holds = holds;
+  else delete dance.holds;
+}
+
+// Adds a modifier to `mods` or `keep_mods` of a mod-morph, or removes it.
+export function setModifier(morph, part, modifier, on) {
+  morph[part] = [...(morph[part] ?? []).filter((one) => one !== modifier), ...(on ? [modifier] : [])];
+  if (morph.keep_mods) morph.keep_mods = morph.keep_mods.filter((one) => morph.mods.includes(one));
+  if (!morph.keep_mods?.length) delete morph.keep_mods;
+}
+
+// Replaces each action of a layout by `by(action)`; an empty text removes it.
+function replace(content, by) {
+  eachAction(content, (where, slot, none) => {
+    const action = by(where[slot]);
+    if (action || none !== undefined) where[slot] = action || none;
+    else delete where[slot];
+  });
 }
 
 // Renames a layer. With an empty name, removes the layer and all actions that switch to it.
 export function renameLayer(content, index, name) {
   const before = content.layer[index].name;
-  eachAction(content, (where, slot) => {
-    const [verb, of] = where[slot].split(/ (.*)/);
-    if (!LAYER_VERBS.includes(verb) || of !== before) return;
-    if (name) where[slot] = `${verb} ${name}`;
-    else if (Array.isArray(where)) where[slot] = {};
-    else delete where[slot];
+  replace(content, (action) => {
+    const [verb, of] = action.split(/ (.*)/);
+    return !LAYER_VERBS.includes(verb) || of !== before ? action : name && `${verb} ${name}`;
   });
   if (name) content.layer[index].name = name;
   else content.layer.splice(index, 1);

@@ -5,6 +5,7 @@ import { canvas, colours, make, placed } from "../dom.js";
 import { editing, listed } from "../editing.js";
 import { actionField, cap, matches, readUsages } from "../layout/actions.js";
 import * as file from "../layout/file.js";
+import { holdRule, tables } from "./behaviours.js";
 
 // Length of a strip without a calibration; steps of a border with the arrow keys; keys of the draft that
 // are shown.
@@ -29,19 +30,25 @@ const STORED = {
 
 export function editor(root) {
   const clearer = document.getElementById("clear");
-  let usages = [], length_um = USUAL_LENGTH_UM, layer = 0, zone = 0, dragging = false;
+  let usages = [], state = null, length_um = USUAL_LENGTH_UM, layer = 0, zone = 0, dragging = false;
   let drawn = { layer: "", zones: [] };
   const engine = editing(root, document.getElementById("edit"), {
     path: "layout", store: "push", words: { push: "Put on the board", chooser: "Layout file to import" },
     state: (it, changed, loses) => (it.stored === null ? STORED.null
       : changed ? `not on the board yet${loses.length ? `; nothing will type ${listed(loses)}` : ""}` : STORED[it.stored] ?? ""),
     paused: () => dragging, refresh, first: layTuning,
+    checked: ({ problems = [] }) => {
+      never.hidden = !problems.length;
+      never.replaceChildren(...problems.map((one) => make("li", "", one)));
+    },
     shown: (it, may, busy) => {
       clearer.hidden = !may || !["this", "other"].includes(it.stored);
       clearer.disabled = busy;
     },
   });
-  const { draft } = engine;
+  const { draft } = engine, never = make("ul", "never");
+  never.ariaLabel = "What can never be typed";
+  never.hidden = true;
 
   // The parts of the panel, in the order of reading.
   const title = make("h2", "", "Key layout"), name = text("Name of the layout");
@@ -64,8 +71,10 @@ export function editor(root) {
   const find = (typed) => matches(usages, draft.value.content, typed);
   const actions = Object.entries(file.SLOTS).map(([slot, words]) =>
     [slot, actionField(words, find, (value) => edit((it) => file.change(it, zone, { [slot]: value })))]);
+  const rule = holdRule((parts) => edit((it) => file.change(it, zone, parts)));
   const ofZone = make("fieldset", "zone-form", make("legend"), make("div", "fields", field(label), field(width)),
-    make("div", "fields", ...actions.map(([, one]) => one.root)), zoneButtons);
+    make("div", "fields", ...actions.map(([, one]) => one.root)), rule.root, zoneButtons);
+  const named = tables((mutate) => edit((_, content) => mutate(content)), find);
   const layerName = text("Name of the layer"), gap = number("Gap, % of a key");
   gap.min = 0; gap.max = 80;
   const swipes = Object.entries(file.SWIPES).map(([slot, words]) =>
@@ -85,7 +94,7 @@ export function editor(root) {
   force.ariaLabel = "Force of the last seconds, with the force and time limits of this draft";
   tuning.firstChild.after(force);
   engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), text: "" }); }));
-  root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, engine.foot, ofZone, ofLayer, tuning, engine.ask);
+  root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, never, engine.foot, ofZone, ofLayer, named.root, tuning, engine.ask);
 
   // Changes the shown layer in the draft; for `replace` see `edit` in `editing`.
   function edit(mutate, replace) {
@@ -230,6 +239,8 @@ export function editor(root) {
     put(width, (((high - low) * length_um) / 1000).toFixed(2));
     width.disabled = removeZone.disabled = all.length === 1;
     for (const [slot, one] of actions) one.show(key[slot] ?? "", usages.length);
+    if (state) rule.show(key, content, state);
+    if (state) named.show(content, usages.length, state);
     ofLayer.firstChild.textContent = `Layer ${now.name}`;
     put(layerName, now.name);
     put(gap, String(now.gap_percent ?? 0));
@@ -241,6 +252,7 @@ export function editor(root) {
   // The fields of [tuning], with the limits that the server sends.
   let tunings = {};
   function layTuning(it) {
+    state = it;
     tunings = Object.fromEntries(Object.entries(it.limits).map(([statement, [low, high, usual]]) => {
       const [words, unit] = TUNING[statement] ?? [statement, ""];
       const set = (value, replace) => edit((_, content) => {
