@@ -82,6 +82,10 @@ NO_EFFECT = {
     f"{DESIGN} --port /dev/nope": "add --measure-dye",
     f"{DESIGN} --measure-dye --out x": "leave out --measure-dye",
     f"{DESIGN} --measure-dye --scenario quiet": "add --port virtual",
+    "flash pico --yes": "add --runtime FILE.uf2",
+    "flash pico --runtime no.uf2 --dry-run": (
+        "to write the file that --runtime copies, use 'spots image'"
+    ),
     "keys show mini --port nope": "only 'push' uses a board",
     "keys check mini --port nope": "only 'push' uses a board",
     "monitor --sensor long_200mm": "add --port virtual",

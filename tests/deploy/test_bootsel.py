@@ -83,7 +83,6 @@ def test_without_a_runtime_flash_says_what_a_boot_loader_needs(mount, capsys):
         ("pico", ["RP2350"], [], "belongs to another chip than pico has"),
         ("pico", ["SAMD51"], [], "hold BOOTSEL"),
         ("pico", [], ["--port", "."], "is not the drive of a boot loader"),
-        ("pico", ["RPI-RP2"], ["--dry-run"], "'spots image' writes the file"),
         ("xiao_esp32s3", ["RPI-RP2"], [], "'spots image' writes a file"),
         ("virtual", ["RPI-RP2"], [], "there is no image for virtual"),
     ],
@@ -99,10 +98,6 @@ def test_nothing_is_copied_without_a_confirmation(mount, runtime, capsys):
     folder = mount()
     assert "add --yes" in refused(capsys, "pico", "--runtime", str(runtime))
     assert not (folder / "spots.uf2").exists()
-
-
-def test_yes_without_a_runtime_is_refused(capsys):
-    assert "only with --runtime" in refused(capsys, "pico", "--yes")
 
 
 class Failing:

@@ -3,7 +3,7 @@
 import argparse
 import json
 
-from ..errors import SpotsError, printable
+from ..errors import printable
 from ..link.ports import known
 from . import arguments
 from .parser import Parser, calls
@@ -59,6 +59,12 @@ def flash(parser: Parser):
         "firmware; erases the board",
     )
     parser.flag("--yes", "with --runtime: do not ask for a confirmation")
+    parser.needs(["--yes"], lambda options: options.runtime, "add --runtime FILE.uf2")
+    parser.needs(
+        ["--dry-run"],
+        lambda options: not options.runtime,
+        "to write the file that --runtime copies, use 'spots image'",
+    )
     _add_strips(parser)
     return _flash
 
@@ -290,14 +296,10 @@ def _flash(options: argparse.Namespace) -> None:
     if options.runtime is None:
         from ..deploy.flash import flash
 
-        if options.yes:
-            raise SpotsError("--yes has an effect only with --runtime: leave it out")
         flash(options.board, options.port, options.dry_run, options.strips)
         return
     from ..deploy.bootsel import install
 
-    if options.dry_run:
-        raise SpotsError("--dry-run has no effect with --runtime: 'spots image' writes the file")
     install(options.board, options.runtime, options.port, options.strips, options.yes)
 
 
