@@ -96,9 +96,11 @@ class Bench:
         """Press a switch at a share of the strip, `ago_ms` ago."""
         t = (self.ticks - ago_ms * 1000 // 1024) % TICKS
         self._switches[name] = self.engine.press(round(LENGTH_UM * share), t)
+        self.engine.run()
 
     def release(self, name):
         self.engine.release_one(self._switches.pop(name), self.ticks)
+        self.engine.run()
 
     def tap(self, name, share, ms=60):
         self.press(name, share)
@@ -106,7 +108,10 @@ class Bench:
         self.release(name)
 
     def move(self, name, share):
-        return self.engine.move(self._switches[name], round(LENGTH_UM * share), self.ticks)
+        is_done = self.engine.move(self._switches[name], round(LENGTH_UM * share), self.ticks)
+        self.engine.run()
+        return is_done
 
     def firm(self, name):
         self.engine.firm(self._switches[name], self.ticks)
+        self.engine.run()

@@ -42,7 +42,7 @@ class Desk:
 
     def __init__(self, *lines, length_um=LENGTH_UM, decay=DECAY, number=int):
         self._number = number
-        self.events = []
+        self._events = []
         self.modifiers = []
         self.usages = []
         self.rests = 0
@@ -51,11 +51,16 @@ class Desk:
         self.pad.set_layout(parse(lines), number(length_um), number(decay))
         self.lift(60)
 
+    @property
+    def events(self):
+        self.pad.engine.run()  # as the board's loop does
+        return self._events
+
     def usage(self, page, usage, modifiers, pressed):
         self.usages.append((int(usage), pressed))
 
     def key(self, page, usage, modifiers, pressed):
-        self.events.append((int(usage), pressed))
+        self._events.append((int(usage), pressed))
         if pressed:
             self.modifiers.append(int(modifiers))
 

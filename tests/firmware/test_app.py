@@ -405,7 +405,7 @@ def test_a_sample_is_processed_in_one_call_also_with_keys(monkeypatch, keys):
 def test_the_loop_sends_the_usb_reports_between_the_samples_of_a_fifo_read():
     app, _, _, serial = stalled()
     frames = []
-    app._outputs = True
+    app.uses.pumps = True
     app.uses.pump = lambda: frames.append(serial.frames)
     app.step()
     assert len(frames) >= 9

@@ -490,6 +490,7 @@ def two_fingers(*lines):
     desk = Desk(*lines)
     desk.press(10)
     assert desk.pad.second(80_000, 2_000, 0)
+    desk.pad.engine.run()
     return desk
 
 

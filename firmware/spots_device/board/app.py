@@ -169,7 +169,6 @@ class BoardApp:
             self.settings,
             self.uses,
         )
-        self._outputs = self.uses.outputs
         self._take = self.strip.take
         self.reconnect = Reconnect(
             self.strip, self._clock, self.replies, self.apply_calibration, self._sensor_lost
@@ -242,9 +241,9 @@ class BoardApp:
         if self.feed is not None:
             self.feed()
         byte = self._read()
-        if byte >= 0:
-            self._listen(byte)
-        if self._outputs:
+        if byte >= 0 and self._listen(byte):
+            self._answer()
+        if self.uses.pumps:
             self.uses.pump()
         if self.reconnect.lost:
             self._time.update()  # must be updated more often than the ticks wrap
@@ -267,7 +266,7 @@ class BoardApp:
             # `_take` can restart the sensor, which drops them.
             sensor = self._sensor
             while sensor.waits:
-                if self._outputs:
+                if self.uses.pumps:
                     self.uses.pump()
                 poll()
                 take()
@@ -521,17 +520,17 @@ class BoardApp:
         return part
 
     def _listen(self, byte):
-        # At most one command and `LINE_MAX` bytes per pass, so a flood from the host cannot starve
-        # sampling.
+        # Returns whether a line is complete. At most one command and `LINE_MAX` bytes per pass, so
+        # a flood from the host cannot starve sampling.
         left = LINE_MAX
         while not self._reader.feed(byte):
             left -= 1
             if not left:
-                return
+                return False
             byte = self._read()
             if byte < 0:
-                return
-        self._answer()
+                return False
+        return True
 
     def _answer(self):
         try:

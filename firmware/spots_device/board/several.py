@@ -305,9 +305,11 @@ class SeveralApp(StripApp):
         if self.feed is not None:
             self.feed()
         byte = self._read()
-        if byte >= 0:
-            self._listen(byte)
+        if byte >= 0 and self._listen(byte):
+            self._answer()
         self.uses.pump()  # the outputs of all strips
+        if self.current is not self:
+            self.current.uses.pump()  # its keys
         if self._lost:
             self._lost = False
             now = self.ticks_us()
@@ -324,6 +326,7 @@ class SeveralApp(StripApp):
         try:
             for part in self._others:
                 part.release_keys()
+                part.uses.pump()
         finally:
             for part in self._others:
                 part.strip.stop()

@@ -4,12 +4,17 @@ A contact is a finger on the strip. A board without USB HID sends keys as frames
 functions that are switched off are not imported, which saves memory.
 """
 
+from array import array
+
+from .. import const
 from ..fingers.state import STATE, STUCK_T, TWO
 from ..reading import decode as d
 from ..runtime.modules import drop
 
 # Name of each USB interface, and the setting that enables it.
 INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
+_NONE = const(-1)
+_EVENTS = const(16)  # key events that wait; `engine.Engine.release` causes 11 at most
 _NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
 
 
@@ -49,6 +54,8 @@ class Uses:
     ----------
     active : bool
         Whether the caller must pass each reading to `take`.
+    pumps : bool
+        Whether the caller must call `pump`.
     streams_contacts : bool
         Whether CONTACT frames are streamed.
     two : bool
@@ -80,7 +87,11 @@ class Uses:
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name
         self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
-        self._keys_on = self._gamepad_on = self.active = False
+        self._events = array("i", bytes(4 * 3 * _EVENTS))
+        self._waiting = 0  # key events in `_events`
+        self._releases = False  # whether all reports will be released
+        self._until = _NONE  # time of the last reading, whose key events are not processed yet
+        self._keys_on = self._gamepad_on = self.active = self.pumps = False
         self.layout_lines = layout_lines
         if self._values["keys"] or self._values["gamepad"]:
             # The largest module first, while the memory is in one piece.
@@ -214,7 +225,7 @@ class Uses:
             state[d.FLAGS], state[d.POSITION_UM], state[d.FORCE_MN], state[d.BRIGHTNESS], t
         )
         if self._keys_on:
-            self._keypad.tick(t)
+            self._until = self._keypad.until(t)
 
     def usage(self, page, usage, modifiers, pressed):
         """Pass the press or release of a single usage to its open interface, see `merge.Merger`."""
@@ -225,7 +236,7 @@ class Uses:
             self._consumer.key(usage, pressed)
 
     def key(self, page, usage, modifiers, pressed):
-        """Send a key event as a frame, and queue the report of its usages.
+        """Queue the report of a key event; its frame follows, see `has_room`.
 
         Parameters
         ----------
@@ -236,8 +247,25 @@ class Uses:
         pressed : bool
             True for a press, False for a release.
         """
-        self._framer.key(self._sensor, page, usage, modifiers, pressed)
-        self._flush()
+        # A command, whose calls nest deeply, may cause a release: then no more calls are possible.
+        if not self._releases:
+            self._flush()
+        at = 3 * self._waiting
+        if at == len(self._events):
+            return
+        self._events[at] = page << 16 | usage
+        self._events[at + 1] = modifiers
+        self._events[at + 2] = int(pressed)
+        self._waiting += 1
+
+    def has_room(self):
+        """Send the frames of the last event; return whether there is room for another event."""
+        self._send_keys()
+        # Not `all` with a generator, which allocates.
+        for output in self.outputs:  # noqa: SIM110
+            if not output.outbox.has_room():
+                return False
+        return True
 
     def _flush(self):
         if self._keyboard is not None:
@@ -245,23 +273,39 @@ class Uses:
         if self._consumer is not None:
             self._consumer.flush()
 
-    def has_room(self):
-        """Return whether the queues have room for the reports of a key event."""
-        # Not `all` with a generator, which allocates.
-        for output in self.outputs:  # noqa: SIM110
-            if not output.outbox.has_room():
-                return False
-        return True
+    def _send_keys(self):
+        i = 0
+        while i < self._waiting:
+            self._send_key(3 * i)
+            i += 1
+        self._waiting = 0
+
+    def _send_key(self, at):
+        self._framer.key(
+            self._sensor,
+            self._events[at] >> 16,
+            self._events[at] & 0xFFFF,
+            self._events[at + 1],
+            self._events[at + 2],
+        )
 
     def stuck(self):
         """Record that the present touch is no finger, because it has not moved for long."""
         self.rests = True
 
     def pump(self):
-        """Offer the oldest report of each queue to the host; return True if no report waits.
+        """Process the key events of the last reading, and send reports.
 
-        Presses that wait for too long are dropped first, see `hid.Outbox`.
+        Offers the oldest report of each queue to the host; returns True if no report waits. Presses
+        that wait for too long are dropped first, see `reports.Outbox`. Call it from the loop: keys
+        in `take`, below the calls that process a sample, would exceed the stack of an RP2040.
         """
+        if self._until >= 0:
+            until = self._until
+            self._until = _NONE
+            self._keypad.engine.tick(until)
+        if self._waiting:
+            self._send_keys()
         idle = True
         for output in self.outputs:
             outbox = output.outbox
@@ -279,7 +323,11 @@ class Uses:
         """Release all keys and the gamepad, end all contacts; ignore the finger until it lifts."""
         if self._fingers is not None:
             self._fingers.release()
+        self._until = _NONE
         if self._keypad is not None:
+            self._releases = True
+            self._keypad.engine.release()  # here, because its calls nest deeply
+            self._releases = False
             self._keypad.release()
         for output in self.outputs:
             output.release()
@@ -337,6 +385,7 @@ class Uses:
 
     def _activate(self):
         self.active = self._tracker is not None or self._gamepad_on
+        self.pumps = self._keys_on or bool(self.outputs)
         self.rests = self.two = False
 
     def _get_layout(self):
@@ -373,6 +422,7 @@ class Uses:
         }
         self._there = {name: kinds[name](send, self._time.ticks) for name, send in sends.items()}
         self.outputs = tuple(self._there.values())
+        self.pumps = True
         self._keyboard = self._there.get("keyboard")
         self._consumer = self._there.get("consumer")
         if "gamepad" in self._there:

@@ -39,20 +39,20 @@ class Dance:
                 self._decide(t)
 
     def beside(self, row, t):
-        """The key `row` was pressed."""
-        if row != self._row:
-            self._decide(t)
+        """The key `row` was pressed; return whether this decides a dance."""
+        return row != self._row and self._decide(t)
 
     def tick(self, t):
-        """Decide what gets no further tap."""
+        """Decide what gets no further tap; return whether there was something."""
         if self._taps and past(self._since, t) >= self._engine.layout.behaviours[self._which + 1]:
             hold = self._hold()
-            if hold and self._of >= 0:
-                i = self._of
-                self.forget()
-                self._engine.start(i, hold, t)
-            else:
-                self._decide(t)
+            if not hold or self._of < 0:
+                return self._decide(t)
+            i = self._of
+            self.forget()
+            self._engine.then(i, hold, t)
+            return True
+        return False
 
     def forget(self):
         """Drop a dance that is not decided."""
@@ -70,12 +70,13 @@ class Dance:
 
     def _decide(self, t):
         if not self._taps:
-            return
+            return False
         engine = self._engine
         action = engine.layout.behaviours[self._which + 2 + self._taps]
         i = self._of
         self.forget()
         if i >= 0:
-            engine.start(i, action, t)
+            engine.then(i, action, t)
         else:
-            engine.click_alone(action, t)
+            engine.click(action, t)
+        return True

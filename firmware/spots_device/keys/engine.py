@@ -25,6 +25,10 @@ open one does not wait, unless this switch holds a modifier.
 
 If the outbox of USB reports is full, events wait, too. Times are in ticks (see fingers/state.py).
 Integers only; allocates nothing but in `set_layout` with another layout.
+
+The stack of an RP2040 has 8 KB, enough for 25 nested calls. So the methods that report an event
+only store it, and a decision only stores its action. `tick`, which the loop of the board calls,
+processes both one after the other.
 """
 
 from array import array
@@ -156,29 +160,35 @@ class Engine:
                 self.switches[i * w.SIZE] = w.WAITS
                 self._put(_PRESS, i, x_um, t)
         elif state >= w.OPEN and self._moves is not None:
-            self._moves.move(i, x_um, t)
-            self._run()
+            self._moved = i
+            self._moved_um = x_um
+            self._moved_t = t
         return False
 
     def tick(self, t):
-        """Decide what has a time limit; all events up to the time `t` have been reported."""
-        if self._due >= 0 and past(self._due_t, t) >= self.layout.double_t:
-            self._tap_due(t)
-        if self._dance is not None:
-            self._dance.tick(t)
+        """Process all events; then decide what has a time limit.
+
+        All events up to the time `t` have been reported.
+        """
+        self.run()
         if self._sticky is not None:
             self._sticky.tick(t)
         if self._tapped >= 0 and past(self._tapped_t, t) >= self.layout.quick_tap_t:
             self._age(t)
-        if (
-            self._open >= 0
-            and self.wait_t
-            and past(self._began_t(), t) >= self.wait_t
-            and self.sink.has_room()
-        ):
-            self._decide(_TIMER, t)
-        if self._seen < self._count:
-            self._run()
+        while self._next_action < 0 and self._is_late(t):
+            self.run()
+
+    def run(self):
+        """Process what has been reported and decided, as far as the reports have room."""
+        while self.sink.has_room():
+            if self._next_action >= 0:
+                self._perform()
+            elif self._moved >= 0:
+                self._follow()
+            elif self._seen < self._count:
+                self._next((self._first + self._seen) % _QUEUE * _EVENT)
+            else:
+                return
 
     def forget(self):
         """Drop pending double taps, and what is sticky for the next key."""
@@ -266,7 +276,6 @@ class Engine:
         q[at + 2] = x_um
         q[at + 3] = t
         self._count += 1
-        self._run()
 
     def _remove(self):
         # Removes the event after those that wait.
@@ -283,16 +292,12 @@ class Engine:
         self._first = (self._first + 1) % _QUEUE
         self._count -= 1
 
-    def _run(self):
-        while self._seen < self._count and self.sink.has_room():
-            self._next((self._first + self._seen) % _QUEUE * _EVENT)
-
     def _next(self, at):
         # Processes the event at the index `at` of the queue.
         t = self._queue[at + 3]
         if self._open < 0:
-            self._do(at)
-            self._remove()
+            if self._do(at):
+                self._remove()
         elif self.wait_t and past(self._began_t(), t) >= self.wait_t:
             self._decide(_TIMER, t)
         elif self._queue[at + 1] != self._open:
@@ -323,15 +328,17 @@ class Engine:
         return action >> 20 == y.KEYBOARD and action & 0xFFF >= MODIFIERS_FROM
 
     def _do(self, at):
+        # Returns whether the event is processed; otherwise an action comes before it.
         i = self._queue[at + 1]
         t = self._queue[at + 3]
         if self._queue[at] == _PRESS:
-            self._begin(i, self._queue[at + 2], t)
-        elif self._queue[at] == _RELEASE:
+            return self._begin(i, self._queue[at + 2], t)
+        if self._queue[at] == _RELEASE:
             if self._due_of == i:
                 self._due_of = _NONE
                 self._due_t = t
             self._let_go(i, t)
+        return True
 
     def _let_go(self, i, t):
         at = i * w.SIZE
@@ -345,7 +352,10 @@ class Engine:
     # Decisions.
 
     def _begin(self, i, x_um, t):
-        """Process a press: an action at once if nothing else is possible, else an open switch."""
+        """Process a press: an action at once if nothing else is possible, else an open switch.
+
+        Returns False if another action comes first.
+        """
         row = self._again_at(x_um, t)
         if row < 0:
             row = self._row_at(self.layer, x_um)
@@ -356,12 +366,13 @@ class Engine:
                 self._due = _NONE
                 self.switches[i * w.SIZE + w.ROW] = row
                 self._act(i, self.layout.keys[row + y.DOUBLE], t)
-                return
-            self._tap_due(t)
-            row = self._row_at(self.layer, x_um)  # the tap may have switched the layer
-        if self._dance is not None:
-            self._dance.beside(row, t)
+                return True
+            self._tap_due(t)  # it may switch the layer
+            return False
+        if self._dance is not None and self._dance.beside(row, t):
+            return False
         self._open_at(i, row, t)
+        return True
 
     def _open_at(self, i, row, t):
         at = i * w.SIZE
@@ -472,29 +483,68 @@ class Engine:
     def _tap_due(self, t):
         row = self._due
         self._due = self._due_of = _NONE
-        self.click(w.SWITCHES, self.layout.keys[row + y.TAP], t)
+        self.click(self.layout.keys[row + y.TAP], t)
+
+    def _is_late(self, t):
+        # Decides one thing whose time is over at the time `t`; returns whether there was one.
+        if self._due >= 0 and past(self._due_t, t) >= self.layout.double_t:
+            self._tap_due(t)
+        elif self._dance is not None and self._dance.tick(t):
+            pass
+        elif (
+            self._open >= 0
+            and self.wait_t
+            and past(self._began_t(), t) >= self.wait_t
+            and self.sink.has_room()
+        ):
+            self._decide(_TIMER, t)
+        else:
+            return False
+        return True
+
+    def _follow(self):
+        # Processes the last movement of a switch, one step at a time.
+        i = self._moved
+        if not (
+            w.OPEN <= self.switches[i * w.SIZE] <= w.SLIDING
+            and self._moves.move(i, self._moved_um, self._moved_t)
+        ):
+            self._moved = _NONE
 
     # Actions.
 
     def _act(self, i, action, t):
-        """Press an action; the switch `i` then holds it."""
+        """Press an action next; the switch `i` then holds it."""
         self.switches[i * w.SIZE] = w.PRESSED
-        self.start(i, action, t)
+        self.then(i, action, t)
 
-    def click_alone(self, action, t):
-        """Press and release an action, for no switch."""
-        self.click(w.SWITCHES, action, t)
+    def then(self, i, action, t):
+        """Press an action next; release it at once if the switch `i` is not pressed.
 
-    def click(self, i, action, t):
-        """Press and release an action for the switch `i`; the one after the last is no finger's."""
-        self.start(i, action, t)
-        self._end(i, t)
-        self.switches[i * w.SIZE + w.ACTION] = 0
-        if self._dance is not None:
-            self._dance.released(i, t)
+        The switch after the last one is no finger's.
+        """
+        self._next_of = i
+        self._next_action = action
+        self._next_t = t
 
-    def start(self, i, action, t):
-        """Press an action for the switch `i`."""
+    def click(self, action, t):
+        """Press and release an action next, for no switch."""
+        self.then(w.SWITCHES, action, t)
+
+    def _perform(self):
+        # Presses the stored action.
+        i = self._next_of
+        t = self._next_t
+        action = self._next_action
+        self._next_action = self._next_of = _NONE
+        self._start(i, action, t)
+        if self._next_of != i and self.switches[i * w.SIZE] != w.PRESSED:
+            self._end(i, t)
+            self.switches[i * w.SIZE + w.ACTION] = 0
+            if self._dance is not None:
+                self._dance.released(i, t)
+
+    def _start(self, i, action, t):
         kind = action >> 20
         self.switches[i * w.SIZE + w.ACTION] = action
         if kind == y.BEHAVIOUR:
@@ -644,6 +694,8 @@ class Engine:
 
     def _clear(self):
         self._first = self._count = self._seen = 0
+        self._next_of = self._next_action = self._moved = _NONE
+        self._next_t = self._moved_um = self._moved_t = 0
         self._open = self._tapped = self._due = self._due_of = _NONE
         self._hold = self._flavor = self.wait_t = self._quick_t = self._idle_t = 0
         self._tapped_t = self._due_t = 0

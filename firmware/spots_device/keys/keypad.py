@@ -51,11 +51,17 @@ class Keypad:
         self.contact.set_layout(layout, length_um, decay)
 
     def tick(self, t):
-        """Decide what has a time limit, at the time `t` in ticks.
+        """Process a reading's events, and what has a time limit at the time `t` in ticks.
 
-        Must be called after every reading. Time stops while a reading may still become an earlier
-        event: the light has ended but the release is not certain yet, or a second finger may touch
-        that is not found yet.
+        Must be called after every reading.
+        """
+        self.engine.tick(self.until(t))
+
+    def until(self, t):
+        """Return the time up to which all events are known, for `engine.Engine.tick`.
+
+        It does not advance while a reading may still become an earlier event: the light has ended
+        but the release is not certain yet, or a second finger may touch that is not found yet.
         """
         s = self._s
         if s[LEAVING]:
@@ -63,7 +69,7 @@ class Keypad:
             t = s[LEFT]
         elif s[STATE] == TWO and not s[SECOND] and past(s[BEGAN], t) < _LATE_T:
             t = s[BEGAN]
-        self.engine.tick(t)
+        return t
 
     @property
     def layer(self):

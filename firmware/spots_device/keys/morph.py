@@ -18,9 +18,9 @@ class Morph:
         if self._engine.merger.down & b[n + 1]:
             self._of = i
             self._hide(b[n + 1] & ~b[n + 2])
-            self._engine.start(i, b[n + 4], t)
+            self._engine.then(i, b[n + 4], t)
         else:
-            self._engine.start(i, b[n + 3], t)
+            self._engine.then(i, b[n + 3], t)
 
     def _hide(self, bits):
         self._engine.merger.mask(self._engine.sink, bits)

@@ -15,17 +15,21 @@ class Moves:
         self._engine = engine
 
     def move(self, i, x_um, t):
-        """Process a position of the switch `i`, which is open or slides."""
-        at = i * w.SIZE
-        off_um = x_um - self._engine.switches[at + w.X_UM]
-        if not self._may_swipe(at, t):
-            self._slide(i, x_um, t)
-        elif abs(off_um) >= self._engine.layout.swipe_um:
+        """Process a position of the switch `i`, which is open or slides.
+
+        Returns whether the position may cause another step of a slide.
+        """
+        if not self._may_swipe(i, t):
+            return self._step(i, x_um, t)
+        off_um = x_um - self._engine.switches[i * w.SIZE + w.X_UM]
+        if abs(off_um) >= self._engine.layout.swipe_um:
             self._engine.close()
             self._swipe(i, off_um > 0, t)
+        return False
 
-    def _may_swipe(self, at, t):
+    def _may_swipe(self, i, t):
         s = self._engine.switches
+        at = i * w.SIZE
         return (
             s[at] == w.OPEN
             and self._engine.wait_t
@@ -34,26 +38,29 @@ class Moves:
         )
 
     def _swipe(self, i, plus, t):
-        layer = self._engine.switches[i * w.SIZE + w.LAYER]
-        action = self._engine.layout.swipe(layer, plus)
-        self._engine.click(i, action, t)
-
-    def _slide(self, i, x_um, t):
         engine = self._engine
-        while engine.sink.has_room():
-            off_um = x_um - engine.switches[i * w.SIZE + w.STEP_UM]
-            if abs(off_um) < engine.layout.slide_um or not self._step(i, off_um > 0, t):
-                return
+        action = engine.layout.swipe(engine.switches[i * w.SIZE + w.LAYER], plus)
+        engine.then(i, action, t)
 
-    def _step(self, i, plus, t):
-        engine = self._engine
-        action = engine.row_of(i) + (y.SLIDE_PLUS if plus else y.SLIDE_MINUS)
-        action = engine.layout.keys[action]
-        if engine.switches[i * w.SIZE] == w.OPEN:
+    def _step(self, i, x_um, t):
+        off_um = x_um - self._engine.switches[i * w.SIZE + w.STEP_UM]
+        slide_um = self._engine.layout.slide_um
+        if abs(off_um) < slide_um:
+            return False
+        return self._slide(i, slide_um if off_um > 0 else -slide_um, t)
+
+    def _slide(self, i, um, t):
+        s = self._engine.switches
+        action = self._action(i, um > 0)
+        if s[i * w.SIZE] == w.OPEN:
             if not action:
                 return False
-            engine.close()
-        engine.switches[i * w.SIZE] = w.SLIDING
-        engine.switches[i * w.SIZE + w.STEP_UM] += engine.layout.slide_um * (1 if plus else -1)
-        engine.click(i, action, t)
+            self._engine.close()
+            s[i * w.SIZE] = w.SLIDING
+        s[i * w.SIZE + w.STEP_UM] += um
+        self._engine.then(i, action, t)
         return True
+
+    def _action(self, i, plus):
+        engine = self._engine
+        return engine.layout.keys[engine.row_of(i) + (y.SLIDE_PLUS if plus else y.SLIDE_MINUS)]

@@ -14,4 +14,4 @@ class Repeat:
 
     def press(self, i, t):
         """Press the last key with the switch `i`."""
-        self._engine.start(i, self._last, t)
+        self._engine.then(i, self._last, t)

@@ -87,8 +87,8 @@ class Sticky:
 
     def _finish(self, k):
         n = self._which[k]
-        self._change(n, -1)
         self._which[k] = _NONE
+        self._change(n, -1)
 
     def _change(self, n, change):
         engine = self._engine

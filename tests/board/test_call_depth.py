@@ -1,0 +1,73 @@
+"""The calls of the loop do not nest deeper than the stack of an RP2040 allows.
+
+MicroPython's stack there has 8 KB. In an emulated Pico, a call of a Python function takes 300 bytes
+of it. Four calls come before the first one here.
+"""
+
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from random_layouts import random_fingers, random_layout
+
+from spots.keyboard.keys import push
+from spots.link.board import Board
+from spots.link.connect import prepare
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.strip.files import ScenarioFile, load
+from spots_sim.strip.scenario import Scenario
+
+FIRMWARE = str(Path("spots_device"))
+DEEPEST = 21
+SECONDS = 15.0
+LAYOUTS = 3
+
+
+class Depth:
+    """The deepest nesting of the firmware's functions; a profiler of `sys.setprofile`."""
+
+    def __init__(self):
+        self.now = self.most = 0
+        self.where = []
+
+    def __call__(self, frame, event, _):
+        if event not in ("call", "return") or FIRMWARE not in frame.f_code.co_filename:
+            return
+        self.now += 1 if event == "call" else -1
+        if self.now > self.most:
+            self.most, self.where = self.now, []
+            while frame:
+                if FIRMWARE in frame.f_code.co_filename:
+                    self.where.append(frame.f_code.co_name)
+                frame = frame.f_back
+
+
+@pytest.mark.parametrize("seed", range(LAYOUTS))
+def test_no_key_needs_more_calls_than_the_stack_of_a_board_has_room_for(
+    sensor, calibration, tmp_path, monkeypatch, seed
+):
+    monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", "cpython")
+    rng = np.random.default_rng(seed)
+    layout = random_layout(rng)
+    fingers = random_fingers(rng, 1.0, SECONDS, sensor.length_mm)
+    scenario = load(ScenarioFile, "demo")
+    scenario = msgspec.structs.replace(scenario, touch=fingers, seconds=SECONDS + 1)
+    link = LockstepLink(sensor, Scenario(scenario), seed, tmp_path)
+    with Board(link) as board:
+        prepare(board, calibration)
+        push(board, layout)
+        board.command("reboot")
+        for _ in board.frames(0.5):
+            pass
+        depth = Depth()
+        sys.setprofile(depth)
+        try:
+            prepare(board, calibration)
+            for _ in board.frames(SECONDS):
+                pass
+        finally:
+            sys.setprofile(None)
+    assert link.usb.reports
+    assert depth.most <= DEEPEST, depth.where
