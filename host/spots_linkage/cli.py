@@ -43,6 +43,9 @@ def twin(parser: Parser):
     group.add_argument(
         "--out", metavar="FILE.toml", help="the linkage file to write, for --calibrate"
     )
+    parser.add_argument(
+        "--mjcf", metavar="FILE.xml", help="write the linkage as a model for MuJoCo, and end"
+    )
     arguments.add_simulation(parser, "linkage")
     simulates = {*arguments.option_names("linkage")} - {"--picture"}  # it has its own message
     parser.needs(simulates, _is_simulated, "name a simulated linkage with --linkage")

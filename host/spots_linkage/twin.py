@@ -6,7 +6,7 @@ import math
 from contextlib import suppress
 from pathlib import Path
 
-from spots.common.atomic import check_writable
+from spots.common.atomic import check_writable, write_text
 from spots.errors import SpotsError, printable
 from spots.link.ports import offered
 from spots.terminal.opening import doubted
@@ -14,6 +14,7 @@ from spots.terminal.view import Pace, drawn
 
 from . import mounted
 from .digital_twin import Terminal
+from .mjcf import mjcf
 from .twin_points import fit, measure
 from .twin_source import Source, has_boards, is_recording, opened, paced
 from .twin_view import TwinView
@@ -44,6 +45,9 @@ def twin_command(options: argparse.Namespace) -> None:
             "--picture shows a simulated linkage: leave out --port, and name no linkage file of "
             "real boards"
         )
+    if options.mjcf:
+        _export(options)
+        return
     if options.out and not options.calibrate:
         raise SpotsError("--out writes what --calibrate finds: add --calibrate POINTS.csv")
     if options.calibrate:
@@ -121,6 +125,17 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
                 stats = [board.stats for board in source.boards]
                 display.update(view.picture(stats, touch.time_s), refresh=True)
     return count
+
+
+def _export(options: argparse.Namespace) -> None:
+    others = "port", "seconds", "json", "record", "measure", "picture", "calibrate", "out"
+    if any(getattr(options, name) for name in others):
+        raise SpotsError(
+            "--mjcf writes the linkage of a linkage file: leave out all options except --linkage"
+        )
+    linkage = mounted.load(options.linkage).linkage
+    write_text(mjcf(linkage), options.mjcf, None)
+    print(f"wrote a model for MuJoCo: {printable(options.mjcf)}")
 
 
 def _measure(source: Source, points: Path, linkage: str) -> None:

@@ -3,11 +3,12 @@
 from collections import deque
 from functools import partial
 
+from msgspec.json import encode
+
 from spots.errors import SpotsError
 from spots.link.board import Board
 
 from .optional import zenoh
-from .samples import encode
 from .zenoh_session import READ_ONLY, direct, key
 
 # Pause between two rounds of answers: at least `_EVERY_S`, and at least ten times the duration of

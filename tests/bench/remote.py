@@ -22,10 +22,13 @@ from statistics import median
 from tempfile import TemporaryDirectory
 
 import msgspec
+from msgspec.json import encode
 
 from spots.common.guarded import Guarded
 from spots.link.board import Board
-from spots.link.frames import Decoder, Touch
+from spots.link.frames import Decoder, Reading, Touch
+from spots_net.outlet import Outlet, values
+from spots_net.publishing import publish, stream
 
 from .standin import CLOSING_UM, StandIn
 
@@ -203,9 +206,10 @@ def _publish(pipe, config: str, names: list[str], rate_Hz: float) -> None:
     while True:
         mode = pipe.recv()
         links = [StandIn(name, rate_Hz) for name in names]
-        outlets = [_outlet(mode, Board(link), session) for link in links]
+        boards = [Board(link) for link in links]
+        outlets = [_outlet(mode, board, session) for board in boards]
         ended = threading.Event()
-        threads = [serving(outlet, ended) for outlet in outlets]
+        threads = [serving(*pair, ended) for pair in zip(boards, outlets)]
         for thread in threads:
             thread.start()
         pipe.send({name: one.port for name, one in zip(names, outlets) if mode == "tcp"})
@@ -227,16 +231,17 @@ def _publish(pipe, config: str, names: list[str], rate_Hz: float) -> None:
 def _outlet(mode: str, board: Board, session):
     from spots_net.publish import Publisher
 
-    return _TcpPublisher(board) if mode == "tcp" else Publisher(board, session)
+    return _TcpPublisher() if mode == "tcp" else Publisher(board, session)
 
 
-def serving(outlet, ended: threading.Event) -> threading.Thread:
-    """Return a thread that publishes the frames of `outlet` until the event `ended` is set."""
-    run = Guarded(outlet.run, "publishing")
+def serving(board: Board, outlet: Outlet, ended: threading.Event) -> threading.Thread:
+    """Return a thread that publishes a board's frames until the event `ended` is set."""
+    run = Guarded(publish, "publishing")
+    stream(board)
 
     def serve() -> None:
         while not ended.is_set():
-            run(_TURN_S)
+            run(board, [outlet], _TURN_S)
         outlet.close()
 
     return threading.Thread(target=Guarded(serve, "the end of publishing"))
@@ -245,31 +250,30 @@ def serving(outlet, ended: threading.Event) -> threading.Thread:
 class _TcpPublisher:
     """Sends each frame as a line of JSON to all TCP clients."""
 
-    def __init__(self, board: Board):
-        from spots_net.samples import encode, sample
+    place = "TCP"
 
-        self._board, self._encode, self._sample = board, encode, sample
+    def __init__(self):
         self._server = _listening()
         self._server.setblocking(False)
         self._readers: list[socket.socket] = []
         self.port = self._server.getsockname()[1]
-        board.command("stream touch spectrum")
 
-    def run(self, seconds: float) -> None:
+    def put(self, frame: Reading, utc_s: float) -> None:
+        line = encode({"utc_s": utc_s, **values(frame)}) + b"\n"
+        for reader in list(self._readers):
+            try:
+                reader.sendall(line)
+            except OSError:  # the reader has closed the connection
+                self._readers.remove(reader)
+                reader.close()
+
+    def turn(self) -> None:
         try:
             reader, _ = self._server.accept()
             reader.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._readers.append(reader)
         except BlockingIOError:
             pass
-        for frame in self._board.frames(seconds):
-            line = self._encode(self._sample(frame, frame.time_s)) + b"\n"
-            for reader in list(self._readers):
-                try:
-                    reader.sendall(line)
-                except OSError:  # the reader has closed the connection
-                    self._readers.remove(reader)
-                    reader.close()
 
     def close(self) -> None:
         for one in (self._server, *self._readers):

@@ -13,6 +13,7 @@ from bench.standin import StandIn
 
 from spots import Board
 from spots_net.publish import Publisher
+from spots_net.publishing import publish, stream
 
 DEADLINE_S = 60.0
 RATE_HZ = 200
@@ -70,17 +71,20 @@ def publishing(path, *links, kind=Publisher):
     ended = threading.Event()
     failed = []
 
-    def serve(publisher):
+    def serve(board, publisher):
         try:
             while not ended.is_set():
-                publisher.run(0.1)
+                publish(board, [publisher], 0.1)
         except Exception as error:
             failed.append(error)
         publisher.close()
 
     with session(path) as own:
-        publishers = [kind(Board(link), own) for link in links]
-        threads = [threading.Thread(target=serve, args=(one,)) for one in publishers]
+        boards = [Board(link) for link in links]
+        publishers = [kind(board, own) for board in boards]
+        for board in boards:
+            stream(board)
+        threads = [threading.Thread(target=serve, args=pair) for pair in zip(boards, publishers)]
         for thread in threads:
             thread.start()
         try:

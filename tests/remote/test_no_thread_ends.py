@@ -242,8 +242,13 @@ def test_questions_that_come_from_zenoh(net, fault, monkeypatch):
 
 def test_a_board_that_is_published_in_a_measurement(fault):
     ended, closed = threading.Event(), Future()
-    outlet = SimpleNamespace(run=fault.into(time.sleep), close=lambda: closed.set_result(None))
-    serve = bench.serving(outlet, ended)
+    quiet = SimpleNamespace(
+        now_s=time.monotonic, stream=lambda *kinds: None, frames=lambda timeout_s: iter(())
+    )
+    outlet = SimpleNamespace(
+        turn=fault.into(lambda: time.sleep(0.01)), close=lambda: closed.set_result(None)
+    )
+    serve = bench.serving(quiet, outlet, ended)
     serve.start()
     wait_until(lambda: fault.raised)
     ended.set()

@@ -20,6 +20,7 @@ from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Board
 from spots.link import reconnect as reconnect_module
 from spots_net import publish
+from spots_net import publishing as publish_module
 from spots_net.publish import Publisher
 
 
@@ -77,21 +78,19 @@ def test_ctrl_c_while_the_board_is_announced_ends_cleanly(monkeypatch, capsys):
     ended = []
 
     class Announced:
-        def __init__(self, board, session):
+        def __init__(self, board):
             self.close = lambda: ended.append("publisher")
 
         @property
-        def board_id(self):
+        def place(self):
             raise KeyboardInterrupt
 
     stats = SimpleNamespace(frames=3, lost=0, bad_crc=0)
+    board = SimpleNamespace(stats=stats, stream=lambda *kinds: None)
     monkeypatch.setattr(publish, "Publisher", Announced)
-    monkeypatch.setattr(publish, "open_session", nullcontext)
-    monkeypatch.setattr(
-        publish, "open_named", lambda options: nullcontext(SimpleNamespace(stats=stats))
-    )
+    monkeypatch.setattr(publish_module, "open_named", lambda options: nullcontext(board))
     with suppress(KeyboardInterrupt):
-        publish.publish_command(SimpleNamespace(seconds=None))
+        publish_module.publish_command(SimpleNamespace(seconds=None, to=None))
     assert ended == ["publisher"]
     assert "3 frames" in capsys.readouterr().err
 

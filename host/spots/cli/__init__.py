@@ -18,7 +18,8 @@ from .parser import Parser, add_commands
 # In the order in which `spots --help` lists their commands.
 _GROUPS = boards, look, applications, recordings
 # Group of the entry points by which other packages add commands. Each entry point has the name of
-# a command, and refers to a function as `parser.add_commands` describes it.
+# a command, and refers to a function as `parser.add_commands` describes it. An entry point that is
+# named COMMAND.NAME adds a format to a command, see `recording.export.formats`.
 _MORE = "spots.commands"
 
 _NO_ROOM = errno.ENOSPC, errno.EDQUOT
@@ -85,6 +86,7 @@ def _parser(first: str = "--help") -> Parser:
     more = []
     if first not in {command.__name__ for _, command in ours}:
         more = [*(entry_points(group=_MORE, name=first) or entry_points(group=_MORE))]
+        more = [entry for entry in more if "." not in entry.name]  # a format of a command
     others = [entry.load() for entry in sorted(more)]
     add_commands(parser, [*ours, *((modules[one.__module__].PURPOSE, one) for one in others)])
     return parser

@@ -65,14 +65,17 @@ def info(parser: Parser):
 
 
 def export(parser: Parser):
-    """Convert a recording to MCAP, CSV or NumPy arrays.
+    """Convert a recording to MCAP, CSV, NumPy arrays or a bag of ROS 2.
 
     example:
       spots export run.spots --to csv
     """
     parser.option("file", "FILE.spots", "a recording")
     parser.add_argument(
-        "--to", required=True, choices=["mcap", "csv", "npz"], help="format of the new file"
+        "--to",
+        required=True,
+        metavar="FORMAT",
+        help="mcap, csv or npz, or a format of another package: ros2 (MCAP of ROS 2)",
     )
     parser.option(
         "--out",

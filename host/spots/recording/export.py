@@ -10,13 +10,14 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
-from typing import IO
+from typing import IO, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.lib import format as npy
 
 from ..common.atomic import not_written, replacing, sync
+from ..common.plugins import entry_points
 from ..errors import SpotsError, missing, path_text
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
@@ -24,7 +25,36 @@ from .table import Description, Table, described, rows
 
 # Number of rows of a table in memory; so memory use does not grow with the recording.
 _BLOCK_ROWS = 1024
+_ADDED = "export."  # how names of entry points for formats begin
 Records = Iterable[tuple[Table, tuple]]
+
+
+class Format(NamedTuple):
+    """A format of exports.
+
+    Attributes
+    ----------
+    suffix : str
+        Ending of the names of its files.
+    write : callable
+        ``write(description, records, out, files)`` writes a recording: facts about it, rows of its
+        tables, the name of the new file, and the `Files` that opens it.
+    """
+
+    suffix: str
+    write: Callable[[Description, Records, Path, "Files"], None]
+
+
+def _format(kind: str) -> Format:
+    """Return the format of a name; load it, if an entry point ``export.NAME`` adds it."""
+    if kind in EXPORTS:
+        return EXPORTS[kind]
+    others = entry_points(group="spots.commands")
+    added = {one.name[len(_ADDED) :]: one for one in others if one.name.startswith(_ADDED)}
+    if kind not in added:
+        known = ", ".join((*EXPORTS, *added))
+        raise SpotsError(f"there is no format {kind!r}: use one of {known}")
+    return added[kind].load()
 
 
 def _quiet(doubts: list[str]) -> None:
@@ -40,7 +70,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None, warn=_qui
         File of the recording. If this is the first of several files of one recording, the other
         files are converted too.
     kind : str
-        Name of the format: ``mcap``, ``csv`` or ``npz``.
+        Name of the format: ``mcap``, ``csv``, ``npz``, or one that another package adds.
     out : str or Path, optional
         Name of the new file; the default is the recording's name with another suffix. CSV makes
         one file for each kind of frame: NAME-touch.csv, NAME-spectrum.csv, ..., and
@@ -65,25 +95,25 @@ def export(path: str | Path, kind: str, out: str | Path | None = None, warn=_qui
     Memory use does not grow with the length of the recording. While an NPZ file is written,
     temporary files take about twice its size in the same folder.
     """
-    if kind not in EXPORTS:
-        raise SpotsError(f"there is no format {kind!r}: use one of {', '.join(EXPORTS)}")
+    form = _format(kind)
     if out is not None:
         out = path_text(out, "the name of an export")
-    if out is not None and (named := Path(out).suffix[1:].lower()) in EXPORTS.keys() - {kind}:
+    named = Path(out or "").suffix[1:].lower()
+    if named in EXPORTS and named != form.suffix:
         raise SpotsError(
             f"{out} is the name of a {named} file, but the format is {kind}: choose one of them"
         )
     recording = RecordingBlocks(path)
-    out = Path(out) if out else recording.path.with_suffix("." + kind)
-    with _Files() as files:
+    out = Path(out) if out else recording.path.with_suffix("." + form.suffix)
+    with Files() as files:
         description = described(recording)
-        EXPORTS[kind](description, rows(recording, description.channels), out, files)
+        form.write(description, rows(recording, description.channels), out, files)
         paths = files.sync()
     warn(recording.doubts)
     return paths
 
 
-class _Files(ExitStack):
+class Files(ExitStack):
     """New files that are written atomically: on an error, none of them is created."""
 
     def __init__(self):
@@ -108,7 +138,7 @@ class _Files(ExitStack):
         return list(self._files)
 
 
-def _csv(description: Description, records: Records, out: Path, files: _Files) -> None:
+def _csv(description: Description, records: Records, out: Path, files: Files) -> None:
     writers: dict[str, Callable] = {}
     stem = out.stem if out.suffix == ".csv" else out.name  # any other suffix is a part of the name
     for table, row in records:
@@ -124,7 +154,7 @@ def _csv(description: Description, records: Records, out: Path, files: _Files) -
     header.write("\n")
 
 
-def _npz(description: Description, records: Records, out: Path, files: _Files) -> None:
+def _npz(description: Description, records: Records, out: Path, files: Files) -> None:
     file = files.new(out)
     with ExitStack() as stack, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
         spools: dict[str, _Spool] = {}
@@ -189,7 +219,7 @@ class _Spool:
         self._rows.clear()
 
 
-def _mcap(description: Description, records: Records, out: Path, files: _Files) -> None:
+def _mcap(description: Description, records: Records, out: Path, files: Files) -> None:
     try:
         from mcap.writer import Writer
     except ImportError:
@@ -229,4 +259,5 @@ def _mcap(description: Description, records: Records, out: Path, files: _Files) 
     writer.finish()
 
 
-EXPORTS = {"mcap": _mcap, "csv": _csv, "npz": _npz}
+_OURS = Format("mcap", _mcap), Format("csv", _csv), Format("npz", _npz)
+EXPORTS = {one.suffix: one for one in _OURS}

@@ -1,0 +1,171 @@
+"""What every outlet of ``spots publish --to`` has in common: its interface, and its messages."""
+
+import math
+from argparse import ArgumentTypeError
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+from typing import Any, Protocol
+
+from spots.errors import SpotsError, missing
+from spots.link.board import Board, of_sensor
+from spots.link.frames import Contact, Reading, Spectrum, Touch
+from spots.recording.table import VALUES
+
+_FIRST = "sensor", "sequence", "t_us"
+# Fields of frames whose names differ from those of their columns, by column.
+FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
+# Class of each outlet, the package it needs, and the extra that installs it.
+_OUTLETS = {
+    "zenoh": ("spots_net.publish:Publisher", "Zenoh", "zenoh"),
+    "ros2": ("spots_net.ros2.to_ros2:Ros2", "rosbags", "ros2"),
+    "foxglove": ("spots_net.to_foxglove:Foxglove", "foxglove-sdk", "foxglove"),
+    "lsl": ("spots_net.to_lsl:Lsl", "pylsl", "lsl"),
+    "osc": ("spots_net.to_osc:Osc", "python-osc", "osc"),
+    "rerun": ("spots_net.to_rerun:Rerun", "rerun-sdk", "rerun"),
+}
+NAMES = tuple(_OUTLETS)
+# Outlets without an address of their own.
+_WITHOUT = "zenoh", "lsl"
+
+
+class Outlet(Protocol):
+    """A way in which a board's readings leave the program.
+
+    An outlet never waits: what it cannot send at once is dropped.
+    """
+
+    place: str
+    """Where the readings can be received, to be printed."""
+
+    def put(self, frame: Reading, utc_s: float) -> None:
+        """Send a frame whose measurement was at `utc_s`, in seconds since 1970."""
+        ...
+
+    def turn(self) -> None:
+        """Do what is due; called after every frame, and at least every 0.05 s."""
+        ...
+
+    def close(self) -> None:
+        """Stop sending."""
+        ...
+
+
+def checked(name: str) -> str:
+    """Return the argument of ``--to`` unchanged, for argparse.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If there is no such outlet, or it takes no address.
+    """
+    kind, equals, _ = name.partition("=")
+    if kind not in _OUTLETS:
+        known = ", ".join(NAMES)
+        raise ArgumentTypeError(f"there is no outlet {kind!r}: give one of {known}")
+    if equals and kind in _WITHOUT:
+        raise ArgumentTypeError(f"the outlet {kind} takes no address: give --to {kind}")
+    return name
+
+
+def maker(name: str) -> Callable[[Board], Outlet]:
+    """Return the function that opens an outlet for a board.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`; the outlet's own address may follow after "=", such as
+        ``osc=192.168.1.7:9000``.
+
+    Returns
+    -------
+    callable
+        ``opens(board)`` raises SpotsError if the address is wrong or in use.
+
+    Raises
+    ------
+    SpotsError
+        If the package that the outlet needs is missing.
+    """
+    kind, _, address = name.partition("=")
+    place, package, extra = _OUTLETS[kind]
+    module, _, attribute = place.partition(":")
+    try:
+        made = getattr(import_module(module), attribute)
+    except ModuleNotFoundError as error:
+        if (error.name or "").startswith("spots"):
+            raise
+        raise missing(f"publishing to {kind} needs", package, extra) from None
+    return partial(made, address=address) if address else made
+
+
+def host_and_port(address: str, default: tuple[str, int], what: str) -> tuple[str, int]:
+    """Return host and port of an address such as ``192.168.1.7:9000``, ``:9000`` or ``host``.
+
+    Raises
+    ------
+    SpotsError
+        If the port is not a number from 0 to 65535.
+    """
+    host, colon, port = address.rpartition(":") if ":" in address else (address, "", "")
+    if colon and not (port.isdecimal() and int(port) < 65536):
+        raise SpotsError(f"{address!r} is not an address for {what}: give HOST:PORT")
+    return host or default[0], int(port) if port else default[1]
+
+
+def values(frame: Reading) -> dict[str, Any]:
+    """Return the values of a frame by the names of the columns of ``spots export``.
+
+    Parameters
+    ----------
+    frame : Touch, Spectrum, Key or Contact
+        The frame.
+
+    Returns
+    -------
+    dict
+        ``sensor``, ``sequence``, ``t_us``, and the values in `spots.recording.table.VALUES`; an
+        unknown number is NaN.
+    """
+    names = (*_FIRST, *VALUES[kind_of(frame)])
+    return {name: getattr(frame, FIELDS.get(name, name)) for name in names}
+
+
+def row(frame: Reading, time_s: float, arrived_s: float, channels: list[str]) -> dict[str, Any]:
+    """Return a frame as a row of ``spots export``, without the values that are unknown.
+
+    Parameters
+    ----------
+    frame : Touch, Spectrum, Key or Contact
+        The frame.
+    time_s, arrived_s : float
+        Times of the measurement and of the arrival, in seconds since publishing began.
+    channels : list of str
+        Names of the channels of the six ADCs.
+
+    Returns
+    -------
+    dict
+    """
+    found = {"time_s": time_s, "arrived_s": arrived_s, **values(frame)}
+    if isinstance(frame, Spectrum):
+        counts = found.pop("counts")
+        found |= {f"counts_{name}": count for name, count in zip(channels, counts)}
+    elif isinstance(frame, Touch | Contact):
+        where = frame.position_um if isinstance(frame, Touch) else frame.force_mN
+        found["known"] = not math.isnan(where)
+    return {
+        name: value
+        for name, value in found.items()
+        if not (isinstance(value, float) and math.isnan(value))
+    }
+
+
+def plans(board: Board) -> list[list[str]]:
+    """Return the names of the channels of the six ADCs, for each sensor of a board."""
+    return [board.command(of_sensor("hello", i))["plan"] for i in board.sensors]
+
+
+def kind_of(frame: Reading) -> str:
+    """Return the name of a frame's table: ``touch``, ``spectrum``, ``key`` or ``contact``."""
+    return type(frame).__name__.lower()

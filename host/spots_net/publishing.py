@@ -1,0 +1,80 @@
+"""``spots publish``: sends the readings of a board to other programs and machines."""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+
+from spots.common.signals import released_by_signals
+from spots.errors import CommandError
+from spots.link.board import Board
+from spots.link.connect import open_named
+from spots.link.frames import Contact, Key, Spectrum, Touch
+
+from .outlet import Outlet, maker
+
+_TURN_S = 0.05  # longest time between two turns of the outlets
+_READINGS = Touch, Spectrum, Contact, Key
+
+
+def stream(board: Board) -> None:
+    """Start the streams that outlets send."""
+    try:
+        board.stream("contact", "touch", "spectrum")
+    except CommandError:  # a firmware without contacts
+        board.stream("touch", "spectrum")
+
+
+def publish(board: Board, outlets: Sequence[Outlet], seconds: float | None = None) -> None:
+    """Send the frames of a streaming board to outlets.
+
+    Parameters
+    ----------
+    board : Board
+        The board. No other code of the program may read its frames.
+    outlets : sequence of Outlet
+        Where its frames go.
+    seconds : float, optional
+        Time after which to end, in seconds; no limit if not given.
+
+    Raises
+    ------
+    SpotsError
+        If the board is lost.
+    """
+    now_s = board.now_s
+    end_s = None if seconds is None else now_s() + seconds
+    while end_s is None or now_s() < end_s:
+        for frame in board.frames(_TURN_S):
+            if isinstance(frame, _READINGS):
+                ago_s = 0.0 if frame.time_s is None else now_s() - frame.time_s
+                utc_s = time.time() - ago_s
+                for outlet in outlets:
+                    outlet.put(frame, utc_s)
+            for outlet in outlets:
+                outlet.turn()
+        for outlet in outlets:
+            outlet.turn()
+
+
+def publish_command(options: argparse.Namespace) -> None:
+    """Run ``spots publish`` with the options that `cli` parsed."""
+    # Before the board, so that a missing package is reported first.
+    makers = [maker(name) for name in options.to or ["zenoh"]]
+    with released_by_signals(), open_named(options) as board:
+        try:
+            with ExitStack() as stack:
+                outlets = []
+                for opens in makers:
+                    outlets.append(opens(board))
+                    stack.callback(outlets[-1].close)
+                stream(board)
+                for outlet in outlets:
+                    print(f"published as {outlet.place} (Ctrl-C ends it)", flush=True)
+                publish(board, outlets, options.seconds)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            stats = board.stats
+            print(f"{stats.frames} frames, lost {stats.lost}, bad {stats.bad_crc}", file=sys.stderr)

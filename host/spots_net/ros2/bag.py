@@ -1,0 +1,72 @@
+"""Converts a recording to an MCAP file of ROS 2, which `ros2 bag play` and others read."""
+
+from functools import cache
+from pathlib import Path
+
+from mcap.writer import Writer
+
+from spots.recording.export import Files, Format, Records
+from spots.recording.table import Description
+
+from .messages import UNKNOWN_DARK, Strip, messages, types
+from .types import store
+
+_CHANNELS = 6
+_UNKNOWN = float("nan")
+
+
+def write(description: Description, records: Records, out: Path, files: Files) -> None:
+    """Write an MCAP file with the profile ``ros2``: messages in CDR, definitions as ``ros2msg``.
+
+    Parameters
+    ----------
+    description : Description
+        Facts about the recording.
+    records : iterable of (Table, tuple)
+        Rows of its tables.
+    out : Path
+        The new file.
+    files : Files
+        New files that appear together.
+    """
+    header = description.header
+    name = f"spots_{header.info['id']}"
+    writer = Writer(files.new(out))
+    writer.start(profile="ros2", library=header.program)
+
+    @cache
+    def channel(topic: str, kind: str) -> int:
+        text, _ = store().generate_msgdef(kind, ros_version=2)
+        schema = writer.register_schema(kind, "ros2msg", text.encode())
+        return writer.register_channel(topic, "cdr", schema)
+
+    changes = iter([*description.changes, {"arrived_s": float("inf"), "sensor": 0}])
+    change = next(changes)
+    settings = [dict(one, dark=dark) for one, dark in zip(header.strips, _dark(description))]
+    for table, row in records:
+        time_s, arrived_s, sensor, sequence = row[:4]
+        while change["arrived_s"] <= arrived_s:
+            settings[change["sensor"]] |= change
+            change = next(changes)
+        known = (_UNKNOWN if one is None else one for one in row)
+        values = dict(zip(table.dtype.names, known))
+        values["counts"] = row[-_CHANNELS:]
+        now = settings[sensor]
+        frame_id = f"{name}_strip{sensor}"
+        strip = Strip(frame_id, now["plan"], now["exposure_us"], now["dark"] or UNKNOWN_DARK)
+        utc_s = max(0.0, header.utc_s + time_s)
+        for topic, message in messages(table.name, values, utc_s, strip):
+            kind = types()[topic]
+            number = channel(f"/{name}/strip{sensor}/{topic}", kind)
+            data = bytes(store().serialize_cdr(message, kind))
+            arrived_ns = round(1e9 * (header.utc_s + arrived_s))
+            writer.add_message(number, arrived_ns, data, round(1e9 * utc_s), sequence)
+    writer.finish()
+
+
+def _dark(description: Description) -> list:
+    header = description.header
+    return header.dark or [None] * len(header.strips)
+
+
+FORMAT = Format("mcap", write)

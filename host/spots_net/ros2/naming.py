@@ -1,0 +1,47 @@
+"""The conventions of rmw_zenoh: keys of topics, tokens of nodes and publishers, attachments.
+
+See https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md.
+"""
+
+import struct
+from typing import NamedTuple
+
+# Reliability, durability, history and depth, deadline, lifespan and liveliness; empty is the
+# default. 2: best effort, because a publisher never waits.
+QOS = "2::,10:,:,:,,"
+
+
+class Node(NamedTuple):
+    """A node of ROS 2: domain, Zenoh id of its session, and its name."""
+
+    domain: int
+    zid: str
+    name: str
+
+    @property
+    def token(self) -> str:
+        """Key of the liveliness token that shows the node."""
+        return f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/%/%/{self.name}"
+
+    def topic_token(self, number: int, topic: str, kind: str, type_hash: str) -> str:
+        """Key of the liveliness token that shows a publisher; `number` is unique in the node."""
+        mangled = topic.replace("/", "%")
+        return (
+            f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/MP/%/%/{self.name}/{mangled}/"
+            f"{dds(kind)}/{type_hash}/{QOS}"
+        )
+
+    def key(self, topic: str, kind: str, type_hash: str) -> str:
+        """Key under which the messages of a topic are published."""
+        return f"{self.domain}/{topic.lstrip('/')}/{dds(kind)}/{type_hash}"
+
+
+def dds(kind: str) -> str:
+    """Return the name of a message type for DDS, such as ``std_msgs::msg::dds_::Header_``."""
+    package, part, name = kind.split("/")
+    return f"{package}::{part}::dds_::{name}_"
+
+
+def attachment(sequence: int, time_ns: int, gid: bytes) -> bytes:
+    """Return the attachment of a message: its number, its source time, and the publisher's id."""
+    return struct.pack("<qqB", sequence, time_ns, len(gid)) + gid

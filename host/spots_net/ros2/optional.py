@@ -1,0 +1,8 @@
+"""rosbags, which is an optional package: without it, this import raises SpotsError."""
+
+from spots.errors import missing
+
+try:
+    from rosbags import typesys as typesys
+except ImportError:
+    raise missing("messages for ROS 2 need", "rosbags", "ros2") from None
