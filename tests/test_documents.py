@@ -111,7 +111,7 @@ def test_each_extra_that_is_named_exists():
     extras = set(importlib.metadata.metadata("spots-tactile").get_all("Provides-Extra"))
     for name in PRESENT:
         text = (ROOT / name).read_text(encoding="utf-8")
-        for named in re.findall(r"(?:spots-tactile|-e \.)\[([a-z,]+)\]", text):
+        for named in re.findall(r"(?:spots-tactile|-e \.)\[([a-z0-9,]+)\]", text):
             assert set(named.split(",")) <= extras, name
 
 
@@ -128,7 +128,7 @@ def test_extras_are_installed_from_a_checkout_in_any_shell(name):
         ]
     }
     for words in INSTALL.findall(text):
-        extras = re.fullmatch(r'-e "\.\[([a-z,]+)\]"', words)
+        extras = re.fullmatch(r'-e "\.\[([a-z0-9,]+)\]"', words)
         assert extras, words
         assert {*extras[1].split(",")} <= known
 

@@ -8,8 +8,9 @@ from importlib import import_module
 from typing import Any, Protocol
 
 from spots.errors import SpotsError, missing
-from spots.link.board import Board, of_sensor
+from spots.link.board import Board
 from spots.link.frames import Contact, Reading, Spectrum, Touch
+from spots.link.lines import of_sensor
 from spots.recording.table import VALUES
 
 _FIRST = "sensor", "sequence", "t_us"
@@ -39,7 +40,15 @@ class Outlet(Protocol):
     """Where the readings can be received, to be printed."""
 
     def put(self, frame: Reading, utc_s: float) -> None:
-        """Send a frame whose measurement was at `utc_s`, in seconds since 1970."""
+        """Send a frame.
+
+        Parameters
+        ----------
+        frame : Touch, Spectrum, Key or Contact
+            The frame.
+        utc_s : float
+            Time of the measurement, in seconds since 1970.
+        """
         ...
 
     def turn(self) -> None:
@@ -101,6 +110,19 @@ def maker(name: str) -> Callable[[Board], Outlet]:
 
 def host_and_port(address: str, default: tuple[str, int], what: str) -> tuple[str, int]:
     """Return host and port of an address such as ``192.168.1.7:9000``, ``:9000`` or ``host``.
+
+    Parameters
+    ----------
+    address : str
+        The address; what is missing is taken from `default`.
+    default : tuple of str and int
+        Host and port.
+    what : str
+        Name of the outlet, for the error message.
+
+    Returns
+    -------
+    tuple of str and int
 
     Raises
     ------

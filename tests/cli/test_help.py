@@ -76,7 +76,6 @@ def test_help_fits_the_terminal(capsys, monkeypatch, columns):
         (["command", "get", "-x"], "there is no option -x"),
         (["keys", "chek", "mini"], "there is no 'chek': did you mean check?"),
         (["calibrate", "positon"], "did you mean position?"),
-        (["export", "a.spots", "--to", "cvs"], "there is no 'cvs': valid names are mcap, csv, npz"),
         (["flash", "pico", "now"], "unexpected argument 'now'"),
         (["xyzzy"], "valid names are ports, boards, "),
     ],

@@ -39,7 +39,10 @@ CALLS = {
     "zero": (lambda: spots.read_arrays("a\0b"), r"a recording must be a name, not 'a\\x00b'"),
     "linkage": (lambda: twin_source.opened(5).__enter__(), "path of a linkage file must be a text"),
     "calibration": (lambda: calibration_file.load(None), "the path of a file must be a text"),
-    "format": (lambda: export(RUN, "xls"), "there is no format 'xls': use one of mcap, csv, npz"),
+    "format": (
+        lambda: export(RUN, "xls"),
+        "there is no format 'xls': valid names are mcap, csv, npz, ros2",
+    ),
     "export": (lambda: export(RUN, "csv", 5), "the name of an export must be a text"),
     "text for bytes": (lambda: spots.Decoder().feed("x"), "a decoder needs bytes, not 'x'"),
     "none for bytes": (lambda: spots.Decoder().feed(None), "a decoder needs bytes, not None"),

@@ -18,7 +18,7 @@ from numpy.lib import format as npy
 
 from ..common.atomic import not_written, replacing, sync
 from ..common.plugins import entry_points
-from ..errors import SpotsError, missing, path_text
+from ..errors import SpotsError, did_you_mean, missing, path_text
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
 from .table import Description, Table, described, rows
@@ -52,8 +52,8 @@ def _format(kind: str) -> Format:
     others = entry_points(group="spots.commands")
     added = {one.name[len(_ADDED) :]: one for one in others if one.name.startswith(_ADDED)}
     if kind not in added:
-        known = ", ".join((*EXPORTS, *added))
-        raise SpotsError(f"there is no format {kind!r}: use one of {known}")
+        hint = did_you_mean(kind, (*EXPORTS, *added))
+        raise SpotsError(f"there is no format {kind!r}: {hint}")
     return added[kind].load()
 
 
@@ -121,6 +121,21 @@ class Files(ExitStack):
         self._files: dict[Path, IO] = {}
 
     def new(self, path: Path, kind: str = "b", **options) -> IO:
+        """Open a new file.
+
+        Parameters
+        ----------
+        path : Path
+            Its name; there must be no such file.
+        kind : {"b", "t"}
+            Whether it has bytes or text.
+        **options
+            Options of `open`.
+
+        Returns
+        -------
+        file
+        """
         file = self.enter_context(replacing(path, None, kind, **options))
         self._files[path] = file
         return file

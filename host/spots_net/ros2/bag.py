@@ -3,12 +3,11 @@
 from functools import cache
 from pathlib import Path
 
-from mcap.writer import Writer
-
 from spots.recording.export import Files, Format, Records
 from spots.recording.table import Description
 
 from .messages import UNKNOWN_DARK, Strip, messages, types
+from .optional import Writer
 from .types import store
 
 _CHANNELS = 6

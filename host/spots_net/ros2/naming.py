@@ -24,7 +24,19 @@ class Node(NamedTuple):
         return f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/%/%/{self.name}"
 
     def topic_token(self, number: int, topic: str, kind: str, type_hash: str) -> str:
-        """Key of the liveliness token that shows a publisher; `number` is unique in the node."""
+        """Return the key of the liveliness token that shows a publisher.
+
+        Parameters
+        ----------
+        number : int
+            Number of the publisher in the node, from 1.
+        topic, kind, type_hash : str
+            Name of the topic, its message type, and the type's hash.
+
+        Returns
+        -------
+        str
+        """
         mangled = topic.replace("/", "%")
         return (
             f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/MP/%/%/{self.name}/{mangled}/"
@@ -32,7 +44,17 @@ class Node(NamedTuple):
         )
 
     def key(self, topic: str, kind: str, type_hash: str) -> str:
-        """Key under which the messages of a topic are published."""
+        """Return the key under which the messages of a topic are published.
+
+        Parameters
+        ----------
+        topic, kind, type_hash : str
+            See `topic_token`.
+
+        Returns
+        -------
+        str
+        """
         return f"{self.domain}/{topic.lstrip('/')}/{dds(kind)}/{type_hash}"
 
 
@@ -43,5 +65,19 @@ def dds(kind: str) -> str:
 
 
 def attachment(sequence: int, time_ns: int, gid: bytes) -> bytes:
-    """Return the attachment of a message: its number, its source time, and the publisher's id."""
+    """Return the attachment of a message.
+
+    Parameters
+    ----------
+    sequence : int
+        Number of the message, from 1.
+    time_ns : int
+        Source time, in ns since 1970.
+    gid : bytes
+        Id of the publisher.
+
+    Returns
+    -------
+    bytes
+    """
     return struct.pack("<qqB", sequence, time_ns, len(gid)) + gid

@@ -1,8 +1,11 @@
-"""rosbags, which is an optional package: without it, this import raises SpotsError."""
+"""Packages for ROS 2, which are optional: without them, this import raises SpotsError."""
 
 from spots.errors import missing
 
 try:
+    from mcap import writer as mcap_writer
     from rosbags import typesys as typesys
 except ImportError:
-    raise missing("messages for ROS 2 need", "rosbags", "ros2") from None
+    raise missing("messages for ROS 2 need", "rosbags and mcap", "ros2") from None
+
+Writer = mcap_writer.Writer

@@ -8,8 +8,9 @@ from itertools import count
 import zenoh
 
 from spots.errors import SpotsError
-from spots.link.board import Board, of_sensor
+from spots.link.board import Board
 from spots.link.frames import Reading
+from spots.link.lines import of_sensor
 
 from ..outlet import kind_of, values
 from ..zenoh_session import open_session
