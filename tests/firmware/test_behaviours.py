@@ -209,6 +209,34 @@ mods = ["LEFT_SHIFT"]
 """
 
 
+@pytest.mark.parametrize("term_ms", [250, 300])
+def test_a_hold_that_is_decided_before_the_swipe_ends_leaves_no_slide(term_ms):
+    # `spots keys check` finds the first case: no movement at any time is a slide.
+    key = '{tap = "A", hold = "LEFT_SHIFT", slide_plus = "F1"}'
+    text = layer(key, "B", "C", "D", more='swipe_plus = "F2"')
+    seen = set()
+    for ms in range(20, 400, 10):
+        made = bench(text, tapping_term_ms=term_ms)
+        seen |= set(play(made, "0d0", f"{ms}s0>0.23", "900u0").split())
+    assert ("+F1" in seen) == (term_ms > 250)
+    assert bool(
+        compiled(Path("x"), f'name = "x"\n[tuning]\ntapping_term_ms = {term_ms}\n{text}').problems
+    ) == (term_ms == 250)
+
+
+def test_a_double_tap_hides_the_second_tap_of_a_dance():
+    dance = '[tap_dance.x]\nactions = ["A", "B"]\ntapping_term_ms = %d\n'
+    for term_ms in (250, 500):
+        text = layer('{tap = "tap_dance x", double = "F"}', "C", "D", "E") + dance % term_ms
+        seen = set()
+        for between_ms in range(60, 600, 10):
+            made = bench(text)
+            events = "0d0", "40u0", f"{40 + between_ms}d0", f"{80 + between_ms}u0"
+            seen |= set(play(made, *events).split())
+        assert ("+B" in seen) == (term_ms > 250)
+        assert bool(compiled(Path("x"), f'name = "x"\n{text}').problems) == (term_ms == 250)
+
+
 def test_a_key_with_a_retro_tap_is_a_hold_only_beside_another_key():
     for flavor in ("balanced", "tap-preferred"):
         key = f'{{tap = "F", hold = "LEFT_SHIFT", retro_tap = true, flavor = "{flavor}"}}'
