@@ -119,6 +119,26 @@ def test_positions_and_ends_of_touches_are_right_although_contact_sticks(
     assert max(last_s.values()) < fingers[-1].points[-1][0] + 0.1
 
 
+def tap(x_mm, began_s, ended_s, force_mN):
+    """Return a finger that touches between two times, in s after `START_S`."""
+    points = (began_s, 0), (began_s + 0.018, force_mN), (ended_s - 0.02, force_mN), (ended_s, 0)
+    return press(x_mm, *points)
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.002, 0.004, 0.006, 0.008])
+def test_the_light_of_a_finger_that_arrives_does_not_stick(sensor, calibration, phase_s):
+    """The second finger begins in the only reading in which no finger touches."""
+    first = tap(74.0, phase_s, phase_s + 0.146, 1900)
+    second = tap(4.6, phase_s + 0.156, phase_s + 0.263, 2550)
+    third = tap(64.4, phase_s + 0.225, phase_s + 0.389, 1200)
+    events = play(sensor, calibration, [first, second, third])
+    assert events.text == "918"
+    # When the third finger is alone, its position is right.
+    alone_s = START_S + phase_s + 0.28, START_S + phase_s + 0.36
+    places = [t.position_um / 1000 for t in events.touches if alone_s[0] < t.time_s < alone_s[1]]
+    assert places == pytest.approx([64.4] * len(places), abs=0.4)
+
+
 @pytest.mark.parametrize("percent", [0.0, 1.0])
 @pytest.mark.parametrize("decay_s", [1.0, 30.0])
 def test_a_finger_that_eases_keeps_its_key(sensor, calibration, percent, decay_s):

@@ -101,7 +101,8 @@ STUCK = 83  # counts in Q8: sum of these six
 PEAK = 84  # Q20 of log2: largest brightness of the present or last touch; 0 before the first one
 PEAK_LIGHT = 85  # counts: largest sum of the six counts of a sample in this touch
 FAINT = 86  # whether the last reading of this touch had less than a tenth of its peak
-# Readings since a touch ended that agree with `STICK`; 0 in a touch, -1 if there is too much light.
+# Readings since a touch ended that agree with `STICK`, one more if the first of them confirmed it;
+# 0 in a touch, -1 if there is too much light.
 AGREE = 87
 FADE = 88  # Q24: share of `STICK` that decays in 64 us
 TOUCHED = 89  # `TOUCHING` if a finger touched in the last reading with the LED on, else 0

@@ -31,6 +31,8 @@ def unstick(state, flags, lasted_us):
     if state[d.STUCK]:
         _fade(state, min(state[d.FADE] * steps >> 8, d.SHARE_MAX))
     if flags & d.TOUCHING:
+        if state[d.AGREE] == 1:
+            _forget(state)
         _peak(state)
     elif state[d.PEAK]:
         _measure(state, steps or 1)
@@ -45,6 +47,13 @@ def _fade(state, share):
         state[i] -= (state[i] >> 8) * share >> 8
         stuck += state[i] >> 4
     state[d.STUCK] = stuck
+
+
+def _forget(state):
+    # The only reading between two touches may have been of the arriving or of the leaving finger.
+    for i in range(d.STICK, d.STICK + CHANNELS):
+        state[i] = 0
+    state[d.STUCK] = 0
 
 
 def _set_floor(state):
@@ -81,6 +90,8 @@ def _measure(state, steps):
         if total > (state[d.PEAK_LIGHT] << 8 - d.LEFT_LOG2) + (state[d.STUCK] >> 2):
             state[d.AGREE] = -1
             return  # too much: a lamp, or a finger that rests
+        if total <= most:
+            agree = 1  # this reading confirms the estimate
     elif total > most:
         return  # a finger arrives
     state[d.AGREE] = agree = min(agree + 1, d.AGREE_MAX)

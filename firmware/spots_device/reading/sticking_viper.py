@@ -43,6 +43,10 @@ def unstick(state: ptr32, flags: int, lasted_us: int):
             if agree or light > state[d.PEAK_LIGHT]:
                 state[d.PEAK_LIGHT] = light
             state[d.AGREE] = 0
+            if agree == 1:
+                for i in range(CHANNELS):
+                    state[d.STICK + i] = 0
+                state[d.STUCK] = 0
             break
         if state[d.PEAK] == 0:
             break
@@ -64,6 +68,8 @@ def unstick(state: ptr32, flags: int, lasted_us: int):
             if total > (state[d.PEAK_LIGHT] << (8 - d.LEFT_LOG2)) + (stuck >> 2):
                 state[d.AGREE] = 0 - 1
                 break
+            if total <= most:
+                agree = 1
         elif total > most:
             break
         if agree < d.AGREE_MAX:
