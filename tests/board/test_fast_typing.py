@@ -73,7 +73,7 @@ def test_fingers_that_roll_or_slide_are_one_key(hands, errors):
 
 
 def test_two_fingers_at_the_same_time_are_two_keys():
-    figures = typed(None, 100, 31)
+    figures = typed("two-fingers", 100, 31)
     assert figures["right"] >= 99
     assert figures["wrong"] + figures["extra"] <= 1
 

@@ -1,8 +1,8 @@
 """Measures the errors of fast typing on a virtual board.
 
 Run it with ``python -m spots_sim.demo.typing_speed 60 100``; the arguments are speeds in
-words a minute. With ``two-fingers`` in place of a speed, it measures touches of two fingers at the
-same time.
+words a minute. In place of a speed, ``people`` measures ten people who type at their own speeds, one
+in each run, and ``two-fingers`` measures touches of two fingers at the same time.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from .demo import open_fast
 from .demo_applications import type_on_board
 
 _COUNTS = "touches", "right", "wrong", "missed", "extra", "no_finger", "stuck"
-TWO_FINGERS = "two-fingers"
+PEOPLE, TWO_FINGERS = "people", "two-fingers"
 _SPEED = number("a speed in words a minute", 1, 1000)
 _SURE = 1.96  # standard deviations of a normal distribution in which 95 % of the values are
 
 
-def _speed_or_two(text: str) -> float | None:
-    return None if text == TWO_FINGERS else _SPEED(text)
+def _who(text: str) -> float | str:
+    return text if text in (PEOPLE, TWO_FINGERS) else _SPEED(text)
 
 
 def typed(
-    words_per_min: float | None,
+    who: float | str,
     touches: int,
     seed: int,
     sensor: str = "default",
@@ -48,8 +48,9 @@ def typed(
 
     Parameters
     ----------
-    words_per_min : float or None
-        Speed in words a minute; a word has five keys. None for pairs of fingers, see
+    who : float or str
+        Speed in words a minute; a word has five keys. `PEOPLE` for the person number `seed` modulo
+        10 at the own speed, see `typist.fast_typing`; `TWO_FINGERS` for pairs of fingers, see
         `typist.two_fingers`.
     touches : int
         Number of touches.
@@ -77,7 +78,7 @@ def typed(
         each correct press, in ms.
     """
     what = load_layout(layout), touches, load(SensorFile, sensor).length_mm, seed
-    file = two_fingers(*what) if words_per_min is None else _file(words_per_min, *what, hands)
+    file = two_fingers(*what) if who == TWO_FINGERS else _file(who, *what, hands)
     truth = Scenario(file)
     board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm, lines=lines)
     late_ms: list[float] = []
@@ -87,7 +88,8 @@ def typed(
     return {**run, "late_ms": late_ms}
 
 
-def _file(words_per_min, layout, touches, length_mm, seed, hands) -> ScenarioFile:
+def _file(who, layout, touches, length_mm, seed, hands) -> ScenarioFile:
+    words_per_min = None if who == PEOPLE else who
     return fast_typing(layout, words_per_min, touches, length_mm, seed, hands=HANDS[hands])
 
 
@@ -155,10 +157,10 @@ def main() -> None:
     """Parse the command line, and print the results for each speed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "words_per_min",
-        type=_speed_or_two,
+        "who",
+        type=_who,
         nargs="+",
-        help=f"speed in words a minute, of five keys each; or {TWO_FINGERS}",
+        help=f"speed in words a minute, of five keys each; or {PEOPLE}, or {TWO_FINGERS}",
     )
     parser.add_argument(
         "--touches", type=int, default=150, help="number of touches in each run (150)"
@@ -184,10 +186,10 @@ def main() -> None:
     if options.exposure_us:
         lines = calibrate(load(SensorFile, options.sensor), options.exposure_us)
     strip = options.sensor, options.rezero, options.warm, lines, options.layout, options.hands
-    for speed in options.words_per_min:
+    for who in options.who:
         seeds = range(options.first_seed, options.first_seed + options.seeds)
-        runs = [typed(speed, options.touches, seed, *strip) for seed in seeds]
-        name = f"{speed:g} words a minute" if speed else TWO_FINGERS
+        runs = [typed(who, options.touches, seed, *strip) for seed in seeds]
+        name = who if isinstance(who, str) else f"{who:g} words a minute"
         print(f"{name}: {added(runs)}", flush=True)
 
 

@@ -1,4 +1,4 @@
-"""Statistics of how people type, for the simulated typist."""
+"""How the fingers of the simulated typist move; when they move is in `times`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Hands:
-    """Statistics of typing, from published studies where possible.
+    """Forces and movements of the fingers that type.
 
     Attributes
     ----------
-    dwell_s, dwell_sd_s : float
-        Mean duration of a touch and its standard deviation, in seconds. Source: Dhakal et al.,
-        Observations on Typing from 136 Million Keystrokes, CHI 2018, doi 10.1145/3173574.3174220.
-        The duration hardly depends on the speed: fast typists press the next key before they
-        release the last one.
-    spread : float
-        Standard deviation of the natural logarithm of the time between two key presses. With the
-        default, 12 % of the touches overlap the previous touch at 60 words a minute, 46 % at 100.
     force_mN, force_spread : float
         Median of the largest force of a touch in mN, and standard deviation of its natural
         logarithm. Source: Effects of key stiffness on force and the development of fatigue while
@@ -28,9 +20,10 @@ class Hands:
     rise_s, lift_s : tuple of float
         Shortest and longest time in which the force rises, and in which it falls, in seconds. These
         values and all values below are *assumed*.
-    same_s, least_s : float
-        Shortest pause between two touches of the same finger, and shortest time between two key
-        presses, in seconds.
+    ramp_share : float
+        Longest time in which the force rises or falls, as a share of the duration of the touch.
+    same_s : float
+        Shortest pause between two touches at the same position, in seconds.
     apart_mm : float
         Smallest distance between two fingers, in mm.
     roll_mm : float
@@ -42,23 +35,25 @@ class Hands:
         Smallest and largest amplitude of the force's tremor, in per cent of the force.
     width_mm : tuple of float
         Smallest and largest width of a finger along the strip, in mm.
+    palm_mN, palm_wobble_percent : float
+        Force with which the palm rests at the far end of the strip while the fingers type, in mN, 0
+        if it does not; and amplitude of this force's tremor, in per cent.
     """
 
-    dwell_s: float = 0.116
-    dwell_sd_s: float = 0.024
-    spread: float = 0.40
     force_mN: float = 2000.0
     force_spread: float = 0.35
     rise_s: tuple[float, float] = (0.012, 0.03)
     lift_s: tuple[float, float] = (0.012, 0.03)
+    ramp_share: float = 0.4
     same_s: float = 0.03
-    least_s: float = 0.03
     apart_mm: float = 8.0
     roll_mm: float = 0.15
     rolls_mm: tuple[float, float] = (0.0, 0.0)
     slides_mm: tuple[float, float] = (0.0, 0.0)
     tremor_percent: tuple[float, float] = (0.0, 0.0)
     width_mm: tuple[float, float] = (4.0, 4.0)
+    palm_mN: float = 0.0
+    palm_wobble_percent: float = 0.0
 
 
 USUAL = Hands()
@@ -72,4 +67,6 @@ HANDS = {
     "trembling": Hands(tremor_percent=(15.0, 30.0)),
     "narrow": Hands(width_mm=(3.0, 5.0)),
     "wide": Hands(width_mm=(14.0, 18.0)),
+    "resting-palm": Hands(palm_mN=1500.0),
+    "wobbling-palm": Hands(palm_mN=1500.0, palm_wobble_percent=10.0),
 }

@@ -13,12 +13,15 @@ from spots_device.keys import layout as lines_of
 
 from ..strip.files import Finger, ScenarioFile
 from .hands import USUAL, Hands
+from .times import PEOPLE, at_speed
 
 _SHIFT = 0x22  # bits of the left and the right shift key
 _SHIFTED = dict(zip("1234567890-=[]\\;'`,./", '!@#$%^&*()_+{}|:"~<>?'))
 _CHARACTERS = {" ": "SPACEBAR", "\n": "ENTER"}
 _RISE_S, _FIRM_MN = 0.02, 7000.0
 _HELD_S = (0.07, 0.14)  # shortest and longest touch
+# A palm that rests at the far end: distance from this end, width, and durations. All *assumed*.
+_PALM_OFF_MM, _PALM_WIDE_MM, _PALM_RAMP_S, _SETTLED_S = 6.0, 12.0, 0.1, 1.0
 
 
 class TypedText:
@@ -216,21 +219,25 @@ def _action_of(character: str) -> int:
 
 def fast_typing(
     layout: KeyLayout,
-    words_per_min: float,
+    words_per_min: float | None,
     touches: int,
     length_mm: float,
     seed: int = 0,
     start_s: float = 3.0,
     hands: Hands = USUAL,
 ) -> ScenarioFile:
-    """Return the scenario of a person who types random keys at a given speed, with rollover.
+    """Return the scenario of a person who types random keys with the times of real people.
+
+    Many touches overlap the next one, see `times`. A touch that overlaps others is on one of the
+    keys that another finger can reach.
 
     Parameters
     ----------
     layout : KeyLayout
         Keys of the strip. Only keys of the first layer are typed, and each with a tap.
-    words_per_min : float
-        Speed in words a minute; a word has five keys.
+    words_per_min : float or None
+        Mean speed in words a minute; a word has five keys. With None, one of the ten people in
+        `times.PEOPLE` types at the own speed: number `seed` modulo 10.
     touches : int
         Number of touches.
     length_mm : float
@@ -241,46 +248,66 @@ def fast_typing(
         Earliest time of the first touch, in seconds. A random delay of up to 10 ms (one exposure)
         is added.
     hands : Hands, optional
-        Statistics of typing.
+        How the fingers move, and whether the palm rests on the strip.
 
     Returns
     -------
     ScenarioFile
-        Scenario that ends half a second after the pause that follows the last touch.
+        Scenario that ends half a second after the last touch.
     """
     rng = np.random.default_rng(seed)
     habits = np.random.default_rng((seed, 1))
-    keys = [key for key in next(iter(layout.layers.values())) if key.actions["tap"]]
-    spread = np.log1p((hands.dwell_sd_s / hands.dwell_s) ** 2) ** 0.5
-    mean_s = 12.0 / words_per_min
-    due_s = now_s = start_s + rng.uniform(0.0, 0.01)
+    times = at_speed(words_per_min) if words_per_min else PEOPLE[seed % len(PEOPLE)]
+    now_s = start_s + rng.uniform(0.0, 0.01)
     fingers: list[Finger] = []
+    palm_mm, palm_s = length_mm - _PALM_OFF_MM, now_s
+    taken = []  # positions with the times until which no other finger can be there
+    if hands.palm_mN:
+        taken.append((palm_mm, np.inf))
+        now_s += _SETTLED_S
     for _ in range(touches):
-        key = keys[rng.integers(len(keys))]
-        middle, half = (key.low + key.high) / 2, 0.4 * (key.high - key.low)
-        x_mm = length_mm * (middle + half * np.clip(rng.normal(0, 0.5), -1, 1))
-        for other in fingers[-6:]:
-            # A finger lifts before its next touch; two fingers cannot be at the same position.
-            if abs(other.points[-1][1] - x_mm) < hands.apart_mm:
-                now_s = max(now_s, other.points[-1][0] + hands.same_s)
-        rise_s, fall_s = rng.uniform(*hands.rise_s), rng.uniform(*hands.lift_s)
-        dwell_s = hands.dwell_s * np.exp(spread * rng.normal() - spread**2 / 2)
+        x_mm, now_s = _free_place(layout, length_mm, hands.apart_mm, taken, now_s, rng)
+        held_s = times.held_s(rng)
+        rise_s, fall_s = (
+            min(rng.uniform(*limits), hands.ramp_share * held_s)
+            for limits in (hands.rise_s, hands.lift_s)
+        )
         force_mN = hands.force_mN * np.exp(hands.force_spread * rng.normal())
         force_mN = float(np.clip(force_mN, 800, 6000))
         rolled_mm = x_mm + rng.normal(0, hands.roll_mm)
-        full_s = now_s + max(rise_s + 0.01, dwell_s - fall_s)
+        end_s = now_s + held_s
         points = [
             (now_s, x_mm, 0.0),
             (now_s + rise_s, x_mm, force_mN),
-            (full_s, rolled_mm, force_mN),
-            (full_s + fall_s, rolled_mm, 0.0),
+            (end_s - fall_s, rolled_mm, force_mN),
+            (end_s, rolled_mm, 0.0),
         ]
         fingers.append(_finger(points, length_mm, hands, habits))
-        # After a delay, the next touches are faster until the average speed is reached.
-        due_s += mean_s * np.exp(hands.spread * rng.normal() - hands.spread**2 / 2)
-        now_s = max(now_s + hands.least_s, due_s)
-    end_s = max(finger.points[-1][0] for finger in fingers)
-    return ScenarioFile(seconds=end_s + 0.5, touch=fingers)
+        taken.append((rolled_mm, end_s + hands.same_s))
+        now_s += times.interval_s(rng)
+    end_s = max(finger.points[-1][0] for finger in fingers) + 0.5
+    if hands.palm_mN:
+        times_s = palm_s, palm_s + _PALM_RAMP_S, end_s, end_s + _PALM_RAMP_S
+        forces_mN = 0.0, hands.palm_mN, hands.palm_mN, 0.0
+        points = [(time_s, palm_mm, force_mN) for time_s, force_mN in zip(times_s, forces_mN)]
+        wobble = hands.palm_wobble_percent
+        fingers.insert(0, Finger(points=points, width_mm=_PALM_WIDE_MM, tremor_percent=wobble))
+        end_s += 0.5
+    return ScenarioFile(seconds=end_s, touch=fingers)
+
+
+def _free_place(layout: KeyLayout, length_mm: float, apart_mm: float, taken, now_s: float, rng):
+    # Returns a random position on a random key that no finger is near, and the time of the touch in
+    # s: `now_s`, or later if fingers are near all keys.
+    keys = [key for key in next(iter(layout.layers.values())) if key.actions["tap"]]
+    while True:
+        taken[:] = [one for one in taken if one[1] > now_s]
+        for i in rng.permutation(len(keys)):
+            middle, half = (keys[i].low + keys[i].high) / 2, 0.4 * (keys[i].high - keys[i].low)
+            x_mm = length_mm * (middle + half * np.clip(rng.normal(0, 0.5), -1, 1))
+            if all(abs(other_mm - x_mm) >= apart_mm for other_mm, _ in taken):
+                return x_mm, now_s
+        now_s = min(until_s for _, until_s in taken)
 
 
 def two_fingers(
