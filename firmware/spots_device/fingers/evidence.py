@@ -46,14 +46,12 @@ def guess(s):
         return False
     else:
         slack_um = s[c.FOUND_SLACK_UM]
-        if s[c.IS_CALM]:
-            slack_um >>= 1
         agrees = s[c.GUESSED] and abs(s[c.FOUND_UM] - s[c.X_GUESS_UM]) <= _AGREE_UM + (
             slack_um + s[c.SLACK_GUESS_UM] >> 1
         )
         if agrees and (
             (s[c.T_NOW] - s[c.GUESSED_T]) & (c.TICKS - 1) < _TWICE_T
-            or (abs(s[c.FOUND_B] - s[c.B_GUESS]) <= _OTHER and (s[c.FITS] or not s[c.IS_CALM]))
+            or abs(s[c.FOUND_B] - s[c.B_GUESS]) <= _OTHER
         ):
             agrees = False  # no evidence: with the same shares of light, readings always agree
         else:

@@ -119,7 +119,6 @@ FIT_BOTH = 65  # bool: the reading of `B_BOTH` fits one press
 X_BOTH_UM = 66  # um: position of the reading of `B_BOTH`
 B_OLDEST = 67  # Q20: brightness of the first finger, two readings earlier
 BEGAN = 68  # ticks: start of the present state
-IS_CALM = 69  # bool: the force of the first finger is steady within a narrower limit
 GUESSED_T = 70  # ticks: time of `GUESSED`
 IGNORED = 71  # bool: the receiver needs no more positions of the first finger
 LEFT = 72  # ticks: since when no finger touches

@@ -370,7 +370,6 @@ class ContactTracker:
         before = s[c.B_BEFORE]
         risen = s[c.B] - before
         drift = abs(before - s[c.B_OLDEST])
-        s[c.IS_CALM] = abs(risen) < c.CALM and drift < c.CALM
         if not before:
             drift = c.EVEN
         s[c.IS_EVEN] = risen > -c.EVEN and (risen < c.EVEN or drift < c.EVEN)
@@ -454,8 +453,7 @@ class ContactTracker:
         s[c.SECOND] = False
         self._mix()
         s[c.IS_EVEN] = s[c.PAIR] = True
-        s[c.HAS_DIPPED] = s[c.IS_CALM] = False
-        s[c.FALLS] = False
+        s[c.HAS_DIPPED] = s[c.FALLS] = False
         s[c.LOOSE] = True
         self.sink.left(False, s[c.T_NOW])
         if slack_um and s[c.B_GUESS] > s[c.B] - _HALF:
