@@ -7,7 +7,7 @@ Integers only; allocates nothing.
 
 from .. import const
 from . import state as c
-from .locate import estimate, noise, power
+from .locate import estimate, noise
 from .second import may_rest, weigh
 
 _REMAINS_UM = const(2000)  # largest distance to the second finger at the end of a lift
@@ -175,19 +175,7 @@ def has_left(s, off_um):
     if s[c.THIRD]:
         # Return True only if the light is too low for two fingers.
         return brightness < s[c.PEAK] - c.LOST and (alone or brightness < first + _SINGLE)
-    if alone:
-        return True
-    if s[c.HAS_DIPPED] or s[c.LEAST] < min(first, brightness) - _DIPPED:
-        return True
-    light_first = power(first) >> 6  # sixteenths of a count
-    peak = power(s[c.PEAK]) >> 6
-    if power(brightness) >> 6 >= peak - light_first // 5:
-        return False
-    # Light was lost while the position moved away from the first finger.
-    away_um = s[c.X_NOW_UM] - s[c.X_PEAK_UM]
-    if off_um < 0:
-        away_um = -away_um
-    return away_um > (abs(off_um) >> 5) * ((light_first << 4) // (peak + 1)) // 10
+    return alone or s[c.HAS_DIPPED] or s[c.LEAST] < min(first, brightness) - _DIPPED
 
 
 def remains(s):
