@@ -166,15 +166,12 @@ def has_left(s, off_um):
             return False  # both lift
         # There may be a third finger, and the second finger may not have left.
         return not estimate(s, s[c.X_SECOND_UM], s[c.B_SECOND] - _DIPPED, True)
-    if s[c.FALLS] and not s[c.THIRD]:
+    if s[c.FALLS]:
         return True  # while a finger lifts, the position would change
     # No second finger on the strip could cause this position while the first one rests.
     alone = (s[c.SEEN] > 1 or brightness < first + _SINGLE) and not estimate(
         s, s[c.X_UM], first - c.MORE, True
     )
-    if s[c.THIRD]:
-        # Return True only if the light is too low for two fingers.
-        return brightness < s[c.PEAK] - c.LOST and (alone or brightness < first + _SINGLE)
     return alone or s[c.HAS_DIPPED] or s[c.LEAST] < min(first, brightness) - _DIPPED
 
 
@@ -195,7 +192,6 @@ def remains(s):
         -c.NEAR_UM < s[c.X_NOW_UM] - s[c.HINT_UM] < c.NEAR_UM and s[c.B_NOW] < s[c.PEAK] - c.EVEN
     ) or (
         s[c.FALLS]
-        and not s[c.THIRD]
         and (s[c.T_NOW] - s[c.FELL]) & (c.TICKS - 1) >= c.LIFTS_T
         and s[c.B_NOW] > s[c.B_LAST] - c.LOST
         and 0 < s[c.STEP_UM] < c.FAST_UM
@@ -213,7 +209,7 @@ def has_almost_left(s):
     return (
         s[c.KNOWN]
         and s[c.FALLS]
-        and not (s[c.SECOND] or s[c.THIRD])
+        and not s[c.SECOND]
         and s[c.SEEN] >= 0
         and abs(s[c.STEP_UM]) < _LAST_UM
         and abs(s[c.X_SEEN_UM] - s[c.X_UM])

@@ -48,9 +48,6 @@ def watch(s, b):
         and has_almost_left(s)
     ):
         return c.NEXT
-    # The light of two fingers decreased and grows again: there may be a third finger.
-    if s[c.LOW] < s[c.PEAK] - c.LOST and b > s[c.LOW] + c.GROWN and s[c.PEAK] > s[c.B] + c.BOTH:
-        s[c.THIRD] = True
     _compare(s)
     if not s[c.FITS]:
         s[c.ODD] = True
@@ -72,7 +69,7 @@ def watch(s, b):
     else:
         s[c.X_PAIR_UM] = s[c.X_NOW_UM]
         s[c.B_PAIR] = b
-        if not (s[c.THIRD] or s[c.HAS_DIPPED]) and guess(s):
+        if not s[c.HAS_DIPPED] and guess(s):
             what |= c.FOUND
     s[c.PAIR] = True
     if what & (c.SINGLE | c.ENDS) or (
@@ -90,10 +87,8 @@ def _compare(s):
     x_um = s[c.X_NOW_UM]
     b = s[c.B_NOW]
     if b >= s[c.PEAK]:
-        s[c.PEAK] = s[c.LOW] = b
+        s[c.PEAK] = b
         s[c.X_PEAK_UM] = x_um
-    if b < s[c.LOW]:
-        s[c.LOW] = b
     if b < s[c.LEAST]:
         s[c.LEAST] = b
     s[c.X_LAST_UM] = x_last_um = s[c.X_SEEN_UM]

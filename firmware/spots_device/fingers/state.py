@@ -12,11 +12,9 @@ NEVER = 1 << 29  # a time or force that is never reached
 RISEN = 30_000  # 1.02: a finger arrives
 CALM = 40_000  # 1.03: largest change of the light of a finger that rests
 EVEN = 74_000  # 1.05
-GROWN = 116_000  # 1.08: after a loss of light, a third finger may have arrived
 CHANGED = 150_000  # 1.1: with two fingers, this change of light moves the position
 MORE = 171_000  # 1.12
 LOST = 337_000  # 0.8
-BOTH = 397_000  # 1.3: two fingers have at least this much more light than the first one
 # The misfit grows with the loss of brightness that two fingers cause, in Q20 of log2. The loss is
 # below `LOSS_FIT` if the reading fits one press, and above `LOSS_MISFIT` if it does not.
 LOSS_FIT = 45_000
@@ -66,11 +64,9 @@ RISES = 17  # bool: the force of the first finger rises
 FALLS = 18  # bool: the first finger lifts
 FELL = 19  # ticks: since when it lifts
 SECOND = 20  # bool: a second finger is known
-THIRD = 21  # bool: there may be a third finger
 PAIR = 22  # bool: there was a reading in the state TWO
 LOOSE = 23  # bool: the position of the first finger is an estimate
 PEAK = 24  # Q20, in TWO: largest brightness
-LOW = 25  # Q20, in TWO: least brightness since `PEAK`
 LEAST = 26  # Q20, in TWO: least brightness
 RESTED = 27  # bool: the last reading was at the same position
 FIT_SEEN = 28  # bool: the last reading fits one press

@@ -392,11 +392,11 @@ class ContactTracker:
         s = self.state
         s[c.STATE] = c.TWO
         s[c.BEGAN] = s[c.T_NOW]
-        s[c.ODD] = s[c.SECOND] = s[c.THIRD] = False
+        s[c.ODD] = s[c.SECOND] = False
         s[c.RESTED] = s[c.GUESSED] = s[c.PAIR] = False
         s[c.B_BOTH] = 0
         s[c.HINT_UM] = -c.NEVER
-        s[c.PEAK] = s[c.LEAST] = s[c.LOW] = s[c.B_NOW]
+        s[c.PEAK] = s[c.LEAST] = s[c.B_NOW]
         s[c.X_PEAK_UM] = s[c.X_NOW_UM]
 
     def _part(self, flags):
