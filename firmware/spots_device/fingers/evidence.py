@@ -15,7 +15,6 @@ _AGREE_UM = const(600)
 _TWICE_T = const(8)  # least time between two estimates that must agree
 _OTHER = const(150_000)  # 1.1
 _SLIDES_T = const(100)  # typing fingers touch together for less; as they lift, light changes
-_LAST_UM = const(4000)  # largest step at the end of a lift, if no more readings follow
 _DIPPED = const(435_000)  # 0.75, as difference of brightness in Q20 of log2
 _SINGLE = const(419_000)  # 1.32
 
@@ -199,19 +198,3 @@ def remains(s):
     ):
         how |= c.ENDS
     return how
-
-
-def has_almost_left(s):
-    """Return whether the measured position has almost reached an unknown second finger.
-
-    True if the first finger was lifting, and the last step of the position was small.
-    """
-    return (
-        s[c.KNOWN]
-        and s[c.FALLS]
-        and not s[c.SECOND]
-        and s[c.SEEN] >= 0
-        and abs(s[c.STEP_UM]) < _LAST_UM
-        and abs(s[c.X_SEEN_UM] - s[c.X_UM])
-        > c.APART_UM + 2 * noise(s[c.NOISE_PRODUCT], s[c.B_SEEN])
-    )

@@ -5,7 +5,7 @@
 
 from ..reading import decode as d
 from . import state as c
-from .evidence import guess, has_almost_left, remains, slides
+from .evidence import guess, remains, slides
 from .locate import estimate, noise
 
 
@@ -41,13 +41,6 @@ def watch(s, b):
         s[c.FITS] = not flags & d.MISFIT or flags & d.TOO_DARK > 0
         if s[c.FITS]:
             s[c.FORCE_MN] = s[c.FORCE_NOW_MN]
-    # While the first finger lifts, the light decreases. If it grows, a third finger arrives.
-    if (
-        b > s[c.B_SEEN] + c.RISEN
-        and (s[c.T] - s[c.FELL]) & (c.TICKS - 1) >= c.LIFTS_T
-        and has_almost_left(s)
-    ):
-        return c.NEXT
     _compare(s)
     if not s[c.FITS]:
         s[c.ODD] = True

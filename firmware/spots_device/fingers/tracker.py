@@ -20,10 +20,6 @@ TWO   DOWN   the position stays elsewhere, and the first finger has left: it was
              brightness was never that of two fingers, or no second finger could cause this position
 TWO   DOWN   while the first finger lifts, the position approaches the second finger in ever smaller
              steps, or the estimated position of this finger, and less than 2 mm remain
-TWO   DOWN   while the first finger lifts, the position has almost reached the second finger (the
-             last step was small), and the light then grows, because a third finger arrives
-TWO   UP     while the first finger lifts, the position has almost reached the second finger, and
-             then no finger touches: the second finger is reported for a moment
 TWO   DOWN   the position stays, although the light changes: only one finger touches
 TWO   TWO    the first finger rests, and two readings agree on the position of the second finger
              (second.py); the light of the first finger may be unknown
@@ -48,7 +44,6 @@ from .. import const
 from ..reading import decode as d
 from . import state as c
 from .evidence import (
-    has_almost_left,
     has_left,
     recalls,
     slack_um,
@@ -247,8 +242,6 @@ class ContactTracker:
         if elapsed(s[c.LEFT], t) < s[c.RELEASE_T]:
             return
         s[c.LEAVING] = False
-        if s[c.STATE] == c.TWO and has_almost_left(s):
-            self.sink.next(s[c.X_SEEN_UM], t)
         down, s[c.STATE] = self.touched, c.UP
         s[c.SEEN] = 0
         if down:
@@ -415,11 +408,6 @@ class ContactTracker:
                 self._add(s[c.SLACK_GUESS_UM] * c.SOON >> 3)
             if what & c.REMAINS:
                 self._remain(what)
-        elif what == c.NEXT:
-            self._begin(s[c.X_SEEN_UM], s[c.B_SEEN])
-            s[c.LOOSE] = True
-            self.sink.next(s[c.X_UM], t)
-            self._follow()
         elif what == c.LIFTED:
             b = s[c.B_SECOND]
             s[c.SECOND] = False
