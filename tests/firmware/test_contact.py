@@ -482,6 +482,24 @@ def test_a_touch_that_lifts_for_one_reading_is_the_next_finger_where_it_returns(
     assert desk.events == [*clicks(A), (C, True)]
 
 
+@pytest.mark.parametrize("at_mm", [(36, 6), (50, 10), (28, 74), (64, 36)])
+def test_a_reading_without_touch_ends_a_finger_although_two_others_arrive(at_mm):
+    desk = Desk(*THREE)
+    desk.press(85, 60)
+    desk.lift(10)
+    change(desk, at_mm, (500, 50), (1500, 800), (2000, 1600), (2000, 2000))
+    assert desk.events == clicks(C)
+
+
+def test_an_ignored_touch_stays_ignored_although_one_reading_is_without_it():
+    desk = Desk(*THREE)
+    desk.press(80, 60)
+    desk.pad.contact.spend()
+    desk.lift(10)
+    desk.press(10, 60)
+    assert [event for event in desk.events if event[1]] == [(C, True)]
+
+
 def test_readings_that_a_board_has_marked_give_the_same_keys():
     desk = Desk(*THREE)
     seen = []

@@ -171,7 +171,7 @@ def has_left(s, off_um):
     alone = (s[c.SEEN] > 1 or brightness < first + _SINGLE) and not estimate(
         s, s[c.X_UM], first - c.MORE, True
     )
-    return alone or s[c.HAS_DIPPED] or s[c.LEAST] < min(first, brightness) - _DIPPED
+    return alone or s[c.LEAST] < min(first, brightness) - _DIPPED
 
 
 def remains(s):

@@ -32,12 +32,10 @@ def watch(s, b):
             flags & (d.TOUCHING | d.NOT_CALIBRATED | d.SATURATED) != d.TOUCHING
             or (s[c.FORCE_NOW_MN] < s[c.RELEASE_MN] and not flags & (d.MISFIT | d.TOO_DARK))
             or s[c.STUCK_T]
+            or s[c.LEAVING]
             or not s[c.LENGTH_UM]
         ):
             return -1
-        if s[c.LEAVING]:
-            s[c.LEAVING] = False
-            s[c.HAS_DIPPED] = True
         s[c.FITS] = not flags & d.MISFIT or flags & d.TOO_DARK > 0
         if s[c.FITS]:
             s[c.FORCE_MN] = s[c.FORCE_NOW_MN]
@@ -62,7 +60,7 @@ def watch(s, b):
     else:
         s[c.X_PAIR_UM] = s[c.X_NOW_UM]
         s[c.B_PAIR] = b
-        if not s[c.HAS_DIPPED] and guess(s):
+        if guess(s):
             what |= c.FOUND
     s[c.PAIR] = True
     if what & (c.SINGLE | c.ENDS) or (

@@ -46,7 +46,7 @@ def stays(s, flags):
     s[c.B_OLDEST] = s[c.B_BEFORE]
     s[c.B_BEFORE] = s[c.B]
     s[c.B] = s[c.B_NOW]
-    s[c.LOOSE] = s[c.HAS_DIPPED] = False
+    s[c.LOOSE] = False
     s[c.DRIFTS] = flags & d.MISFIT
     s[c.T] = t
     return True

@@ -29,7 +29,8 @@ TWO   DOWN   one of two known fingers has left: one reading shows which one
 TWO   TWO    two known fingers rest, and two readings agree on the position of a third finger
 TWO   TWO    the first finger has left: it began to lift 35 ms ago, or two readings lie between the
              second and a third finger; the second finger is now the first one
-TWO   UP     no finger touches
+DOWN  UP     no finger touches; also if another one then touches elsewhere within `release_ms`
+TWO   UP     no finger touches, for one reading if a finger touches again
 ====  =====  ==================================================================================
 
 A second finger may rest beside the first one without being found. If one of the two then leaves,
@@ -67,7 +68,6 @@ _SLIDE_LIGHT = const(9000)  # largest change of brightness per tick in a slide, 
 _TOGETHER_T = const(39)  # if readings disagree for this time, fingers touched together
 _MOVED_UM = const(1500)
 # Ratios of light as differences of brightness, Q20 of log2.
-_FALLEN = const(772_000)  # 0.6
 _HALF = const(1 << 20)  # 2
 # Share of the estimate's uncertainty that must be inside a key, in eighths. `SOON` is about two
 # standard deviations; `_LATER` is about one, because the key would be lost otherwise.
@@ -211,7 +211,10 @@ class ContactTracker:
             return
         if s[c.LEAVING]:
             s[c.LEAVING] = False
-            s[c.HAS_DIPPED] = True
+            if s[c.STATE] == c.TWO or (
+                s[c.STATE] == c.DOWN and abs(position_um - s[c.X_UM]) > c.NEAR_UM
+            ):
+                self._leave(t)  # this touch is another finger
         if flags & _BLIND:
             s[c.SEEN] = 0
             return
@@ -242,6 +245,11 @@ class ContactTracker:
         if elapsed(s[c.LEFT], t) < s[c.RELEASE_T]:
             return
         s[c.LEAVING] = False
+        self._leave(t)
+
+    def _leave(self, t):
+        # All fingers have left.
+        s = self.state
         down, s[c.STATE] = self.touched, c.UP
         s[c.SEEN] = 0
         if down:
@@ -307,7 +315,7 @@ class ContactTracker:
         s[c.STATE] = c.DOWN
         s[c.SEEN] = 0
         s[c.LOOSE] = False
-        s[c.HAS_DIPPED] = s[c.IGNORED] = False
+        s[c.IGNORED] = False
         s[c.X_UM] = s[c.X_BEFORE_UM] = x_um
         s[c.B] = s[c.B_BEFORE] = brightness
         s[c.B_OLDEST] = 0
@@ -333,7 +341,6 @@ class ContactTracker:
         s[c.B_OLDEST] = s[c.B_BEFORE]
         s[c.B_BEFORE] = s[c.B]
         s[c.B] = s[c.B_NOW]
-        s[c.HAS_DIPPED] = False
         self.sink.at(x_um, s[c.T_NOW])
         if s[c.FORCE_NOW_MN] >= s[c.FIRM_MN]:
             self._harden()
@@ -344,7 +351,7 @@ class ContactTracker:
         `off_um` is the distance of the reading from the finger, in um.
         """
         s = self.state
-        if s[c.FITS] and not s[c.HAS_DIPPED]:
+        if s[c.FITS]:
             if abs(off_um) < 4 * noise(s[c.NOISE_PRODUCT], s[c.B_NOW]):
                 return False
             if abs(s[c.X_NOW_UM] - s[c.X_SEEN_UM]) <= s[c.JUMP_UM] and (
@@ -371,8 +378,6 @@ class ContactTracker:
         s[c.FELL] = s[c.T_NOW]
         if s[c.LEAST] > s[c.B]:
             s[c.LEAST] = s[c.B]
-        if s[c.LEAST] < max(s[c.B], before, s[c.B_OLDEST]) - _FALLEN:
-            s[c.HAS_DIPPED] = True
         s[c.KNOWN] = True
         s[c.X_UM] = s[c.X_BEFORE_UM]
         if not s[c.RISES]:
@@ -441,7 +446,7 @@ class ContactTracker:
         s[c.SECOND] = False
         self._mix()
         s[c.IS_EVEN] = s[c.PAIR] = True
-        s[c.HAS_DIPPED] = s[c.FALLS] = False
+        s[c.FALLS] = False
         s[c.LOOSE] = True
         self.sink.left(False, s[c.T_NOW])
         if slack_um and s[c.B_GUESS] > s[c.B] - _HALF:
@@ -480,9 +485,7 @@ class ContactTracker:
                 self.sink.left(True, t)
             self.sink.at(x_um, t)
         elif how & c.SINGLE or has_left(s, off_um):
-            stays = (
-                s[c.SECOND] and not s[c.HAS_DIPPED] and abs(x_um - s[c.X_SECOND_UM]) < c.APART_UM
-            )
+            stays = s[c.SECOND] and abs(x_um - s[c.X_SECOND_UM]) < c.APART_UM
             if not stays:
                 if s[c.SECOND]:
                     self.sink.left(True, t)
