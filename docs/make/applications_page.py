@@ -33,6 +33,7 @@ keys = ["1", "2", "3", "4", "5"]
 """
 # Rows of the second table: name, and arguments of `typed`.
 FINGERS = (
+    ("ten people at their own speeds", "people", {}),
     ("40 words a minute", 40, {}),
     ("80 words a minute", 80, {}),
     ("100 words a minute, exposure of 5 ms", 100, {"exposure": True}),
@@ -42,7 +43,9 @@ FINGERS = (
     ("the same, fingers roll by 2 to 3 mm", 60, {"hands": "rolling"}),
     ("the same, fingers slide by 3 to 6 mm in a lift of 12 to 30 ms", 60, {"hands": "sliding"}),
     ("the same, in a lift of 30 to 60 ms", 60, {"hands": "sliding-slowly"}),
-    ("two fingers at the same time, 9 to 60 mm apart", None, {}),
+    ("the same, the palm rests at the far end", 60, {"hands": "resting-palm"}),
+    ("the same, the palm wobbles", 60, {"hands": "wobbling-palm"}),
+    ("two fingers at the same time, 9 to 60 mm apart", "two-fingers", {}),
 )
 _SECONDS = 10.0
 _TEXT = """# Typing and controller, on the ideal strip and on others
@@ -58,8 +61,9 @@ up. The column "LED cold" is measured after power-on, while the LED warms up. Th
 at assumed sizes ([simulation.md](simulation.md)).
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
-10 ms: {all} touches. The statistics of these touches are from publications, which
-[hands.py](../host/spots_sim/person/hands.py) cites. "Errors" are wrong, missed and extra keys; "no
+10 ms: {all} touches. Their times are those of real people on usual keyboards, and their forces
+are from a publication ([times.py](../host/spots_sim/person/times.py),
+[hands.py](../host/spots_sim/person/hands.py)). "Errors" are wrong, missed and extra keys; "no
 finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The
 95 % confidence interval (Wilson) follows in brackets. It contains the chance of these touches only:
 a real person or strip may differ by more. The latency is the time from the start of a touch to the

@@ -1,7 +1,7 @@
 """Prints the tables of `spots_sim.person.times` from a public data set of key presses.
 
-Run it with the folder ``Facebook`` of https://github.com/AlvinKuruvilla/keystroke-data. Only letters
-count. A burst is a run of touches that begin less than 1 s apart.
+Run it with the folder ``Facebook`` of https://github.com/AlvinKuruvilla/keystroke-data. Only
+letters count. A burst is a run of touches that begin less than 1 s apart.
 """
 
 from __future__ import annotations
@@ -80,9 +80,9 @@ def main(folder: Path) -> None:
     everybody = [one for one in everybody if len(one) >= _LEAST]
     print(f"{len(everybody)} people, {sum(map(len, everybody))} touches")
     stretches = _stretches(everybody)
-    print(_row("held ms", np.concatenate(sum(stretches.values(), []))[:, 0], 1000, 0))
-    for speed, found in stretches.items():
-        all_of = np.concatenate(found)
+    at = {speed: np.concatenate(found) for speed, found in stretches.items()}
+    print(_row("held ms", np.concatenate(list(at.values()))[:, 0], 1000, 0))
+    for speed, all_of in at.items():
         overlap = (all_of[:, 1] * 12 / speed < all_of[:, 0]).mean()
         print(f"{speed} words a minute: {len(all_of)} touches, {100 * overlap:.0f} % overlap")
         print(_row("  interval / mean", all_of[:, 1], 1, 2))

@@ -1,6 +1,6 @@
 """Fast typing with overlapping touches (rollover): share of wrong keys, and latency of keys.
 
-`python -m spots_sim.demo.typing_speed 40 60 80 100` measures the same with ten times as many
+`python -m spots_sim.demo.typing_speed 40 60 80 100 people` measures the same with ten times as many
 touches.
 """
 
@@ -16,8 +16,7 @@ from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
 # Limits by words a minute: errors in percent of the touches, keys without a finger, and 99th
-# percentile of the latency in ms. Forty runs with other noise (other seeds) are within the limits,
-# so that they hold for the firmware, whatever its noise, and not for one lucky text.
+# percentile of the latency in ms. docs/keyboard.md has the errors of 3,000 touches.
 LIMITS = {40: (0.3, 0, 60), 60: (2.0, 1, 65), 80: (2.0, 1, 110), 100: (3.0, 6, 120)}
 SEEDS = {40: [21], 60: [21], 80: [21], 100: range(21, 26)}
 
@@ -41,6 +40,10 @@ def test_fast_typing_is_understood(words_per_min):
     )
 
 
+def test_ten_people_are_understood_at_their_own_speeds():
+    check([typed("people", 60, seed) for seed in range(10)], 1.0, 2, 70)
+
+
 def test_fast_typing_is_understood_at_half_the_exposure(sensor):
     lines = calibrate(sensor, 5000)
     check([typed(100, 100, seed, lines=lines) for seed in range(21, 25)], 3, 9, 110)
@@ -54,10 +57,10 @@ def test_fast_typing_is_understood_while_each_channel_is_off_by_a_hundredth(sens
 
 
 def test_five_keys_at_120_words_a_minute(tmp_path):
-    # During five of a hundred touches, three fingers touch at the same time.
+    # During six of a hundred touches, three fingers touch at the same time.
     layout = tmp_path / "five.toml"
     layout.write_text('name = "five"\n[[layer]]\nname = "five"\nkeys = ["1", "2", "3", "4", "5"]\n')
-    check([typed(120, 100, 21, layout=str(layout))], 5, 1, 200)
+    check([typed(120, 100, 21, layout=str(layout))], 8, 1, 200)
 
 
 # Largest number of errors in 200 touches at 60 words a minute. Without the rule that a position

@@ -1,8 +1,8 @@
 """Measures the errors of fast typing on a virtual board.
 
 Run it with ``python -m spots_sim.demo.typing_speed 60 100``; the arguments are speeds in
-words a minute. In place of a speed, ``people`` measures ten people who type at their own speeds, one
-in each run, and ``two-fingers`` measures touches of two fingers at the same time.
+words a minute. In place of a speed, ``people`` measures ten people who type at their own speeds,
+one in each run, and ``two-fingers`` measures touches of two fingers at the same time.
 """
 
 from __future__ import annotations
