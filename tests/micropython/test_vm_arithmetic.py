@@ -21,7 +21,6 @@ from spots_device.fingers.state import (
     FOUND,
     LIFTED,
     MOVED,
-    NEXT,
     REMAINS,
     SAME,
 )
@@ -431,7 +430,7 @@ def test_fingers_that_overlap(machine, cpython, rng, monkeypatch):
         limits = rng.choice(([], ["stuck_ms 600"], ["detect 1", "release_ms 0"]))
         readings = some_fingers(rng, length_um, decay)
         cases.append([[*limits, *default_lines()], length_um, decay, *readings])
-    kinds = {-1, 0, REMAINS, FOUND, MOVED, NEXT, LIFTED, SAME, FADED}
+    kinds = {-1, 0, REMAINS, FOUND, MOVED, LIFTED, SAME, FADED}
     seen = results_of_watch(cases, monkeypatch)
     assert seen >= kinds
     expected = cpython.run("contacts", cases)
