@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import fcntl
 import gc
 import os
@@ -222,4 +223,11 @@ def pytest_terminal_summary(terminalreporter):
     if not os.access("/dev/uinput", os.W_OK):
         terminalreporter.write_line(
             "not run: a real uinput keyboard read back, for /dev/uinput cannot be written here"
+        )
+    try:
+        ctypes.CDLL("libxkbcommon.so.0")
+    except OSError:
+        terminalreporter.write_line(
+            "not run: the layouts of computers (tests/keyboard/test_hosts.py), for libxkbcommon is "
+            "missing: apt install libxkbcommon0 xkb-data libx11-data"
         )

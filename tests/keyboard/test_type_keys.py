@@ -393,7 +393,7 @@ def test_a_gesture_presses_and_releases_its_key_if_it_is_sure():
     ("text", "why"),
     [
         ('[gestures]\nwave = "A"', "wave: no such gesture: valid names are tap"),
-        ('[gestures]\ntap = "PLAYPAUSE"', "tap: there is no key 'PLAYPAUSE'.*PLAY_PAUSE"),
+        ('[gestures]\ntap = "PLAY_PAUS"', "tap: there is no key 'PLAY_PAUS'.*PLAY_PAUSE"),
         ("least_confidence = 2\n[gestures]", "least_confidence"),
         ("gestures = 1", "gestures"),
         ("[gestures", "gestures file"),

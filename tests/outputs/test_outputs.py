@@ -92,7 +92,7 @@ def test_release_lets_go_of_all_and_no_more_than_all(printed, lines):
 
 
 def test_a_key_that_no_keyboard_has_presses_nothing_not_even_its_modifiers(printed, lines):
-    with pytest.raises(SpotsError, match=r"this keyboard has no key 0x07:0xa5"):
+    with pytest.raises(SpotsError, match=r"this keyboard has no key usage 7:0xA5"):
         printed.click(KEYBOARD, 0xA5, SHIFT)
     printed.release()
     assert lines == []

@@ -7,7 +7,15 @@ from pathlib import Path
 import pytest
 
 from spots import SpotsError
-from spots.outputs.usages import CONSUMER, KEYBOARD, USAGES, name_of, usage_of
+from spots.outputs.usages import (
+    ALIASES,
+    CONSUMER,
+    KEYBOARD,
+    USAGES,
+    chord_of,
+    name_of,
+    usage_of,
+)
 
 
 def test_every_key_is_found_by_its_name_in_any_case():
@@ -35,7 +43,7 @@ def test_names_that_adafruit_has_too_mean_the_same():
         theirs[name] = (CONSUMER, code)
     both = theirs.keys() & {one.name for one in USAGES.values()}
     assert len(both) >= 100
-    for name in both:
+    for name in theirs:  # those that are other names here, too
         assert usage_of(name) == theirs[name], name
 
 
@@ -53,8 +61,8 @@ def test_what_a_key_types_is_a_name_of_it():
 
 
 def test_a_key_that_is_none_is_one_sentence_with_its_neighbours():
-    with pytest.raises(SpotsError, match=r"no key 'VOLUME_UP'.*VOLUME_INCREMENT"):
-        usage_of("VOLUME_UP")
+    with pytest.raises(SpotsError, match=r"no key 'VOLUM_UP'.*VOLUME_INCREMENT"):
+        usage_of("VOLUM_UP")
     with pytest.raises(SpotsError, match="no key 'qqqq'"):
         usage_of("qqqq")
     with pytest.raises(SpotsError):
@@ -62,4 +70,56 @@ def test_a_key_that_is_none_is_one_sentence_with_its_neighbours():
 
 
 def test_a_key_without_a_name_is_its_numbers():
-    assert name_of(KEYBOARD, 0xA5) == "0x07:0xa5"
+    assert name_of(KEYBOARD, 0xA5) == "usage 7:0xA5"
+    assert usage_of("usage 7:0xA5") == usage_of("USAGE 7:165") == (KEYBOARD, 0xA5)
+    assert chord_of("LEFT_SHIFT+usage 12:0x6F") == (CONSUMER, 0x6F, 2)
+    for wrong in ("usage 7:0", "usage 7:0xDE", "usage 12:0x400", "usage 1:0x81", "usage 7:0xA5B"):
+        with pytest.raises(SpotsError, match="a board cannot report"):
+            usage_of(wrong)
+
+
+# What people write, in QMK, ZMK, KMK, Ducky Script and on keycaps, and the keys that they mean.
+WRITTEN = """
+CTRL LEFT_CONTROL | CONTROL LEFT_CONTROL | LCTL LEFT_CONTROL | RCTRL RIGHT_CONTROL
+SHIFT LEFT_SHIFT | LSFT LEFT_SHIFT | ALT LEFT_ALT | OPTION LEFT_ALT | ALTGR RIGHT_ALT
+RALT RIGHT_ALT | GUI LEFT_GUI | CMD LEFT_GUI | COMMAND LEFT_GUI | WIN LEFT_GUI
+WINDOWS LEFT_GUI | SUPER LEFT_GUI | META LEFT_GUI | RGUI RIGHT_GUI
+DEL DELETE | INS INSERT | ESC ESCAPE | RETURN ENTER | RET ENTER | ENT ENTER
+BSPC BACKSPACE | BKSP BACKSPACE | SPACE SPACEBAR | SPC SPACEBAR
+PGUP PAGE_UP | PGDN PAGE_DOWN | PG_UP PAGE_UP | PAGEDOWN PAGE_DOWN
+UP UP_ARROW | DOWN DOWN_ARROW | LEFT LEFT_ARROW | RGHT RIGHT_ARROW | UPARROW UP_ARROW
+CAPS CAPS_LOCK | CAPSLOCK CAPS_LOCK | NUMLOCK KEYPAD_NUM_LOCK | SCROLLLOCK SCROLL_LOCK
+PSCR PRINT_SCREEN | PRTSC PRINT_SCREEN | PRINTSCREEN PRINT_SCREEN | BREAK PAUSE
+KP_0 KEYPAD_ZERO | KP_N1 KEYPAD_ONE | KP_PLUS KEYPAD_PLUS | KP_ENTER KEYPAD_ENTER
+KP_DOT KEYPAD_PERIOD | KP_ASTERISK KEYPAD_ASTERISK | KP_SLASH KEYPAD_FORWARD_SLASH
+MINS MINUS | EQL EQUALS | LBRC LEFT_BRACKET | RBKT RIGHT_BRACKET | BSLS BACKSLASH
+SCLN SEMICOLON | SEMI SEMICOLON | QUOT APOSTROPHE | QUOTE APOSTROPHE | GRV GRAVE_ACCENT
+GRAVE GRAVE_ACCENT | COMM COMMA | DOT PERIOD | SLSH FORWARD_SLASH | SLASH FORWARD_SLASH
+NUHS NON_US_HASH | NUBS NON_US_BACKSLASH | MENU APPLICATION | APP APPLICATION
+N1 ONE | NUMBER_0 ZERO | INT1 INTERNATIONAL1 | JYEN INTERNATIONAL3 | LANG_HANGEUL LANG1
+VOLU VOLUME_INCREMENT | VOLD VOLUME_DECREMENT | VOL_UP VOLUME_INCREMENT
+VOLUME_DOWN VOLUME_DECREMENT | C_MUTE MUTE | MPLY PLAY_PAUSE | C_PP PLAY_PAUSE
+MNXT SCAN_NEXT_TRACK | C_PREV SCAN_PREVIOUS_TRACK | BRIU DISPLAY_BRIGHTNESS_INCREMENT
+KC_BSPC BACKSPACE | KC_1 ONE | KEY_VOLUMEUP VOLUME_INCREMENT | KEY_LEFTMETA LEFT_GUI
+"""
+PAIRS = [pair.split() for line in WRITTEN.splitlines() for pair in line.split("|") if pair]
+
+
+@pytest.mark.parametrize(("written", "name"), PAIRS)
+def test_names_that_people_write_are_accepted(written, name):
+    assert name_of(*usage_of(written)) == name_of(*usage_of(written.lower())) == name
+
+
+def test_names_are_not_given_twice():
+    every = [*ALIASES, *(one for aliases in ALIASES.values() for one in aliases)]
+    assert len(set(every)) == len(every)
+    assert ALIASES.keys() <= {one.name for one in USAGES.values()}
+    assert len(PAIRS) >= 90
+
+
+@pytest.mark.parametrize(
+    "name", ["SLEEP", "WAKE", "RESET", "HYPER", "MEH", "LOWER", "FN", "MS_UP", "BTN1", "NO", "TRNS"]
+)
+def test_what_is_a_key_elsewhere_is_not_answered_with_another_key(name):
+    with pytest.raises(SpotsError, match=f"no key '{name}': 'spots keys names WORD' lists names"):
+        usage_of(name)

@@ -111,6 +111,8 @@ class BoardApp:
         Number of this sensor on the board, from 0.
     sensors : int
         Count of sensors on the board.
+    report_us : int
+        Longest sleep while reports wait, in us.
     ticks_us, sleep_us : callable
         Functions of the clock with which a pass waits for the next sample. A runtime can replace
         them.
@@ -124,6 +126,7 @@ class BoardApp:
     sensors = 1
     signal = None
     _lit = 0
+    report_us = 1_000  # USB takes a report each millisecond
 
     def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):
         self._board = board
@@ -243,8 +246,9 @@ class BoardApp:
         byte = self._read()
         if byte >= 0 and self._listen(byte):
             self._answer()
-        if self.uses.pumps:
-            self.uses.pump()
+        slice_us = _SLICE_US
+        if self.uses.pumps and not self.uses.pump():
+            slice_us = self.report_us
         if self.reconnect.lost:
             self._time.update()  # must be updated more often than the ticks wrap
             self._blink()
@@ -252,8 +256,8 @@ class BoardApp:
             return
         wait_us = self._ticks_diff(self._pacing.due, self.ticks_us())
         if wait_us > 0:
-            if wait_us > _SLICE_US:
-                self.sleep_us(_SLICE_US)
+            if wait_us > slice_us:
+                self.sleep_us(slice_us)
                 return
             self.sleep_us(wait_us)
         poll = self._poll
@@ -264,8 +268,7 @@ class BoardApp:
             take()
             # The other samples of this FIFO read, at most 19. `poll` does not use the bus for them.
             # `_take` can restart the sensor, which drops them.
-            sensor = self._sensor
-            while sensor.waits:
+            while self._sensor.waits:
                 if self.uses.pumps:
                     self.uses.pump()
                 poll()

@@ -20,6 +20,10 @@ from .start import WATCHDOG_MS, blink, is_held, run
 from .stay import must_stay
 from .store import Store
 
+# The time between two reports, see keys/usb_circuitpython.py. `sleep_early_us` cannot sleep less
+# than 3 ms.
+_REPORT_US = micropython.const(10_000)
+
 
 class CircuitUsb:
     """The board as a USB keyboard and gamepad, if `boot` has enabled these interfaces.
@@ -117,6 +121,7 @@ def main():
         blink(usb._show_leds, _sleep_ms)
     if app.sensors == 1:
         app.ticks_us, app.sleep_us = clock.ticks_early_us, clock.sleep_early_us
+        app.report_us = _REPORT_US
     # Not every build has `kbd_intr`. Without it, a second Ctrl-C can interrupt `app._leave`, which
     # is then repeated.
     app.interrupt_at = getattr(micropython, "kbd_intr", app.interrupt_at)

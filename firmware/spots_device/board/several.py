@@ -307,7 +307,7 @@ class SeveralApp(StripApp):
         byte = self._read()
         if byte >= 0 and self._listen(byte):
             self._answer()
-        self.uses.pump()  # the outputs of all strips
+        idle = self.uses.pump()  # the outputs of all strips
         if self.current is not self:
             self.current.uses.pump()  # its keys
         if self._lost:
@@ -317,7 +317,7 @@ class SeveralApp(StripApp):
                 if part.reconnect.lost:
                     self._lost = True
                     part.search(now)
-        self.serve(_SLICE_US)
+        self.serve(_SLICE_US if idle else self.report_us)
 
     def _leave(self):
         self.interrupt_at(-1)

@@ -262,7 +262,7 @@ class Uses:
         """Send the frames of the last event; return whether there is room for another event."""
         self._send_keys()
         # Not `all` with a generator, which allocates.
-        for output in self.outputs:  # noqa: SIM110
+        for output in self.keyboard_of.outputs:  # noqa: SIM110
             if not output.outbox.has_room():
                 return False
         return True
@@ -311,8 +311,11 @@ class Uses:
             outbox = output.outbox
             if outbox.count:
                 self._time.update()
+                dropped = outbox.dropped
                 if outbox.expire():
                     output.release()
+                if outbox.dropped != dropped and self.merger is not None:
+                    self.merger.drops += 1  # ends a text
                 idle = outbox.pump() and idle
             if output.unsent:  # the queue was full
                 output.flush()

@@ -23,8 +23,9 @@ The time of an event counts, not when it arrives: if the time of the open switch
 of an event, the end of its time decides first. The release of a switch that was pressed before the
 open one does not wait, unless this switch holds a modifier.
 
-If the outbox of USB reports is full, events wait, too. Times are in ticks (see fingers/state.py).
-Integers only; allocates nothing but in `set_layout` with another layout.
+Events also wait while the outbox of USB reports is full, and during a text (see text.py). Times are
+in ticks (see fingers/state.py). Integers only; allocates nothing but in `set_layout` with another
+layout.
 
 The stack of an RP2040 has 8 KB, enough for 25 nested calls. So the methods that report an event
 only store it, and a decision only stores its action. `tick`, which the loop of the board calls,
@@ -73,10 +74,11 @@ class Engine:
         self.merger = merger
         self.layout = None
         self._length_mm = 1
-        self.switches = array("i", bytes(4 * (w.SWITCHES + 1) * w.SIZE))
-        self._queue = array("i", bytes(4 * _QUEUE * _EVENT))
+        self._most = 0
+        self._make_switches(w.SWITCHES, _QUEUE)
         self._momentary = bytearray(y.LAYERS_MAX)  # switches that hold each layer
         self._sticky = self._dance = self._morph = self._repeat = self._caps = self._moves = None
+        self._text = None
         self._clear()
 
     def set_layout(self, layout, length_um):
@@ -91,6 +93,7 @@ class Engine:
 
     def _make_behaviours(self, layout):
         self._sticky = self._dance = self._morph = self._repeat = self._caps = self._moves = None
+        self._text = None
         # A board has no memory for behaviours that its layout does not use.
         if layout.moves:
             from .moves import Moves
@@ -117,6 +120,22 @@ class Engine:
                 from .caps import CapsWord
 
                 self._caps = CapsWord(self)
+            elif kind == y.TEXT:
+                from .text import Text
+
+                self._text = Text(self)
+        if self._text is None:
+            self._make_switches(w.SWITCHES, _QUEUE)
+        else:
+            # A text takes seconds: room for touches meanwhile, each a press and a release.
+            self._make_switches(w.MANY, 3 * w.MANY)
+
+    def _make_switches(self, most, places):
+        if most != self._most:
+            self._most = most
+            self._places = places
+            self.switches = array("i", bytes(4 * (most + 1) * w.SIZE))
+            self._queue = array("i", bytes(4 * places * _EVENT))
 
     # Events of switches.
 
@@ -170,28 +189,38 @@ class Engine:
 
         All events up to the time `t` have been reported.
         """
+        if self._text is not None:
+            self._text.tick(t)
         self.run()
         if self._sticky is not None:
             self._sticky.tick(t)
         if self._tapped >= 0 and past(self._tapped_t, t) >= self.layout.quick_tap_t:
             self._age(t)
-        while self._next_action < 0 and self._is_late(t):
+        while self._next_action < 0 and not self._types() and self._is_late(t):
             self.run()
 
     def run(self):
         """Process what has been reported and decided, as far as the reports have room."""
         while self.sink.has_room():
-            if self._next_action >= 0:
+            if self._types():
+                if not self._text.step():
+                    return
+            elif self._next_action >= 0:
                 self._perform()
             elif self._moved >= 0:
                 self._follow()
             elif self._seen < self._count:
-                self._next((self._first + self._seen) % _QUEUE * _EVENT)
+                self._next((self._first + self._seen) % self._places * _EVENT)
             else:
                 return
 
+    def _types(self):
+        return self._text is not None and self._text.busy
+
     def forget(self):
-        """Drop pending double taps, and what is sticky for the next key."""
+        """Drop pending double taps, and what is sticky for the next key; end a text."""
+        if self._text is not None:
+            self._text.forget()
         self._due = self._tapped = _NONE
         if self._dance is not None:
             self._dance.forget()
@@ -200,7 +229,7 @@ class Engine:
 
     def release(self):
         """Release all switches, drop all events, end caps word, and switch layers above 0 off."""
-        for i in range(w.SWITCHES + 1):
+        for i in range(self._most + 1):
             at = i * w.SIZE
             # In this order: an interrupt in between must not hide a pressed key.
             if self.switches[at + w.ACTION]:
@@ -244,7 +273,7 @@ class Engine:
         i = 0
         while self.switches[i * w.SIZE]:
             i += 1
-            if i == w.SWITCHES:
+            if i == self._most:
                 return _NONE
         return i
 
@@ -264,12 +293,12 @@ class Engine:
         )
 
     def _has_place(self):
-        return self._count + w.SWITCHES < _QUEUE
+        return self._count + self._most < self._places
 
     # The queue.
 
     def _put(self, kind, i, x_um, t):
-        at = (self._first + self._count) % _QUEUE * _EVENT
+        at = (self._first + self._count) % self._places * _EVENT
         q = self._queue
         q[at] = kind
         q[at + 1] = i
@@ -282,14 +311,14 @@ class Engine:
         q = self._queue
         k = self._seen
         while k:
-            at = (self._first + k) % _QUEUE * _EVENT
-            before = (self._first + k - 1) % _QUEUE * _EVENT
+            at = (self._first + k) % self._places * _EVENT
+            before = (self._first + k - 1) % self._places * _EVENT
             q[at] = q[before]
             q[at + 1] = q[before + 1]
             q[at + 2] = q[before + 2]
             q[at + 3] = q[before + 3]
             k -= 1
-        self._first = (self._first + 1) % _QUEUE
+        self._first = (self._first + 1) % self._places
         self._count -= 1
 
     def _next(self, at):
@@ -529,7 +558,7 @@ class Engine:
 
     def click(self, action, t):
         """Press and release an action next, for no switch."""
-        self.then(w.SWITCHES, action, t)
+        self.then(self._most, action, t)
 
     def _perform(self):
         # Presses the stored action.
@@ -580,6 +609,14 @@ class Engine:
         if self._sticky is not None:
             self._sticky.pressed(is_modifier)
 
+    def _begin_text(self, n, number, t):
+        self._text.press(n)
+        self._key_t = t
+        if self._repeat is not None:
+            self._repeat.pressed(y.BEHAVIOUR << 20 | number)
+        if self._sticky is not None:
+            self._sticky.pressed(False)
+
     def _behave(self, i, number, t):
         n = self.layout.behaviour(number)
         kind = self.layout.behaviours[n]
@@ -593,6 +630,8 @@ class Engine:
             self._repeat.press(i, t)
         elif kind == y.CAPS_WORD:
             self._caps.press()
+        elif kind == y.TEXT:
+            self._begin_text(n, number, t)
 
     def _end(self, i, t):
         # Releases the action of the switch `i`; the caller then clears it.

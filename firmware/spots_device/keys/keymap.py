@@ -14,6 +14,8 @@ class KeyMap:
     behaviours : array of int
         Kind and numbers of all behaviours; `behaviour` returns where one begins. Times are in
         ticks.
+    steps : array of int
+        Steps of all texts.
     kinds : tuple of int
         Kinds of all behaviours.
     moves : bool

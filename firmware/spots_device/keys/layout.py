@@ -28,7 +28,14 @@ the lines that use it. After its number and kind, it has these numbers:
 `MOD_MORPH`   bits of modifiers, bits of those that stay down, action without them, action with one
 `KEY_REPEAT`  none
 `CAPS_WORD`   none
+`TEXT`        first step and number of steps
 ============  ======================================================================================
+
+Lines ``text STEP …`` contain the steps of all texts, numbered from 0. A step is modifiers * 256 +
+usage of a key, which is pressed and released. With the usage 0, the upper byte is a pause in units
+of 10 ms. With a usage from `MEDIA_FROM` on, it is the lower byte of a usage of the consumer page,
+of which usage - `MEDIA_FROM` are the upper bits. With `NEXT_BITS`, it is the modifiers of the media
+key in the next step.
 
 The keys of a layer are in ascending order and do not overlap. A press between two keys has no
 action until the finger reaches a key. Of the layers that are on, the last one counts.
@@ -48,7 +55,11 @@ TO = 4  # switches the layer on and all others off
 BEHAVIOUR = 5
 
 # Kinds of behaviours.
-HOLD_TAP, STICKY, TAP_DANCE, MOD_MORPH, KEY_REPEAT, CAPS_WORD = range(1, 7)
+HOLD_TAP, STICKY, TAP_DANCE, MOD_MORPH, KEY_REPEAT, CAPS_WORD, TEXT = range(1, 8)
+
+# In steps of texts: these usages are not in use on HID's keyboard page.
+MEDIA_FROM = 0xE8
+NEXT_BITS = 0xEC
 
 HOLD_PREFERRED = 0
 BALANCED = 1
@@ -62,6 +73,7 @@ FULL = 1000  # bound at the far end of the strip
 LAYERS_MAX = 8
 KEYS_MAX = 128
 BEHAVIOURS_MAX = 64
+STEPS_MAX = 1024  # of all texts
 
 # Name of a statement: minimum, maximum, default. docs/keyboard.md explains the statements.
 LIMITS = {
@@ -93,6 +105,7 @@ _SHAPES = {
     MOD_MORPH: (4, 4, 2),
     KEY_REPEAT: (0, 0, 0),
     CAPS_WORD: (0, 0, 0),
+    TEXT: (2, 2, 2),
 }
 
 
@@ -134,6 +147,7 @@ def parse(lines):
     firsts = []
     swipes = []
     behaviours = []
+    steps = array("H")
     for line in lines:
         words = line.split()
         if not words:
@@ -146,6 +160,8 @@ def parse(lines):
                 raise LayoutError("'%s' must be from %d to %d" % (name, low, high))
         elif name == "behaviour":
             behaviours.append(_behaviour(line, len(behaviours)))
+        elif name == "text":
+            _add_steps(steps, line)
         elif name == "layer":
             firsts.append(len(keys))
             swipes.extend(_integers(line, 2))
@@ -165,6 +181,7 @@ def parse(lines):
     layout._firsts = array("i", firsts + [len(keys)])
     layout._swipes = array("i", swipes)
     pages = set()
+    layout.steps = steps
     layout._begins = array("i")
     layout.behaviours = array("i")
     for number, values_of in enumerate(behaviours):
@@ -174,6 +191,8 @@ def parse(lines):
             _check(layout, each, pages, behaviours[:number])
             if kind == STICKY and each >> 20 not in (KEYBOARD, MOMENTARY):
                 raise LayoutError("the action %d is not sticky" % each)
+        if kind == TEXT:
+            _check_text(steps, values_of[1], values_of[2], pages)
         if kind == TAP_DANCE:
             values_of += [0] * (3 + 2 * values_of[2] - len(values_of))
         layout.behaviours.extend(array("i", values_of))
@@ -230,6 +249,24 @@ def _behaviour(line, number):
     if kind == HOLD_TAP and values[2] > TAP_UNLESS_INTERRUPTED + RETRO_TAP:
         raise LayoutError("'%s': there is no such flavor" % line)
     return values[1:]
+
+
+def _add_steps(steps, line):
+    values = _integers(line, len(line.split()) - 1)
+    if max(values) > 0xFFFF or len(steps) + len(values) > STEPS_MAX:
+        raise LayoutError("'%s': texts have at most %d steps of 16 bits" % (line, STEPS_MAX))
+    steps.extend(array("H", values))
+
+
+def _check_text(steps, first, count, pages):
+    if not 0 < count <= len(steps) - first:
+        raise LayoutError("a text has the steps %d to %d" % (first, first + count - 1))
+    pages.add(KEYBOARD)
+    for i in range(first, first + count):
+        if steps[i] & 0xFF > NEXT_BITS:
+            raise LayoutError("the step %d is invalid" % steps[i])
+        if MEDIA_FROM <= steps[i] & 0xFF < NEXT_BITS:
+            pages.add(CONSUMER)
 
 
 def _integers(line, count):

@@ -34,6 +34,10 @@ class Merger:
     ----------
     down : int
         Bits of all modifier keys that are down.
+    masked : int
+        Bits of the modifier keys that `mask` has released.
+    drops : int
+        How often reports of this keyboard were dropped; the caller counts.
     """
 
     def __init__(self):
@@ -41,7 +45,7 @@ class Merger:
         self._counts = bytearray(KEYS_MAX)  # keys that press each of them
         self._held = bytearray(8)  # pressed actions that hold each modifier
         self._own = self._owner = 0  # modifiers that belong to the action `_owner`
-        self._masked = 0
+        self.masked = self.drops = 0
         self.down = 0
 
     def press(self, sink, action):
@@ -104,7 +108,7 @@ class Merger:
 
     def mask(self, sink, bits):
         """Release the modifier keys `bits` until `mask` is called again with other bits."""
-        self._masked = bits
+        self.masked = bits
         self._set(sink, self._wanted())
 
     def _wanted(self):
@@ -112,7 +116,7 @@ class Merger:
         for i in range(8):
             if self._held[i]:
                 bits |= 1 << i
-        return bits & ~self._masked | self._own
+        return bits & ~self.masked | self._own
 
     def _set(self, sink, bits):
         # Releases modifiers from the last one on and presses them from the first one on, as a

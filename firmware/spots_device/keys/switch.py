@@ -3,6 +3,7 @@
 from ..fingers.state import TICKS
 
 SWITCHES = 6  # pressed at the same time, or waiting
+MANY = 24  # the same for a layout with texts
 
 # State of a switch: elements of `Engine.switches`, from the switch's number times `SIZE` on.
 STATE = 0

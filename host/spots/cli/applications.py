@@ -2,7 +2,7 @@
 
 import argparse
 
-from ..errors import printable
+from ..errors import SpotsError, printable
 from . import arguments
 from .parser import Parser, calls
 
@@ -10,16 +10,26 @@ PURPOSE = "use a strip"
 
 
 def keys(parser: Parser):
-    """Show or check a key layout, or push it to a board.
+    """Show or check a key layout, push it to a board, or list the names of keys.
 
     examples:
       spots keys show mini
       spots keys push mylayout.toml
+      spots keys names volume
     """
-    parser.option("what", "ACTION", "check, show or push", choices=["check", "show", "push"])
-    parser.option("layout", "LAYOUT", "key layout: a .toml file, or a name such as mini")
+    actions = ["check", "show", "push", "names"]
+    parser.option("what", "ACTION", "check, show, push or names", choices=actions)
+    parser.option(
+        "layout",
+        "LAYOUT",
+        "key layout: a .toml file, or a name such as mini; for 'names': a part of a name, or a "
+        "character; all names if not given",
+        nargs="?",
+    )
+    parser.flag("--yes", "do not ask before texts are stored on the board")
     arguments.add_port(parser, arguments.READ_ONLY)
-    parser.needs(["--port"], lambda options: options.what == "push", "only 'push' uses a board")
+    pushes = lambda options: options.what == "push"  # noqa: E731
+    parser.needs(["--port", "--yes"], pushes, "only 'push' uses a board")
     return _keys
 
 
@@ -81,12 +91,22 @@ def _add_output(parser: Parser, instead: str) -> None:
 def _keys(options: argparse.Namespace) -> None:
     from ..keyboard import keys
 
-    if options.what == "check":
+    if options.what == "names":
+        print("\n".join(keys.names(options.layout or "")))
+    elif options.layout is None:
+        raise SpotsError(f"keys {options.what} needs a layout: add a file or a name such as mini")
+    elif options.what == "check":
         keys.check(options.layout)
     elif options.what == "show":
         keys.show(options.layout)
     else:
         layout = keys.load(options.layout)
         with arguments.open_board(options) as board:
+            texts = keys.new_texts(board, layout)
+            if texts and not options.yes:
+                from ..deploy.confirm import confirm
+
+                print("\n".join(map(printable, texts)))
+                confirm("keys push", "store these texts, to be typed?", "the board is unchanged")
             note = keys.push(board, layout)
         print(printable(f"{layout.name} is on the board" + (f": {note}" if note else "")))

@@ -22,6 +22,9 @@ else:
     import tomli as tomllib
 
 _Kind = TypeVar("_Kind")
+# TOML keys of texts to type. These may have characters that are keys, although not printable.
+_TYPED = ("text", "macro")
+_KEYS_OF_TEXT = dict.fromkeys(map(ord, "\n\t\u00a0\u00ad\u202f"))
 _TOO_DEEP = "tables or lists are nested too deep: write fewer levels"
 # The key before the end of a text.
 _KEY_BEFORE = re.compile(r"""([\w.-]+)\s*=[^=]*\Z""")
@@ -348,11 +351,16 @@ def finite(text: str) -> float:
     return value
 
 
-def _check_strings(content: object) -> None:
+def _check_strings(content: object, is_typed: bool = False) -> None:
     if isinstance(content, dict):
-        content = [*content, *content.values()]
-    if isinstance(content, list):
+        for key, value in content.items():
+            _check_strings(key)
+            _check_strings(value, is_typed or key in _TYPED)
+    elif isinstance(content, list):
         for one in content:
-            _check_strings(one)
-    elif isinstance(content, str) and not content.isprintable():
+            _check_strings(one, is_typed)
+    elif (
+        isinstance(content, str)
+        and not (content.translate(_KEYS_OF_TEXT) if is_typed else content).isprintable()
+    ):
         raise ValueError(f"{content!r} has unprintable characters: remove them")

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import sys
 
 from ..common.signals import released_by_signals
 from ..errors import SpotsError
@@ -15,11 +16,19 @@ from .key_engine import KeyEngine
 from .layout import KeyLayout, load
 
 _TICK_S = 0.02
+_BY_CHARACTER = "us"  # host of the keyboard that `outputs.desktop` presses
 
 
 def keyboard_command(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
+    host = layout.content.get("host", _BY_CHARACTER)
+    if host != _BY_CHARACTER and not options.dry_run and not sys.platform.startswith("linux"):
+        raise SpotsError(
+            f"layout {options.layout}: on this system, 'spots keyboard' presses keys by the "
+            f"characters of an American keyboard, not those of the host '{host}': let the board be "
+            "the keyboard ('spots keys push')"
+        )
     with released_by_signals(), open_announced(options) as board:
         info = board.command("hello")
         if info["keys"] and not options.dry_run:

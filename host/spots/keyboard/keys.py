@@ -12,14 +12,16 @@ from spots_device.keys.layout import BEHAVIOUR
 from ..errors import SpotsError, printable
 from ..link.board import Board
 from ..link.connect import ensured, upload_lines
-from ..outputs.usages import KEYBOARD, MODIFIERS_FROM, name_of
+from ..outputs.usages import ALIASES, KEYBOARD, MODIFIERS_FROM, USAGES, name_of
 from ..terminal.view import framed
 from . import trial
+from .hosts import every as every_host
 from .layout import LAYER_VERBS, SLOTS, SWIPES, KeyLayout, PlacedKey, flavor_name, load, parts_of
 
 COLUMNS = 74
 _LABEL = 20  # characters of a label; a longer one takes several lines
 _GAP = 2  # between the columns of a table
+_NAME = 32  # width of a name in the list of names
 _SHADES = ("white on rgb(150,40,50)", "white on rgb(120,30,40)")
 _TERM = 10  # characters of a drawing that are a tapping term
 _VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
@@ -75,6 +77,80 @@ def push(board: Board, layout: KeyLayout) -> str | None:
     if not note or "save and reboot" not in note:
         return note
     return note.replace("save and reboot", "reboot").replace("; keys are", "; until then, keys are")
+
+
+def new_texts(board: Board, layout: KeyLayout) -> list[str]:
+    """Return the texts of a layout that the layout on a board does not have.
+
+    Parameters
+    ----------
+    board : Board
+        The board.
+    layout : KeyLayout
+        Layout to upload.
+
+    Returns
+    -------
+    list of str
+        Texts and macros in the notation of layout files.
+    """
+    # What one character needs is no text that somebody else could have written.
+    texts = {text: own for text, own in layout.texts.items() if len(text) > len("text x")}
+    known = _texts_on(board) if texts else set()
+    return [text for text, own in texts.items() if own not in known]
+
+
+def _texts_on(board: Board) -> set[tuple[int, ...]]:
+    lines: list[str] = []
+    while True:
+        part = board.command(f"layout lines {len(lines)}").get("lines")
+        if not isinstance(part, list) or not part:
+            break
+        lines += map(str, part)
+    try:
+        stored = lines_of.parse(lines)
+    except lines_of.LayoutError:  # no layout, or one of another version
+        return set()
+    found = set()
+    for i in range(len(stored._begins)):
+        n = stored.behaviour(i)
+        if stored.behaviours[n] == lines_of.TEXT:
+            first, count = stored.behaviours[n + 1 : n + 3]
+            found.add(tuple(stored.steps[first : first + count]))
+    return found
+
+
+def names(word: str) -> list[str]:
+    """Return a line for each key whose names contain a word, or that types a character.
+
+    Parameters
+    ----------
+    word : str
+        Part of a name; empty for all keys. For a character, the lines name the keys of each host,
+        too.
+
+    Raises
+    ------
+    SpotsError
+        If nothing is found.
+    """
+    found = []
+    for one in USAGES.values():
+        every = [*ALIASES.get(one.name, ()), one.linux]
+        types = one.pynput if one.pynput and len(one.pynput) == 1 else ""
+        fits = word == types if len(word) == 1 else word.upper() in " ".join([one.name, *every])
+        if fits or word.upper() == one.name:
+            found.append(f"{one.name:<{_NAME}} {' '.join(filter(None, [types, *every]))}")
+    for name, host in every_host().items() if len(word) == 1 else ():
+        strokes = host.strokes(word)
+        if strokes:
+            keys = (_chord(KEYBOARD, stroke.usage, stroke.modifiers) for stroke in strokes)
+            found.append(f"host {name:<{_NAME - 5}} {', '.join(keys)}")
+    if not found:
+        raise SpotsError(
+            f"no key or host has '{word}': use a part of a name, such as VOL, or 'usage 7:0x87'"
+        )
+    return found
 
 
 def picture(layout: KeyLayout) -> Panel:
@@ -151,7 +227,13 @@ def say(layout: KeyLayout, action: int) -> str:
         return layout.behaviours[number].text
     if kind in _VERBS:
         return f"{_VERBS[kind]} {list(layout.layers)[number]}"
-    return "+".join([*_modifiers(bits), name_of(kind, number)])
+    if action in layout.characters:
+        return layout.characters[action]
+    return _chord(kind, number, bits, layout.characters.get(lines_of.action(kind, number)))
+
+
+def _chord(page: int, usage: int, bits: int, key: str | None = None) -> str:
+    return "+".join([*_modifiers(bits), key or name_of(page, usage)])
 
 
 def _words(layout: KeyLayout, key: PlacedKey, rules: list) -> dict[str, str]:

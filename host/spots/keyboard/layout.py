@@ -23,11 +23,11 @@ from ..outputs.usages import (
     KEYBOARD,
     MODIFIERS_FROM,
     USAGES,
-    chord_of,
     is_modifier,
     name_of,
 )
-from . import reach
+from . import hosts, reach
+from .writing import Writing
 
 FOLDER = Path(__file__).parent / "layouts"
 SWIPES = ("swipe_minus", "swipe_plus")  # of a layer
@@ -42,12 +42,15 @@ LAYER_VERBS = {
 STICKY = "sticky"
 NAMED = ("tap_dance", "mod_morph")  # tables of the file, which an action names
 # Actions without a name behind them.
+TEXT, MACRO = "text", "macro"
 WORDS = {"key_repeat": lines_of.KEY_REPEAT, "caps_word": lines_of.CAPS_WORD}
 # Words of older layouts, which the words of other keyboard firmware have replaced.
 _NEW_VERBS = {"layer": "momentary", "once": STICKY}
 _NEW_TUNING = {"tapping_ms": "tapping_term_ms", "quick_ms": "quick_tap_ms", "flavour": "flavor"}
 # Limits of a hold, which a key may have itself.
 HOLD_TERMS = ("tapping_term_ms", "quick_tap_ms", "require_prior_idle_ms")
+_STEPS_A_LINE = 40  # a line of a board has at most 255 characters
+_LABEL_MAX = 12  # characters of a text on its key
 RELEASE_AFTER_MS = (0, 60_000, 0)  # minimum, maximum, default
 _Positive = Annotated[float, msgspec.Meta(gt=0, le=1000)]
 
@@ -64,6 +67,8 @@ class _Key(toml.Strict, omit_defaults=True):
     firm: str = ""
     slide_minus: str = ""
     slide_plus: str = ""
+    text: str = ""
+    macro: list[str] = []
     width: _Positive = 1.0
     label: Optional[str] = None
     flavor: Optional[Literal[FLAVORS]] = None
@@ -110,9 +115,12 @@ _Tuning = msgspec.defstruct(
 class _File(toml.Strict, omit_defaults=True):
     name: str
     layer: Annotated[list[_Layer], msgspec.Meta(min_length=1, max_length=lines_of.LAYERS_MAX)]
+    host: str = ""
+    os: Optional[Literal[hosts.SYSTEMS]] = None
     tuning: _Tuning = _Tuning()
     tap_dance: dict[str, _TapDance] = {}
     mod_morph: dict[str, _ModMorph] = {}
+    macro: dict[str, Annotated[list[str], msgspec.Meta(min_length=1)]] = {}
 
 
 @dataclass(frozen=True)
@@ -153,6 +161,7 @@ class Behaviour:
     @property
     def actions(self) -> tuple[int, ...]:
         """The actions that this behaviour may cause."""
+        # Hold-taps and tap dances have more numbers before their actions; texts have no actions.
         first = {lines_of.HOLD_TAP: 5, lines_of.STICKY: 2}
         return self.numbers[first.get(self.numbers[0], 3) :]
 
@@ -180,6 +189,11 @@ class KeyLayout:
         What can never be typed: a sentence for each key.
     text : str
         Text of the layout file.
+    characters : dict of int to str
+        Characters of the computer's layout by the actions that type them.
+    texts : dict of str to tuple of int
+        Steps of the texts and macros, see `spots_device.keys.layout`, by their notation in a layout
+        file.
     content : dict
         Parsed content of the file, without the TOML keys whose values are the defaults.
     """
@@ -192,6 +206,8 @@ class KeyLayout:
     behaviours: list["Behaviour"]
     problems: list[str]
     text: str
+    characters: dict[int, str]
+    texts: dict[str, tuple[int, ...]]
     content: dict
 
 
@@ -249,6 +265,8 @@ class _Compiler:
         self._names = [layer.name for layer in file.layer]
         self._behaviours: list[Behaviour] = []
         self._open: set[str] = set()  # behaviours whose actions are being read
+        self._texts: dict[str, tuple[int, ...]] = {}
+        self._steps: list[int] = []  # of all texts
 
     def layout(self) -> KeyLayout:
         twice = {name for name in self._names if self._names.count(name) > 1}
@@ -257,6 +275,10 @@ class _Compiler:
         tuning = msgspec.structs.asdict(self._file.tuning)
         tuning["flavor"] = FLAVORS.index(tuning["flavor"])
         self._tuning = tuning
+        try:
+            self._writing = Writing(self._file.host, self._file.os)
+        except SpotsError as error:
+            self._refuse(self._file.host, str(error))
         lines = [f"{name} {tuning[name]}" for name in LIMITS]
         layers, swipes, used, rest = {}, {}, set(), []
         for layer in self._file.layer:
@@ -275,6 +297,9 @@ class _Compiler:
                         "reduce gap_percent",
                     )
                 rest.append("key " + " ".join(map(str, (*bounds, *key.actions.values()))))
+        self._check_steps()
+        for i in range(0, len(self._steps), _STEPS_A_LINE):
+            lines.append(" ".join(map(str, ("text", *self._steps[i : i + _STEPS_A_LINE]))))
         for i, one in enumerate(self._behaviours):
             lines.append(" ".join(map(str, ("behaviour", i, *one.numbers))))
             used.update(one.actions)
@@ -293,7 +318,7 @@ class _Compiler:
             for name in getattr(self._file, verb)
             if all(one.text != f"{verb} {name}" for one in self._behaviours)
         ]
-        return KeyLayout(*parts, problems, self._text, content)
+        return KeyLayout(*parts, problems, self._text, self._writing.shown, self._texts, content)
 
     def _keys(self, layer: _Layer) -> list[PlacedKey]:
         keys = [_Key(tap=key) if isinstance(key, str) else key for key in layer.keys]
@@ -304,6 +329,7 @@ class _Compiler:
             gap = layer.gap_percent / 200
             where = f"key {i + 1}"
             actions = {slot: self._action(getattr(key, slot), layer.name, where) for slot in SLOTS}
+            actions["tap"] = self._tap(key, actions["tap"], layer.name, where)
             actions["hold"] = self._hold(key, actions["hold"], layer.name, where)
             # There is no gap at the ends of the strip.
             low, high = begin + (gap if i else 0), end - (gap if i + 1 < len(keys) else 0)
@@ -311,6 +337,19 @@ class _Compiler:
             placed.append(PlacedKey(low / whole, high / whole, label, actions))
             begin = end
         return placed
+
+    def _tap(self, key: _Key, action: int, layer: str, where: str) -> int:
+        if bool(key.tap) + bool(key.text) + bool(key.macro) > 1:
+            self._refuse(
+                key.tap or key.text, f"in layer '{layer}', {where}: use one of tap, text and macro"
+            )
+        at = f"in layer '{layer}', {where}"
+        if key.text:
+            steps_of = self._writing.text
+            return self._typed(f"{TEXT} {key.text}", key.text, steps_of, key.text, at)
+        if key.macro:
+            return self._macro(f"{MACRO} [{', '.join(key.macro)}]", key.macro, at)
+        return action
 
     def _hold(self, key: _Key, action: int, layer: str, where: str) -> int:
         terms = [getattr(key, name) for name in HOLD_TERMS]
@@ -346,7 +385,53 @@ class _Compiler:
             return self._behave(text, lines_of.STICKY, after_ms, action)
         if verb in NAMED:
             return self._named(verb, name, text, at)
-        return self._chord(text, text, at)
+        if verb == TEXT and name:
+            return self._typed(text, text, self._writing.text, name, at)
+        if verb == MACRO:
+            if name not in self._file.macro:
+                self._refuse(text, f"{at}: [macro] has no '{name}': add it, or change the name")
+            return self._macro(text, self._file.macro[name], f"in [macro], '{name}'")
+        try:
+            actions = self._writing.actions(text)
+        except SpotsError as error:
+            self._refuse(text, f"{at}: {error}")
+        if len(actions) == 1:
+            return actions[0]
+        return self._typed(f"{TEXT} {text}", text, self._writing.text, text, at)
+
+    def _macro(self, text: str, parts: list[str], at: str) -> int:
+        wrong = next((part for part in parts if self._is_behaviour(part)), None)
+        if wrong:
+            self._refuse(wrong, f"{at}: '{wrong}' is no key: a macro has keys, text and wait")
+        shown = text if text.endswith("]") else f"{text} [{', '.join(parts)}]"
+        return self._typed(shown, parts[0], self._writing.macro, parts, at)
+
+    def _is_behaviour(self, part: str) -> bool:
+        verb = part.partition(" ")[0]
+        return part in WORDS or verb in (*LAYER_VERBS, STICKY, *NAMED, MACRO)
+
+    def _typed(self, text: str, value: str, steps_of, content, at: str) -> int:
+        text = escaped(text)
+        try:
+            steps = tuple(steps_of(content))
+        except SpotsError as error:
+            self._refuse(escaped(value), f"{at}: {error}")
+        if text not in self._texts:
+            self._texts[text] = steps
+            self._behaviours.append(Behaviour(text, (lines_of.TEXT, len(self._steps), len(steps))))
+            self._steps += steps
+        known = [one.text for one in self._behaviours]
+        return lines_of.action(lines_of.BEHAVIOUR, known.index(text))
+
+    def _check_steps(self) -> None:
+        most = lines_of.STEPS_MAX
+        if len(self._steps) > most:
+            longest = max(self._texts, key=lambda text: len(self._texts[text]))
+            self._refuse(
+                longest.partition(" ")[2],
+                f"the texts press {len(self._steps)} keys, and a board has room for {most}: "
+                f"shorten them, for example '{longest[:30]}'",
+            )
 
     @property
     def _known(self) -> str:
@@ -362,9 +447,12 @@ class _Compiler:
 
     def _chord(self, name: str, text: str, at: str, also: str = "") -> int:
         try:
-            return lines_of.action(*chord_of(name))
+            actions = self._writing.actions(name)
         except SpotsError as error:
             self._refuse(text, f"{at}: {error}{also}")
+        if len(actions) > 1:
+            self._refuse(text, f"{at}: '{name}' needs several keys: use another character")
+        return actions[0]
 
     def _named(self, verb: str, name: str, text: str, at: str) -> int:
         table = getattr(self._file, verb)
@@ -416,10 +504,15 @@ class _Compiler:
             one = self._behaviours[number]
             if one.numbers[0] in (lines_of.HOLD_TAP, lines_of.STICKY):
                 return self._written(one.actions[-1])
+            if one.numbers[0] == lines_of.TEXT:
+                words = one.text.partition(" ")[2].split()
+                return " ".join(words)[:_LABEL_MAX] or one.text
             return one.text.rpartition(" ")[2].replace("_", " ")
         if kind in LAYER_VERBS.values():
             return self._names[number]
-        return typed(kind, number) or name_of(kind, number)
+        shown = self._writing.shown
+        known = shown.get(action) or shown.get(lines_of.action(kind, number))
+        return known or typed(kind, number) or name_of(kind, number)
 
     def _check_ways(self, layers: dict[str, list[PlacedKey]], used: set[int]) -> None:
         verbs = LAYER_VERBS.values()
@@ -453,6 +546,11 @@ def flavor_name(flavor: int) -> str:
     """Return the name of a flavor, given as in a ``behaviour`` line of the board."""
     retro = ", retro_tap" if flavor & lines_of.RETRO_TAP else ""
     return FLAVORS[flavor & ~lines_of.RETRO_TAP] + retro
+
+
+def escaped(text: str) -> str:
+    """Return a text with the escapes of TOML for line feeds, tabs and no-break spaces."""
+    return "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
 
 
 def parts_of(action: int) -> tuple[int, int, int]:

@@ -2,9 +2,10 @@
 
 Key names are those of the tables (version 1.5, pages 0x07 and 0x0C), in capitals with underscores.
 The character that a key types on an American keyboard is also a name of the key: ``usage_of("1")``
-is ``usage_of("ONE")``.
+is ``usage_of("ONE")``. The names that other projects use are in ``aliases.txt``.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,15 @@ MODIFIERS = 8
 
 
 USAGES_FILE = Path(__file__).with_name("usages.txt")
+ALIASES_FILE = Path(__file__).with_name("aliases.txt")
+# Usages that a report of a board can contain.
+_REPORTED = {
+    KEYBOARD: (*range(0x04, 0xDE), *range(MODIFIERS_FROM, MODIFIERS_FROM + MODIFIERS)),
+    CONSUMER: range(1, 0x400),
+}
+_NUMBER = r"(0x[0-9a-f]{1,3}|\d{1,4})"
+_RAW = re.compile(rf"usage\s+{_NUMBER}:{_NUMBER}", re.IGNORECASE)
+_PREFIXES = ("KC_", "KEY_")  # of QMK and of Linux
 
 
 class Usage(NamedTuple):
@@ -53,9 +63,16 @@ def _read(path: Path) -> Iterator[Usage]:
 
 USAGES: dict[tuple[int, int], Usage] = {(one.page, one.usage): one for one in _read(USAGES_FILE)}
 _BY_NAME = {one.name: one for one in USAGES.values()}
-# For suggestions: Linux names are common, such as VOLUMEUP for VOLUME_INCREMENT.
-_SIMILAR = {one.linux.removeprefix("KEY_"): one.name for one in USAGES.values()}
-_SIMILAR |= {name: name for name in _BY_NAME}
+# Other names of each key, and Linux's, such as VOLUMEUP for VOLUME_INCREMENT.
+ALIASES: dict[str, list[str]] = {
+    words[0]: words[1:]
+    for words in map(str.split, ALIASES_FILE.read_text("ascii").splitlines())
+    if words[0] != "#"
+}
+_BY_ALIAS = {one.linux.removeprefix("KEY_"): one for one in reversed(USAGES.values())}
+_NO_KEYS = ALIASES.pop("-")  # names of other projects for what is no key
+_BY_ALIAS |= {alias: _BY_NAME[name] for name, aliases in ALIASES.items() for alias in aliases}
+_SIMILAR = {alias: one.name for alias, one in _BY_ALIAS.items()} | {name: name for name in _BY_NAME}
 # The keypad types characters of the main keys, too; the main keys take precedence.
 _BY_CHARACTER = {
     one.pynput: one
@@ -70,18 +87,36 @@ def usage_of(name: str) -> tuple[int, int]:
     Parameters
     ----------
     name : str
-        Name of the key in upper or lower case, such as ``enter``, ``VOLUME_INCREMENT`` or ``/``.
+        Name of the key in upper or lower case, such as ``enter``, ``VOL_UP`` or ``/``; or page and
+        usage, such as ``usage 12:0x6F``.
 
     Raises
     ------
     SpotsError
         If no key has this name; the message suggests similar names.
     """
-    found = _BY_NAME.get(name.upper()) or _BY_CHARACTER.get(name.lower())
+    raw = _RAW.fullmatch(name)
+    if raw:
+        page, usage = (int(number, 0) for number in raw.groups())
+        if usage not in _REPORTED.get(page, ()):
+            raise SpotsError(
+                f"a board cannot report '{name}': the page is 7 (0x04 to 0xDD, 0xE0 to 0xE7) or 12 "
+                "(1 to 0x3FF)"
+            )
+        return page, usage
+    found = _named(name)
+    for prefix in _PREFIXES:
+        found = found or (_named(name[len(prefix) :]) if name.upper().startswith(prefix) else None)
     if found is None:
-        hint = did_you_mean(name, _SIMILAR, "use a name such as ENTER or F5", _SIMILAR)
+        similar = {} if name.upper() in _NO_KEYS else _SIMILAR
+        hint = did_you_mean(name, similar, "'spots keys names WORD' lists names", similar)
         raise SpotsError(f"there is no key '{name}': {hint}")
     return found.page, found.usage
+
+
+def _named(name: str) -> Usage | None:
+    upper = name.upper()
+    return _BY_NAME.get(upper) or _BY_CHARACTER.get(name.lower()) or _BY_ALIAS.get(upper)
 
 
 def name_of(page: int, usage: int) -> str:
@@ -95,10 +130,10 @@ def name_of(page: int, usage: int) -> str:
     Returns
     -------
     str
-        Name of the key; if it has no name, its page and usage as hexadecimal numbers.
+        Name of the key; if it has no name, page and usage as `usage_of` reads them.
     """
     found = USAGES.get((page, usage))
-    return found.name if found else f"{page:#04x}:{usage:#04x}"
+    return found.name if found else f"usage {page}:0x{usage:02X}"
 
 
 def is_modifier(page: int, usage: int) -> bool:
@@ -127,17 +162,44 @@ def chord_of(text: str) -> tuple[int, int, int]:
     Raises
     ------
     SpotsError
-        If the key or a modifier is unknown, or a media key (HID page 0x0C) has modifiers.
+        If the key or a modifier is unknown.
     """
+    modifiers, name = split_chord(text)
+    return *usage_of(name), modifier_bits(modifiers)
+
+
+def split_chord(text: str) -> tuple[list[str], str]:
+    """Return the modifiers and the key of a chord as they are written.
+
+    Parameters
+    ----------
+    text : str
+        Modifiers and key, joined by ``+``; the last ``+`` of ``LEFT_SHIFT++`` is the key.
+    """
+    if len(text) > 1 and text.endswith("++"):
+        return text[:-2].split("+"), "+"
     *modifiers, name = text.split("+") if len(text) > 1 else [text]
+    return modifiers, name
+
+
+def modifier_bits(names: list[str]) -> int:
+    """Return the bits of modifier keys.
+
+    Parameters
+    ----------
+    names : list of str
+        Names of the keys.
+
+    Raises
+    ------
+    SpotsError
+        If a key is unknown or no modifier key.
+    """
     bits = 0
-    for modifier in modifiers:
+    for modifier in names:
         page, usage = usage_of(modifier)
         if not is_modifier(page, usage):
             known = (name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(MODIFIERS))
             raise SpotsError(f"'{modifier}' is not a modifier: use one of {', '.join(known)}")
         bits |= 1 << usage - MODIFIERS_FROM
-    page, usage = usage_of(name)
-    if bits and page != KEYBOARD:
-        raise SpotsError(f"'{name}' cannot have modifiers: remove them")
-    return page, usage, bits
+    return bits

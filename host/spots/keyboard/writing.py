@@ -1,0 +1,188 @@
+"""What the keys, characters and texts of a layout file are on the computer of its user."""
+
+from spots_device.keys import layout as lines_of
+
+from ..errors import SpotsError
+from ..outputs.usages import (
+    CONSUMER,
+    KEYBOARD,
+    modifier_bits,
+    split_chord,
+    usage_of,
+)
+from . import hosts
+
+_LEFT_CONTROL, _LEFT_ALT, _LEFT_GUI = 0x01, 0x04, 0x08
+# Modifiers that depend on the system: that of commands, and that of moves by a word.
+_BY_SYSTEM = {
+    "PRIMARY": {hosts.MAC: _LEFT_GUI, hosts.WINDOWS: _LEFT_CONTROL, hosts.LINUX: _LEFT_CONTROL},
+    "WORD": {hosts.MAC: _LEFT_ALT, hosts.WINDOWS: _LEFT_CONTROL, hosts.LINUX: _LEFT_CONTROL},
+}
+_WAIT_UNIT_MS, _WAIT_MAX_MS = 10, 60_000
+_UNITS_MAX = 0xFF  # of a step that waits
+
+
+class Writing:
+    """Translates what a layout file names into keys, for one host layout and system.
+
+    Parameters
+    ----------
+    host : str or None
+        Name of the host layout, see `hosts`; None if the file names none.
+    system : str or None
+        One of `hosts.SYSTEMS`. None if the file names none: then only what is equal on Linux and
+        Windows can be typed.
+
+    Attributes
+    ----------
+    shown : dict of int to str
+        Characters of the file by their actions, as encoded by `spots_device.keys.layout.action`.
+
+    Raises
+    ------
+    SpotsError
+        If there is no such host layout.
+    """
+
+    def __init__(self, host: str | None, system: str | None):
+        self._host = hosts.host_of(host, system or hosts.WINDOWS) if host else None
+        self._system = system
+        self.shown: dict[int, str] = {}
+
+    def actions(self, text: str) -> list[int]:
+        """Return the actions that press a key or type a character, one after the other.
+
+        Parameters
+        ----------
+        text : str
+            Key or character, with modifiers and ``+`` before it.
+
+        Returns
+        -------
+        list of int
+            One action; more only for a character that needs dead keys.
+
+        Raises
+        ------
+        SpotsError
+            If a name is unknown, or the host cannot type the character.
+        """
+        modifiers, name = split_chord(text)
+        bits = self._bits(modifiers)
+        if len(name) != 1 or (self._host is None and _is_key(name)):
+            return [lines_of.action(*usage_of(name), bits)]
+        key = self._host.key(name) if self._host else None
+        strokes = (key,) if key else self._strokes(name)
+        if bits and (len(strokes) > 1 or strokes[0].modifiers & bits):
+            raise SpotsError(
+                f"'{name}' needs {'two keys' if len(strokes) > 1 else 'shift or AltGr'} on this "
+                "host, so it cannot have these modifiers: name the character that you want"
+            )
+        actions = [_action(stroke, bits) for stroke in strokes]
+        if len(actions) == 1:
+            self.shown.setdefault(_action(strokes[0], 0), name)
+        return actions
+
+    def text(self, text: str) -> list[int]:
+        """Return the steps that type a text, see `spots_device.keys.layout`.
+
+        Raises
+        ------
+        SpotsError
+            If the host cannot type a character.
+        """
+        strokes = (stroke for character in text for stroke in self._strokes(character))
+        return [stroke.modifiers << 8 | stroke.usage for stroke in strokes]
+
+    def macro(self, parts: list[str]) -> list[int]:
+        """Return the steps of a macro.
+
+        Parameters
+        ----------
+        parts : list of str
+            Keys, characters, ``text TEXT`` and ``wait MS``.
+
+        Raises
+        ------
+        SpotsError
+            If a part is none of these.
+        """
+        steps: list[int] = []
+        for part in parts:
+            verb, space, rest = part.partition(" ")
+            if verb == "text" and space:
+                steps += self.text(rest)
+            elif verb == "wait":
+                steps += _wait(rest)
+            else:
+                for action in self.actions(part):
+                    steps += _steps(action)
+        return steps
+
+    def _bits(self, modifiers: list[str]) -> int:
+        bits = 0
+        named = []
+        for name in modifiers:
+            by_system = _BY_SYSTEM.get(name.upper())
+            if by_system is None:
+                named.append(name)
+            elif self._system is None:
+                raise SpotsError(
+                    f"'{name}' depends on the computer: add os = 'linux', 'windows' or 'mac' to "
+                    "the file, before its first table"
+                )
+            else:
+                bits |= by_system[self._system]
+        return bits | modifier_bits(named)
+
+    def _strokes(self, character: str) -> tuple[hosts.Stroke, ...]:
+        host = self._host
+        if host is None:
+            raise SpotsError(
+                f"the character '{character}' needs the keyboard layout of your computer: add "
+                f"host = 'us' or another of {', '.join(hosts.every())} to the file, before its "
+                "first table"
+            )
+        strokes = host.strokes(character)
+        if strokes:
+            return strokes
+        if self._system is None and hosts.host_of(host.name).strokes(character):
+            raise SpotsError(
+                f"the host '{host.name}' has '{character}' only on Linux: add os = 'linux' to the "
+                "file, before its first table, or leave it out"
+            )
+        system = self._system or hosts.WINDOWS
+        on = f" on {system}" if self._system else ""
+        raise SpotsError(
+            f"the host '{host.name}'{on} cannot type '{character}', "
+            f"{hosts.typing(character, system)}: use another character or host"
+        )
+
+
+def _is_key(name: str) -> bool:
+    try:
+        usage_of(name)
+    except SpotsError:
+        return False
+    return True
+
+
+def _action(stroke: hosts.Stroke, bits: int) -> int:
+    return lines_of.action(KEYBOARD, stroke.usage, stroke.modifiers | bits)
+
+
+def _steps(action: int) -> list[int]:
+    page, bits, usage = action >> 20, action >> 12 & 0xFF, action & 0xFFF
+    if page == KEYBOARD:
+        return [bits << 8 | usage]
+    assert page == CONSUMER
+    step = (usage & 0xFF) << 8 | lines_of.MEDIA_FROM + (usage >> 8)
+    return [bits << 8 | lines_of.NEXT_BITS, step] if bits else [step]
+
+
+def _wait(text: str) -> list[int]:
+    if not text.isdecimal() or not 0 < int(text) <= _WAIT_MAX_MS:
+        raise SpotsError(f"'wait {text}': write 'wait MS', from 1 to {_WAIT_MAX_MS}")
+    units = -(-int(text) // _WAIT_UNIT_MS)
+    whole, rest = divmod(units, _UNITS_MAX)
+    return [_UNITS_MAX << 8] * whole + ([rest << 8] if rest else [])
