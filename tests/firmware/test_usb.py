@@ -84,6 +84,7 @@ class Host:
     def __init__(self, monkeypatch):
         host = self
         self.error = None
+        self.wakes = 0
 
         class USBDevice:
             BUILTIN_DEFAULT = SimpleNamespace(
@@ -117,6 +118,9 @@ class Host:
                     raise OSError(errno.EBUSY)
                 self.pending[endpoint] = data  # like the USB stack, this makes no copy
                 return True
+
+            def remote_wakeup(self):
+                host.wakes += 1
 
         self.kind = USBDevice
         self.module = fresh(monkeypatch, "keys.usb_micropython", machine={"USBDevice": USBDevice})
@@ -243,6 +247,55 @@ def awake(host, ticks):
     return host
 
 
+def test_micropython_gives_a_host_of_the_boot_protocol_boot_reports(host, awake):
+    sends = host.module.open_interfaces(["keyboard", "consumer", "gamepad"], None)
+    assert [one[5:8] for one in of_type(INTERFACE, host.configuration)] == [
+        bytes((3, 1, 1)),  # HID, with a boot interface, of a keyboard
+        *[bytes((3, 0, 0))] * 2,
+    ]
+    host.plug()
+    for protocol in (0, 1):
+        assert host.control(SETUP, 0, SET_PROTOCOL, value=protocol) is True
+        host.control(ACK, 0, SET_PROTOCOL, value=protocol)
+        assert bytes(host.control(SETUP, 0, GET_PROTOCOL)) == bytes((protocol,))
+        # HID 1.11, appendix B.1: modifiers, a byte that is 0, six usages
+        outbox = Outbox(sends["keyboard"], lambda: 0)
+        outbox.put(bytes((2, 0, 4, 5, 0, 0, 0, 0)))
+        while not outbox.pump():
+            awake.wake()
+        awake.wake()
+        assert awake.got[-1] == bytes((2, 0, 4, 5, 0, 0, 0, 0))
+
+
+def test_micropython_asks_a_sleeping_host_to_wake_up_for_a_press_only(awake, ticks):
+    send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
+    assert awake.device.whole[7] & 0x20  # the host may allow it
+    awake.plug()
+    awake.sleeps = True
+    assert send(UP)
+    assert awake.wakes == 0
+    for _ in range(100):
+        assert not send(REPORT)
+        ticks.us += 1_000
+    assert 1 <= awake.wakes <= 6
+    awake.sleeps = False
+    awake.wake()
+    ticks.us += 30_000
+    asked = awake.wakes
+    assert send(REPORT)
+    awake.wake()
+    assert (awake.got[-1], awake.wakes) == (REPORT, asked)
+
+
+def test_micropython_that_cannot_wake_a_host_does_not_say_so(awake):
+    del awake.kind.remote_wakeup
+    send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
+    assert not awake.device.whole[7] & 0x20
+    awake.plug()
+    awake.sleeps = True
+    assert not send(REPORT)
+
+
 def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(awake):
     send = awake.module.open_interfaces(["keyboard"], None)["keyboard"]
     assert not send(REPORT)  # no USB host is connected
@@ -266,7 +319,7 @@ def test_micropython_sends_each_report_once(awake, ticks):
         while not outbox.pump():
             awake.wake()
     awake.wake()
-    assert awake.got == [UP, REPORT, OTHER, UP, REPORT, OTHER, UP, UP, REPORT, OTHER, UP]
+    assert awake.got == [UP, REPORT, OTHER, UP, REPORT, OTHER, UP, REPORT, OTHER, UP]
 
 
 def test_micropython_gives_a_sleeping_host_no_press(awake, ticks):
@@ -688,18 +741,22 @@ class CircuitPython:
         self.full = False
         self.usb_connected = True
         self.sleeps_at_once = False
-        self.waits = 0
+        self.waits = self.asked = 0
 
     def ticks_ms(self):
         self.ticks &= (1 << 29) - 1
         return self.ticks
 
     def send(self, device, report):
-        if self.full:
+        if not self.usb_connected:
+            self.asked += 1
+            self.ticks += 2000
+            assert not any(report)
+        elif self.full:
             self.waits += 1
             self.ticks += 2000
             raise OSError("USB busy")
-        if self.sleeps_at_once:
+        elif self.sleeps_at_once:
             self.usb_connected = False
         else:
             self.got.append((device.usage, report))
@@ -795,6 +852,26 @@ def test_circuitpython_tries_a_host_again_that_sets_the_keyboards_leds(sends):
     assert not by_name["keyboard"](OTHER)
     world.ticks += 10
     assert by_name["gamepad"](OTHER)
+
+
+def test_circuitpython_asks_a_sleeping_host_to_wake_up_once_a_minute(sends):
+    by_name, world = sends
+    world.usb_connected = False
+    assert not by_name["keyboard"](REPORT)
+    assert world.asked == 0  # no host yet, which could sleep
+    world.usb_connected = True
+    assert by_name["keyboard"](UP)
+    world.ticks += 10
+    world.usb_connected = False
+    for seconds in range(120):
+        assert not by_name["keyboard"](UP)
+        assert world.asked == 0 if not seconds else world.asked <= 1 + seconds // 60
+        assert not by_name["keyboard"](REPORT)
+        world.ticks += 1000
+    assert world.asked == 2
+    assert not any(any(report) for _, report in world.got)
+    world.usb_connected = True
+    assert by_name["keyboard"](REPORT)
 
 
 def test_circuitpython_sends_after_days_without_a_report(sends):

@@ -6,12 +6,18 @@ without an error (shared-module/usb_hid/Device.c). So there is a minimum time be
 and no report is sent while the host is disconnected or asleep. After a timeout, each further report
 could block for 2 s again. So no report is sent for 64 s, or until the host sets the keyboard's
 LEDs.
+
+After these 2 s, ``send_report`` asks a sleeping host to wake up. So a press that finds the host
+asleep sends a report without keys, at most every 64 s.
+
+The keyboard has no boot protocol: CircuitPython offers it only on the first interface, which
+belongs to the serial port.
 """
 
 import supervisor
 import usb_hid
 
-from .reports import GAMEPAD_DESCRIPTOR, REPORT_SIZE, with_report_id
+from .reports import GAMEPAD_DESCRIPTOR, REPORT_SIZE, is_pressed, with_report_id
 
 # HID usage page and usage that identify a device.
 _USAGES = {"keyboard": (0x01, 0x06), "consumer": (0x0C, 0x01), "gamepad": (0x01, 0x05)}
@@ -78,11 +84,24 @@ class _Endpoint:
     def __init__(self):
         self._from_ms = supervisor.ticks_ms()
         self._wait_ms = 0
+        self._was_connected = self._is_away = False
 
     def free(self):
         if not supervisor.runtime.usb_connected:  # not mounted, or suspended
-            self._wait(0)
+            if not self._is_away:
+                self._is_away = True
+                self._wait(0)
             return False
+        if self._is_away:
+            self._wait(0)
+        self._is_away, self._was_connected = False, True
+        return self._is_over()
+
+    def may_wake(self):
+        """Return whether a host that takes no reports may be asked to wake up."""
+        return self._is_away and self._was_connected and self._is_over()
+
+    def _is_over(self):
         # Ticks wrap, so a time in the far past looks like a time in the future.
         if 0 < _diff(self._from_ms, supervisor.ticks_ms()) <= self._wait_ms:
             return False
@@ -123,6 +142,8 @@ class _Interface:
                 self._show_leds(leds[0])
                 self._endpoint.heard()
         if not self._endpoint.free():
+            if is_pressed(report) and self._endpoint.may_wake():
+                self._wake(len(report))
             return False
         try:
             self._device.send_report(report)
@@ -133,3 +154,11 @@ class _Interface:
         # If the host has just fallen asleep, it did not get the report. The result False makes the
         # caller send the report again. Sending the same state twice has no effect.
         return supervisor.runtime.usb_connected
+
+    def _wake(self, size):
+        # A press that the host did not see must not be delivered when it wakes.
+        try:
+            self._device.send_report(bytes(size))
+        except OSError:
+            pass
+        self._endpoint.refused()

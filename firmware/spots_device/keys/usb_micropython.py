@@ -7,7 +7,7 @@ The USB stack stores an accepted report until the host fetches it, even while th
 MicroPython does not know whether the host sleeps. A key that is typed meanwhile must not be
 delivered when the host wakes. So a report with a pressed key is only sent to a host that has just
 fetched another report. If there is none, the last report is sent again first: it changes nothing,
-so it may wait for the host.
+so it may wait for the host. A press that finds no such host asks it to wake up.
 """
 
 import struct
@@ -33,6 +33,8 @@ _PACKET = const(8)  # largest size of a report in bytes
 _HID = const(0x21)  # types of descriptors, HID 1.11, section 7.1
 _REPORT = const(0x22)
 _REPORT_PROTOCOL = b"\x01"  # the host's choice after a connection, HID 1.11, section 7.2.6
+_WAKE = "remote_wakeup"  # method of `USBDevice` since MicroPython 1.24
+_CAN_WAKE = const(0x20)  # bit of a configuration's bmAttributes, USB 2.0, section 9.6.3
 
 # Stages of a control transfer.
 _SETUP = const(1)
@@ -124,9 +126,12 @@ class _Interface:
         Waits for 3 ms at most, and only before the first press after a pause.
         """
         now = ticks_us()
-        if not self.is_open or self.is_busy:
+        if not self.is_open:
             return False
-        if is_pressed(report) and not self._is_host_awake(now):
+        if is_pressed(report):
+            if not self._is_host_awake(now):
+                return False
+        elif self.is_busy:
             return False
         for i in range(len(report)):
             self._report[i] = report[i]
@@ -134,14 +139,24 @@ class _Interface:
 
     def _is_host_awake(self, began):
         if 0 <= ticks_diff(began, self._offered) < _AWAKE_US:
-            return True
+            return not self.is_busy
+        if self.is_busy:  # for long
+            self._offered = began  # of this request
+            self._wake()
+            return False
         if not self._offer():
             return False
         while self.is_busy:
             if ticks_diff(ticks_us(), began) >= _FETCH_US:
+                self._wake()
                 return False
             sleep_us(_STEP_US)
         return self.is_open
+
+    def _wake(self):
+        # Has an effect only if the host sleeps and has allowed it.
+        if hasattr(self._device, _WAKE):
+            self._device.remote_wakeup()
 
     def _offer(self):
         self._offered = ticks_us()
@@ -220,6 +235,8 @@ def open_interfaces(names, show_leds):
     configuration[2] = len(configuration) & 0xFF
     configuration[3] = len(configuration) >> 8
     configuration[4] = serial.itf_max + len(names)
+    if hasattr(device, _WAKE):
+        configuration[7] |= _CAN_WAKE
     callbacks = _Callbacks(interfaces)
     device.active(False)
     device.builtin_driver = serial
