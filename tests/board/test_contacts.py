@@ -2,11 +2,13 @@
 
 import math
 import random
-from itertools import groupby
+from itertools import groupby, pairwise
 from statistics import fmean
 
 import pytest
 
+from spots.keyboard.layout import load
+from spots.link.connect import upload_lines
 from spots.link.contact_finder import ContactFinder
 from spots.link.frames import Contact, Key, Touch
 from spots_device.fingers.contacts import (
@@ -16,12 +18,15 @@ from spots_device.fingers.contacts import (
     PROVISIONAL,
     UP,
 )
+from spots_device.keys.layout import KEYBOARD, action
 from spots_device.reading.decode import LED_OFF, MISFIT, TOUCHING
 from spots_sim.demo.demo import open_fast
+from spots_sim.person.typist import fast_typing, two_fingers
 from spots_sim.strip.files import Ambient, Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
 LENGTH_UM = 85_000
+A = action(KEYBOARD, 4)
 
 
 def finger(x_mm, begins_s, ends_s, force_mN=2000):
@@ -38,11 +43,13 @@ def played():
     """Return a function that moves fingers on a strip; it returns the board and all its frames."""
     boards = []
 
-    def play(*fingers, command=None):
+    def play(*fingers, command=None, layout=None):
         seconds = max(one.points[-1][0] for one in fingers) + 0.5
         truth = Scenario(ScenarioFile(seconds=seconds, touch=list(fingers)))
         board, _ = open_fast("default", truth, 5)
         boards.append(board)
+        if layout:
+            upload_lines(board, "layout", layout)
         if command:
             board.command(command)
         board.contacts()
@@ -88,6 +95,30 @@ def test_a_finger_beside_a_resting_one_was_never_alone(played):
     assert states(found[1]) == [DOWN, CONFIRMED, PROVISIONAL, CONFIRMED, PROVISIONAL, UP]
     assert states(found[2]) == [DOWN, PROVISIONAL, NEVER_ALONE]
     assert abs(found[2][-1].position_um / 1000 - 62) < 3
+
+
+@pytest.mark.parametrize("pairs", [False, True], ids=["typing", "pairs"])
+def test_contacts_are_the_same_with_keys_and_without(played, pairs):
+    layout = load("digits")
+    # The borders of the board's keys are where the fingers touch, so many keys are uncertain.
+    bounds = [0, *range(50, 1000, 100), 1000]
+    keys = [f"key {low} {high} {A} 0 0 0 0 0" for low, high in pairwise(bounds)]
+    if pairs:
+        file = two_fingers(layout, 24, LENGTH_UM / 1000, 11)
+    else:
+        file = fast_typing(layout, 100.0, 40, LENGTH_UM / 1000, 11)
+    sent = []
+    for on in (1, 0):
+        _, frames = played(*file.touch, command=f"set keys={on}", layout=["layer 0 0", *keys])
+        sent.append([shown(frame) for frame in frames if isinstance(frame, Contact)])
+        assert (sum(isinstance(frame, Key) for frame in frames) > 40) == on
+    assert len(sent[0]) > 300
+    assert sent[0] == sent[1]
+
+
+def shown(contact):
+    """Return all values of a contact but its sequence number, which counts the KEY frames, too."""
+    return repr(contact._replace(sequence=0, time_s=0.0))
 
 
 def sliding(x1_mm, from_mm, to_mm, mm_per_s, wobble=0.0, seed=0):
@@ -257,6 +288,15 @@ def test_a_stream_that_begins_during_a_touch_leaves_the_key_down(rig, calibratio
     frames = list(made.board.frames(0.3))
     assert [frame.pressed for frame in frames if isinstance(frame, Key)] == [False]
     assert not any(isinstance(frame, Contact) for frame in frames)
+
+
+def test_a_stream_that_begins_during_a_touch_has_this_finger_without_keys_too(rig, calibration):
+    made = rig(calibration=calibration)
+    made.settle()
+    made.press(40, 3000)
+    made.settle()
+    stream = made.board.contacts(10.0)
+    assert [next(stream).state for _ in range(3)] == [DOWN, CONFIRMED, CONFIRMED]
 
 
 def test_contacts_end_nobody_elses_stream(rig, calibration):

@@ -5,7 +5,7 @@ import math
 import pytest
 
 import keys
-from keys import DECAY, Desk, clicks, key, letter, limit, rolled
+from keys import DECAY, LENGTH_UM, Desk, clicks, key, letter, limit, rolled
 from spots_device.fingers.contacts import (
     DOWN,
     NEVER_ALONE,
@@ -13,6 +13,7 @@ from spots_device.fingers.contacts import (
     UP,
     Fingers,
 )
+from spots_device.keys.layout import default_lines, parse
 from spots_device.reading.decode import (
     BRIGHTNESS,
     FORCE_MN,
@@ -420,12 +421,14 @@ class Contacts:
     def __init__(self, desk):
         self.sent = []
         self._fingers = Fingers(self)
-        self._fingers.attach(desk.pad.contact, desk.pad)
+        self._fingers.tracker.set_layout(parse(default_lines()), LENGTH_UM, DECAY)
         self._take = desk.pad.take
         desk.pad.take = self.take
+        desk.lift(60)  # a new tracker ignores a finger that touches already
 
     def take(self, flags, x_um, force_mN, brightness, t):
         self._take(flags, x_um, force_mN, brightness, t)
+        self._fingers.tracker.take(flags, x_um, force_mN, brightness, t)
         self._fingers.send(0, {POSITION_UM: x_um, FORCE_MN: force_mN, BRIGHTNESS: brightness})
 
     def contact(self, sensor, number, state, x_um, sigma_um, force_mN):

@@ -7,7 +7,7 @@ functions that are switched off are not imported, which saves memory.
 from array import array
 
 from .. import const
-from ..fingers.state import STATE, STUCK_T, TWO
+from ..fingers.state import STATE, STUCK_T, TWO, UP
 from ..reading import decode as d
 from ..runtime.modules import drop
 
@@ -81,9 +81,9 @@ class Uses:
         self._keypad = self._layout = None
         self.keyboard_of = self  # strips of one keyboard share its `merge.Merger`
         self.merger = None
-        self._contacts = None  # (tracker without a keypad, `Fingers`) while contacts are streamed
-        # The tracker in use (the keypad's, or that without a keypad), and the fingers in use.
-        self._tracker = self._fingers = None
+        self._contacts = None  # `contacts.Fingers` while contacts are streamed
+        # Those in use. The tracker is that of the keypad, or without keys that of the contacts.
+        self._fingers = self._tracker = None
         self._keyboard = self._consumer = self._axes = None
         self._there = {}  # opened interfaces by name
         self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
@@ -209,6 +209,7 @@ class Uses:
         if self._tracker is not None:
             self._track(state)
             if self._fingers is not None:
+                self._follow_fingers(state)
                 self._fingers.send(sensor, state)
             flags = state[d.FLAGS]
             # Not the property `two`: a call takes longer than a look-up.
@@ -226,6 +227,17 @@ class Uses:
         )
         if self._keys_on:
             self._until = self._keypad.until(t)
+
+    def _follow_fingers(self, state):
+        # Without keys, `_track` has processed the reading already.
+        if self._keys_on:
+            self._fingers.tracker.take(
+                state[d.FLAGS],
+                state[d.POSITION_UM],
+                state[d.FORCE_MN],
+                state[d.BRIGHTNESS],
+                self._time.ticks(),
+            )
 
     def usage(self, page, usage, modifiers, pressed):
         """Pass the press or release of a single usage to its open interface, see `merge.Merger`."""
@@ -357,34 +369,28 @@ class Uses:
         return dropped
 
     def _follow(self, calibration):
-        """Select the touch tracker: that of the keypad, that of the CONTACT frames, or None."""
-        keypad = self._keypad if self._keys_on else None
-        tracker = None
-        if keypad:
-            tracker = keypad.contact
-            tracker.report_to(keypad)
-        self._tracker = tracker
+        """Select the trackers in use: that of the keys, and that of the CONTACT frames."""
+        self._tracker = self._keypad.contact if self._keys_on else None
         self._fingers = None
-        self._activate()
         if not self.streams_contacts:
             self._contacts = None
         elif calibration is not None:
             try:
-                if self._contacts is None:
+                begins = self._contacts is None
+                if begins:
                     from ..fingers.contacts import Fingers
-                    from ..fingers.tracker import ContactTracker
 
-                    self._contacts = ContactTracker(None), Fingers(self._framer)
-                own, fingers = self._contacts
-                own.set_layout(self._get_layout(), calibration.length_um, calibration.decay)
-                own.state[STUCK_T] = 0  # without keys, no touch is an object
+                    self._contacts = Fingers(self._framer)
+                tracker = self._contacts.tracker
+                tracker.set_layout(self._get_layout(), calibration.length_um, calibration.decay)
+                if begins:
+                    tracker.state[STATE] = UP  # a finger may touch already
+                tracker.state[STUCK_T] = 0  # an object is a contact, too
+                self._fingers = self._contacts
+                self._tracker = self._tracker or tracker
             except MemoryError:
                 self._memory_fault = _NO_MEMORY
-                return
-            self._tracker = tracker or own
-            fingers.attach(self._tracker, keypad)
-            self._fingers = fingers
-            self._activate()
+        self._activate()
 
     def _activate(self):
         self.active = self._tracker is not None or self._gamepad_on

@@ -1,9 +1,12 @@
 """Sends CONTACT frames of the fingers that `tracker.ContactTracker` finds; see docs/protocol.md.
 
-Imported only while contacts are streamed. Integers only; allocates nothing.
+The tracker is not that of the keys: a key decides whether a second finger counts, and the frames
+must not depend on the keys. Imported only while contacts are streamed. Integers only; allocates
+nothing but in `__init__`.
 """
 
 from ..reading import decode as d
+from .tracker import ContactTracker
 
 # States of a finger.
 DOWN = 0  # first frame of the finger
@@ -26,30 +29,26 @@ class _Finger:
 class Fingers:
     """Sends a CONTACT frame for each finger and reading.
 
-    It receives the events of a `tracker.ContactTracker`, and passes them on to another receiver.
+    It receives the events of a tracker.
 
     Parameters
     ----------
     framer : frame.Framer
         Sends the frames; each frame has the time of its reading.
+
+    Attributes
+    ----------
+    tracker : tracker.ContactTracker
+        Finds the fingers. The caller sets its layout, and passes the readings to it.
     """
 
     def __init__(self, framer):
         self._framer = framer
-        self._tracker = self._sink = None
+        self.tracker = ContactTracker(self)
         self._sensor = self._id = 0
         self._alone = False  # whether the reading is of the first finger alone
         self._first = _Finger()
         self._second = _Finger()
-
-    def attach(self, tracker, sink):
-        """Receive the events of a tracker, and pass them on to `sink` unless `sink` is None.
-
-        For a finger that already touches, the first frame is sent when this finger is alone.
-        """
-        self._tracker = tracker
-        self._sink = sink
-        tracker.report_to(self)
 
     def send(self, sensor, reading):
         """Send a frame for each finger of a reading that the tracker has already processed.
@@ -62,7 +61,7 @@ class Fingers:
             The reading, as in `decode.Decode.state`.
         """
         self._sensor = sensor
-        tracker = self._tracker
+        tracker = self.tracker
         first = self._first
         alone = self._alone and not tracker.two
         self._alone = False
@@ -86,32 +85,25 @@ class Fingers:
         """Send each finger's last frame; a finger that still touches is ignored until it lifts."""
         self._end(self._first)
         self._end(self._second)
-        self._tracker.spend()
+        self.tracker.spend()
 
     # Events of tracker.ContactTracker.
 
     def down(self, x_um, t):
         self._begin(self._first)
         self._alone = True
-        if self._sink:
-            self._sink.down(x_um, t)
 
     def at(self, x_um, t):
         self._end(self._second)
         self._alone = True
-        if self._sink:
-            self._sink.at(x_um, t)
 
     def firm(self, t):
-        if self._sink:
-            self._sink.firm(t)
+        pass
 
     def up(self, t):
         self._alone = False
         self._end(self._first)
         self._end(self._second)
-        if self._sink:
-            self._sink.up(t)
 
     def next(self, x_um, t):
         second = self._second
@@ -122,15 +114,13 @@ class Fingers:
             self._end(self._first)
             self._begin(self._first)
         self._alone = True
-        if self._sink:
-            self._sink.next(x_um, t)
 
     def second(self, x_um, slack_um, t):
         second = self._second
         if not second.there:
             self._begin(second)
         self.moved(x_um, slack_um)
-        return not self._sink or self._sink.second(x_um, slack_um, t)
+        return True
 
     def moved(self, x_um, slack_um):
         second = self._second
@@ -142,15 +132,11 @@ class Fingers:
             self._end(self._second)
         else:
             self._swap()
-            self._alone = not self._tracker.two
-        if self._sink:
-            self._sink.left(second, t)
+            self._alone = not self.tracker.two
 
     def stuck(self):
         self._end(self._first)
         self._end(self._second)
-        if self._sink:
-            self._sink.stuck()
 
     # Frames.
 

@@ -108,11 +108,6 @@ class ContactTracker:
         s[c.STATE] = c.SPENT
         s[c.FIRM_MN] = c.NEVER
 
-    def report_to(self, sink):
-        """Use another receiver; it gets the positions of a finger that already touches."""
-        self.sink = sink
-        self.state[c.IGNORED] = False
-
     @property
     def x_um(self):
         """Position of the first finger in um."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from spots_device.fingers import contacts as fingers
 from spots_device.fingers.state import TICKS
-from spots_device.fingers.tracker import TICK_US, ContactTracker
+from spots_device.fingers.tracker import TICK_US
 from spots_device.keys.layout import (
     default_lines,
     parse,  # pyright: ignore[reportUnknownVariableType]
@@ -48,12 +48,11 @@ class ContactFinder:
     """
 
     def __init__(self, length_um: int, decay: int | None = None):
-        self._tracker: Any = ContactTracker(None)
+        self._fingers: Any = fingers.Fingers(self)
+        self._tracker: Any = self._fingers.tracker
         self._tracker.set_layout(
             parse(["stuck_ms 0", *default_lines()]), length_um, decay or TYPICAL_DECAY
         )
-        self._fingers: Any = fingers.Fingers(self)
-        self._fingers.attach(self._tracker, None)
         self._found: list[Contact] = []
         self._touch: Touch | None = None
 
