@@ -34,7 +34,7 @@ EACH_SAMPLE = {
     "_follow _remove _next _beside _do _let_go _begin _open_at _tap _prepare _decide _is_hold "
     "close _press_firmly _tap_due _act click then _perform _start _is_late "
     "_switch_layer _press_key _behave _end _row_at _again_at _is_near _is_on_one",
-    "keys/keypad": "tick until down at firm up next second left stuck",
+    "keys/keypad": "tick until down at firm up next second left stuck _wait _press_waiting",
     "keys/merge": "press release mask _hold _wanted _set _switch _report _find",
     "keys/moves": "move _may_swipe _swipe _step _slide _action",
     "keys/morph": "press released",
@@ -50,7 +50,7 @@ EACH_SAMPLE = {
     "sensor/pacing": "early found held skip",
     "runtime/micropython": "write _has_room _put read",
     "reading/strip": "take _judge _use _finish",
-    "board/uses": "take usage has_room key _flush _send_keys _send_key",
+    "board/uses": "take usage has_room key _flush _send_keys _send_key _track _follow_fingers",
 }
 
 

@@ -5,6 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from smallint import SmallInt
 
+import keys
 from keys import LENGTH_UM, Desk, clicks, key, letter, limit, rolled
 from spots_device.fingers.state import TICKS
 from spots_device.keys.layout import (
@@ -51,6 +52,55 @@ def test_without_a_layout_there_are_ten_keys_in_a_row(index):
     desk.tap(10 * index + 0.1)
     desk.tap(10 * index + 9.9)
     assert desk.events == clicks(30 + index, 30 + index)
+
+
+@pytest.fixture
+def fast(monkeypatch):
+    """Readings every 4 ms."""
+    monkeypatch.setattr(keys, "READING_MS", 4)
+
+
+def soft(desk, *presses):
+    """Give the desk a reading for each position in mm and force in mN."""
+    for x_mm, force_mN in presses:
+        desk.press(x_mm, keys.READING_MS, force_mN)
+
+
+def test_a_soft_touch_near_a_border_waits_until_its_key_is_certain(fast):
+    desk = one(key(0, 500, letter(A)), PLAIN)
+    soft(desk, (49.8, 150), (49.8, 200), (50.9, 900))
+    assert desk.events == [(B, True)]
+
+
+def test_a_touch_that_stays_uncertain_is_pressed_soon(fast):
+    desk = one(key(0, 500, letter(A)), PLAIN)
+    soft(desk, *[(49.8, 150)] * 3)
+    assert desk.events == []
+    soft(desk, (49.8, 150))
+    assert desk.events == [(A, True)]
+
+
+@pytest.mark.parametrize("x_mm", [25, 75])
+def test_a_soft_touch_within_a_key_does_not_wait(fast, x_mm):
+    desk = one(key(0, 500, letter(A)), PLAIN)
+    soft(desk, (x_mm, 150), (x_mm, 150))
+    assert len(desk.events) == 1
+
+
+def test_a_touch_that_ends_while_its_key_is_uncertain_is_typed(fast):
+    desk = one(key(0, 500, letter(A)), PLAIN)
+    soft(desk, *[(49.8, 150)] * 2)
+    assert desk.events == []
+    desk.lift()
+    assert desk.events == clicks(A)
+
+
+def test_a_touch_that_waits_has_the_time_of_its_first_light(fast):
+    desk = one(key(0, 500, letter(A), double=letter(C)), PLAIN, double_ms=100)
+    desk.tap(40, gap_ms=88)
+    soft(desk, (49.8, 150), (49.8, 200), (49.8, 200), (49.8, 900))
+    desk.lift()
+    assert desk.events == clicks(C)
 
 
 @pytest.mark.parametrize(("x_mm", "usage"), [(-0.5, 30), (100, 39), (120, 39)])

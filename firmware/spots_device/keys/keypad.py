@@ -5,13 +5,15 @@ that the order of presses and releases is that of the fingers. Integers only; al
 """
 
 from .. import const
-from ..fingers.state import BEGAN, LEAVING, LEFT, RELEASE_T, SECOND, STATE, T_NOW, TWO
+from ..fingers.state import B_NOW, BEGAN, LEAVING, LEFT, RELEASE_T, SECOND, STATE, T_NOW, TWO
 from ..fingers.tracker import ContactTracker
 from .engine import Engine
 from .switch import past
 
 _NONE = const(-1)
 _LATE_T = const(60)  # longest wait for a second finger that is not found yet
+# Longest time, from its first light on, that a touch waits until its key is certain.
+_CERTAIN_T = const(9)
 
 
 class Keypad:
@@ -61,7 +63,8 @@ class Keypad:
         """Return the time up to which all events are known, for `engine.Engine.tick`.
 
         It does not advance while a reading may still become an earlier event: the light has ended
-        but the release is not certain yet, or a second finger may touch that is not found yet.
+        but the release is not certain yet, a second finger may touch that is not found yet, or the
+        key of a finger is not certain yet.
         """
         s = self._s
         if s[LEAVING]:
@@ -69,7 +72,7 @@ class Keypad:
             t = s[LEFT]
         elif s[STATE] == TWO and not s[SECOND] and past(s[BEGAN], t) < _LATE_T:
             t = s[BEGAN]
-        return t
+        return self._began_t if self._waits else t
 
     @property
     def layer(self):
@@ -90,17 +93,25 @@ class Keypad:
 
     def down(self, x_um, t):
         self._third_um = _NONE
-        self._press_first(x_um, self._since(t))
+        self._has_gap = False
+        self._waits = True
+        self._began_t = self._since(t)
+        self._wait(x_um, t)
 
     def at(self, x_um, t):
         self._third_um = _NONE  # a finger that is alone
         self._has_gap = False
+        if self._waits:
+            self._wait(x_um, t)
+            return False
         return self.engine.move(self._first, x_um, t)
 
     def firm(self, t):
+        self._press_waiting()
         self.engine.firm(self._first, t)
 
     def up(self, t):
+        self._press_waiting()
         s = self._s
         if past(s[LEFT], t) <= s[RELEASE_T] + _LATE_T:
             t = s[LEFT]
@@ -110,6 +121,7 @@ class Keypad:
     def next(self, x_um, t):
         # The first finger has left, and another one touches: usually before that, unless the light
         # had ended in between.
+        self._press_waiting()
         first = self._first
         self._release_second(t)
         if self._has_gap and past(self._s[LEFT], self._since(t)):
@@ -134,6 +146,7 @@ class Keypad:
         t : int
             Time in ticks.
         """
+        self._press_waiting()
         engine = self.engine
         if not engine.is_pressed(self._first) or not engine.is_certain(x_um, slack_um):
             return False
@@ -156,6 +169,7 @@ class Keypad:
 
         After the first finger has lifted, the second finger becomes the first one.
         """
+        self._press_waiting()
         if second:
             self._release_second(t)
             return
@@ -165,10 +179,23 @@ class Keypad:
         self._second = _NONE
 
     def stuck(self):
+        self._press_waiting()
         t = self._s[T_NOW]
         self._release_second(t)
         self._release_first(t)
         self._sink.stuck()
+
+    def _wait(self, x_um, t):
+        # While the force rises, the noise falls: the first readings may lie on a neighbouring key.
+        self._x_um = x_um
+        slack_um = self.contact.noise_um(self._s[B_NOW])
+        if past(self._began_t, t) >= _CERTAIN_T or self.engine.is_certain(x_um, slack_um):
+            self._press_waiting()
+
+    def _press_waiting(self):
+        if self._waits:
+            self._waits = False
+            self._first = self.engine.press(self._x_um, self._began_t)
 
     def _press_first(self, x_um, t):
         self._x_um = x_um
@@ -196,6 +223,8 @@ class Keypad:
 
     def _clear(self):
         self._first = self._second = _NONE  # their switches
+        self._waits = False  # whether the first finger waits until its key is certain
+        self._began_t = 0  # ticks: its first light
         self._x_um = self._second_um = 0
         self._third_um = _NONE  # position of a third finger that was typed
         self._has_gap = False  # whether the light has ended since the first finger touched
