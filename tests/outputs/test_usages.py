@@ -67,6 +67,9 @@ def test_a_key_that_is_none_is_one_sentence_with_its_neighbours():
         usage_of("qqqq")
     with pytest.raises(SpotsError):
         usage_of("")
+    with pytest.raises(SpotsError, match="no key '55'"):
+        usage_of(55)
+    assert usage_of(5) == usage_of("5")
 
 
 def test_a_key_without_a_name_is_its_numbers():

@@ -95,6 +95,7 @@ def usage_of(name: str) -> tuple[int, int]:
     SpotsError
         If no key has this name; the message suggests similar names.
     """
+    name = str(name)  # a number such as 5 is the key with this digit
     raw = _RAW.fullmatch(name)
     if raw:
         page, usage = (int(number, 0) for number in raw.groups())
