@@ -252,7 +252,7 @@ class LayoutEditor(FileEditor):
         pushed = False
         try:
             with self.file.replacing(request.text):
-                note = keys.push(board, layout)
+                note = keys.push(board, layout, expose=True).note
                 pushed = True
         except SpotsError as error:
             raise SpotsError(self._outcome(board, layout, pushed, error)) from None

@@ -285,7 +285,7 @@ def test_without_a_start_as_a_keyboard_keys_are_frames_and_a_note_says_so(rig, c
     assert keys_of(made.board.frames(0.05)) == []
     # `push` has saved the layout, so it only asks for the reboot.
     wanted = "reboot to make the board a USB keyboard; until then, keys are sent as frames only"
-    assert push(made.board, load("digits")) == wanted
+    assert push(made.board, load("digits")).note == wanted
     made.board.command("set keys=0")
     assert reports(made) == []
 

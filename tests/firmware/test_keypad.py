@@ -74,7 +74,7 @@ def test_a_soft_touch_near_a_border_waits_until_its_key_is_certain(fast):
 
 def test_a_touch_that_stays_uncertain_is_pressed_soon(fast):
     desk = one(key(0, 500, letter(A)), PLAIN)
-    soft(desk, *[(49.8, 150)] * 3)
+    soft(desk, *[(49.8, 150)] * 2)
     assert desk.events == []
     soft(desk, (49.8, 150))
     assert desk.events == [(A, True)]
@@ -97,7 +97,7 @@ def test_a_touch_that_ends_while_its_key_is_uncertain_is_typed(fast):
 
 def test_a_touch_that_waits_has_the_time_of_its_first_light(fast):
     desk = one(key(0, 500, letter(A), double=letter(C)), PLAIN, double_ms=100)
-    desk.tap(40, gap_ms=88)
+    desk.tap(40, gap_ms=92)
     soft(desk, (49.8, 150), (49.8, 200), (49.8, 200), (49.8, 900))
     desk.lift()
     assert desk.events == clicks(C)

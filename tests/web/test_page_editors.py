@@ -250,7 +250,7 @@ def test_a_push_that_the_board_refuses_changes_nothing(desk, monkeypatch):
     assert desk.store("layout", DIGITS.text)[0] == 200
     shown = desk.shown("layout")
 
-    def refuse(board, layout):
+    def refuse(board, layout, expose):
         raise CommandError("the board refuses 'layout end': no memory")
 
     monkeypatch.setattr(keys, "push", refuse)

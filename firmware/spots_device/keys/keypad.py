@@ -13,7 +13,7 @@ from .switch import past
 _NONE = const(-1)
 _LATE_T = const(60)  # longest wait for a second finger that is not found yet
 # Longest time, from its first light on, that a touch waits until its key is certain.
-_CERTAIN_T = const(9)
+_CERTAIN_T = const(7)
 
 
 class Keypad:

@@ -108,5 +108,7 @@ def _keys(options: argparse.Namespace) -> None:
 
                 print("\n".join(map(printable, texts)))
                 confirm("keys push", "store these texts, to be typed?", "the board is unchanged")
-            note = keys.push(board, layout)
+            note, exposure = keys.push(board, layout, expose=True)
         print(printable(f"{layout.name} is on the board" + (f": {note}" if note else "")))
+        if exposure:
+            print(exposure)

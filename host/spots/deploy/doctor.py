@@ -13,10 +13,12 @@ from spots_device.reading import decode
 from ..common import typed_ahead
 from ..errors import AtPromptError, SpotsError, printable
 from ..link import lamps
+from ..link.advice import stored_calibration, stored_layout
 from ..link.board import Board
 from ..link.calibrated import next_step, start_fault
 from ..link.connect import open as open_board
 from ..link.frames import Spectrum
+from ..link.key_exposure import sentence, shortest_us
 from ..link.ports import no_port, scheme_name
 from ..link.replies import Get, Hello
 from ..link.serial_link import SerialLink
@@ -175,8 +177,19 @@ def examine_board(board: Board, mark: float | None = None) -> Iterator[Finding]:
     step = next_step(hello)
     text = f"not yet; {step}" if step else f"a strip of {hello['length_um'] / 1000:g} mm"
     yield Finding("calibrated", True, text)
+    yield from _keys(board, hello)
     if mark is not None:
         yield from _mark(board, state, hello, mark)
+
+
+def _keys(board: Board, hello: Hello) -> Iterator[Finding]:
+    calibration = stored_calibration(board, hello) if hello["keys"] else None
+    layout = stored_layout(board, hello) if calibration else None
+    if calibration and layout is not None:
+        chosen_us = shortest_us(calibration, layout, hello["strain_ppm"])
+        exposure_us = hello["exposure_us"]
+        ok = chosen_us is not None and exposure_us >= 0.99 * chosen_us
+        yield Finding("keys", ok, sentence(exposure_us, chosen_us))
 
 
 def _light(board: Board, state: Get, reading_s: float) -> Iterator[Finding]:

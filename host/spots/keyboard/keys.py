@@ -1,5 +1,7 @@
 """``spots keys``: shows and validates layout files, and uploads a layout to a board."""
 
+from typing import NamedTuple
+
 from rich.cells import cell_len
 from rich.console import Console
 from rich.panel import Panel
@@ -10,8 +12,10 @@ from spots_device.keys import layout as lines_of
 from spots_device.keys.layout import BEHAVIOUR
 
 from ..errors import SpotsError, printable
+from ..link.advice import stored_calibration, stored_layout
 from ..link.board import Board
 from ..link.connect import ensured, upload_lines
+from ..link.key_exposure import is_automatic, sentence, shortest_us
 from ..outputs.usages import ALIASES, KEYBOARD, MODIFIERS_FROM, USAGES, name_of
 from ..terminal.view import framed
 from . import trial
@@ -51,7 +55,22 @@ def show(name: str) -> None:
     Console().print(picture(load(name)))
 
 
-def push(board: Board, layout: KeyLayout) -> str | None:
+class Pushed(NamedTuple):
+    """What `push` did.
+
+    Attributes
+    ----------
+    note : str or None
+        Reason why the keys do not work yet; None if they work.
+    exposure : str or None
+        The exposure of the board and whether every key is certain; None if it is unknown.
+    """
+
+    note: str | None
+    exposure: str | None
+
+
+def push(board: Board, layout: KeyLayout, expose: bool = False) -> Pushed:
     """Upload a layout to a board, switch on keys, and store both on the board.
 
     Parameters
@@ -60,23 +79,38 @@ def push(board: Board, layout: KeyLayout) -> str | None:
         A calibrated board.
     layout : KeyLayout
         Layout to upload.
+    expose : bool, optional
+        Whether to set the shortest exposure at which every key is certain. If the user has set
+        another exposure, it stays.
 
     Returns
     -------
-    str or None
-        Reason why the keys do not work yet; None if they work.
+    Pushed
 
     Raises
     ------
     SpotsError
         If the board refuses the layout or a command.
     """
+    info = board.command("hello")
+    calibration = stored_calibration(board, info)
+    line, chosen_us = "set keys=1", None
+    if expose and calibration:
+        before = stored_layout(board, info)
+        strain_ppm = info["strain_ppm"]
+        had_us = None if before is None else shortest_us(calibration, before, strain_ppm)
+        chosen_us = shortest_us(calibration, layout.lines, strain_ppm)
+        if chosen_us and is_automatic(info["exposure_us"], had_us):
+            line += f" exposure_us={chosen_us}"
     upload_lines(board, "layout", layout.lines)
-    note = ensured(board, "set keys=1").get("note")
+    reply = ensured(board, line)
+    note = reply.get("note")
     ensured(board, "save")
-    if not note or "save and reboot" not in note:
-        return note
-    return note.replace("save and reboot", "reboot").replace("; keys are", "; until then, keys are")
+    if note and "save and reboot" in note:
+        note = note.replace("save and reboot", "reboot")
+        note = note.replace("; keys are", "; until then, keys are")
+    known = expose and calibration
+    return Pushed(note, sentence(reply["exposure_us"], chosen_us) if known else None)
 
 
 def new_texts(board: Board, layout: KeyLayout) -> list[str]:

@@ -136,10 +136,23 @@ def stored_calibration(
     known = board.calibration if sensor == 0 else None
     if known is not None and checksum(known) == name:
         return known
+    return _stored(board, "cal", name, sensor)
+
+
+def stored_layout(board: Board, info: Mapping[str, Any], sensor: int = 0) -> Sequence[str] | None:
+    """Return the lines of the key layout that a board uses; empty for the default layout.
+
+    Parameters and return value are those of `stored_calibration`.
+    """
+    name = info.get("layout")
+    return _stored(board, "layout", name, sensor) if name else []
+
+
+def _stored(board: Board, command: str, name: str, sensor: int) -> Sequence[str] | None:
     lines: list[str] = []
     try:
         while not board.read_only:
-            reply = board.command(of_sensor(f"cal lines {len(lines)}", sensor))
+            reply = board.command(of_sensor(f"{command} lines {len(lines)}", sensor))
             part: Any = reply.get("lines")
             if not isinstance(part, list) or not part:
                 break
