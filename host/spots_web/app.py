@@ -23,7 +23,7 @@ from aiohttp.http_exceptions import PayloadEncodingError
 
 from spots.common.guarded import Guarded
 from spots.errors import SpotsError, printable
-from spots.outputs.usages import USAGES_FILE
+from spots.outputs.usages import ALIASES_FILE, USAGES_FILE
 
 from .guard import Guard, host_of
 from .orders import Orders
@@ -33,7 +33,7 @@ from .state import PageState
 STATIC = Path(__file__).parent / "static"
 # Files by name: no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
-_FILES["usages.txt"] = USAGES_FILE
+_FILES |= {"usages.txt": USAGES_FILE, "aliases.txt": ALIASES_FILE}
 _CLIENTS_MAX = 64  # browser windows
 _ACK_MAX = 16  # bytes of a message from a browser
 _NUMBER = re.compile("[0-9]+")

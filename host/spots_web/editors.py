@@ -16,7 +16,7 @@ from spots.common import toml
 from spots.common.atomic import ChangedError
 from spots.controller import controller_settings
 from spots.errors import SpotsError, printable
-from spots.keyboard import keys, timing_picture
+from spots.keyboard import hosts, keys, timing_picture
 from spots.keyboard.layout import (
     FLAVORS,
     RELEASE_AFTER_MS,
@@ -37,6 +37,7 @@ from .state import PageState
 from .toml_text import edited, lost_comments
 from .user_file import UserFile
 
+_AMERICAN = "us"  # without a host, a layout has the characters of this one
 _DEFAULT = "digits"  # the layout of a board without a stored layout
 _UNKNOWN = "keys that are only in the board's present layout (this program does not know it)"
 _TEXT_MAX = 32_768  # characters; the largest layout of a board needs about 20,000
@@ -167,6 +168,7 @@ class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=Tru
 
     `loses` lists the actions, such as typed keys, that only the old layout has. The user has
     agreed to lose these actions. If another action would be lost, the layout is not replaced.
+    `texts` lists the texts and macros that only the new layout has, to which the user has agreed.
     """
 
     text: Text
@@ -174,10 +176,18 @@ class Push(msgspec.Struct, tag_field="do", tag="push", forbid_unknown_fields=Tru
     loses: Annotated[
         list[Annotated[str, msgspec.Meta(max_length=200)]], msgspec.Meta(max_length=1024)
     ]
+    texts: Annotated[list[Text], msgspec.Meta(max_length=1024)] = []
 
 
 class Clear(msgspec.Struct, tag_field="do", tag="clear", forbid_unknown_fields=True):
     """Request of a browser: restore the board's default layout."""
+
+
+class Characters(msgspec.Struct, tag_field="do", tag="characters", forbid_unknown_fields=True):
+    """Request of a browser: which characters the computer of a layout types."""
+
+    host: str = ""
+    os: str = ""
 
 
 class LayoutEditor(FileEditor):
@@ -199,11 +209,24 @@ class LayoutEditor(FileEditor):
     """
 
     what = "the layout editor"
-    requests = Check | Push | Clear
+    requests = Check | Push | Clear | Characters
 
     def __init__(self, path: Path, usual: KeyLayout, state: PageState):
         self._sent: set[str] = set()  # checksums of layouts that this program sent to the board
         super().__init__(path, "layout", "editor", state, usual.text)
+
+    def submit(self, request: Any) -> Future:
+        """Answer a `Check` or `Characters` immediately, without a board; queue other requests."""
+        if not isinstance(request, Characters):
+            return super().submit(request)
+        answer: Future = Future()
+        self._answer(answer, self._characters, request)
+        return answer
+
+    def _characters(self, request: Characters) -> dict[str, str]:
+        system = request.os if request.os in hosts.SYSTEMS else hosts.WINDOWS
+        host = hosts.host_of(request.host or _AMERICAN, system)
+        return {"characters": "".join(host.characters)}
 
     def _read(self, text: str) -> dict[str, Any]:
         return self._compiled(text).content
@@ -246,8 +269,9 @@ class LayoutEditor(FileEditor):
         loses = self._lost(layout)
         if stored_layout(info, self._layout) == "other" and info["layout"] not in self._sent:
             loses = [_UNKNOWN, *loses]
-        if not set(loses) <= set(request.loses):
-            return {"loses": loses, "note": None}
+        texts = keys.new_texts(board, layout)
+        if not set(loses) <= set(request.loses) or not set(texts) <= set(request.texts):
+            return {"loses": loses, "texts": texts, "note": None}
         self._sent.add(checksum(layout.lines))
         pushed = False
         try:
@@ -258,7 +282,7 @@ class LayoutEditor(FileEditor):
             raise SpotsError(self._outcome(board, layout, pushed, error)) from None
         self._use(request.text)
         self._show_board(board)
-        return {"loses": [], "note": note}
+        return {"loses": [], "texts": [], "note": note}
 
     def _outcome(self, board: Board, layout: KeyLayout, pushed: bool, error: SpotsError) -> str:
         """Return a message about a push that failed: what the board and the file have now."""
@@ -300,6 +324,8 @@ class LayoutEditor(FileEditor):
             "limits": {**LIMITS, "release_after_ms": RELEASE_AFTER_MS},
             "flavors": FLAVORS,
             "timing": timing_picture.pictures(),
+            "hosts": list(hosts.every()),
+            "systems": hosts.SYSTEMS,
         }
 
 

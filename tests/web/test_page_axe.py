@@ -148,7 +148,7 @@ def reached(page, panel):
     """Press Tab repeatedly; return how many controls of a panel never got the focus."""
     wanted = page.evaluate(
         f"""[...document.querySelectorAll(
-          '#{panel} :is(button, input, select, summary, [role=separator])'
+          '#{panel} :is(button, input, select, textarea, summary, [role=separator])'
         )].filter((one) => one.checkVisibility() && !one.disabled && one.tabIndex >= 0).length"""
     )
     page.evaluate(

@@ -357,6 +357,59 @@ def test_rules_of_a_hold_tap_dances_and_mod_morphs_are_edited(desk, open_page):
     expect(state(page)).to_contain_text("not on the board yet", timeout=LONG_MS)
 
 
+def test_characters_and_texts_of_the_computer_are_found_and_marked(desk, open_page):
+    page = open_page(desk.server.url)
+    open_editor(page)
+    page.get_by_role("button", name="New").click()
+    tap = page.get_by_role("combobox", name="tap", exact=True)
+    options = page.get_by_role("option")
+    # Names, their aliases and characters.
+    tap.fill("vol_up")
+    expect(options.first).to_contain_text("VOLUME_INCREMENT")
+    tap.fill("cmd+bspc")
+    expect(options.first).to_contain_text("LEFT_GUI+BACKSPACE")
+    tap.fill("ä")
+    expect(options.first).to_have_text("ächoose the layout of your computer first")
+    expect(options.first).to_be_disabled()
+    tap.press("Escape")
+    page.get_by_label("Keyboard layout of your computer").select_option("de")
+    page.get_by_label("Operating system").select_option("linux")
+    expect(state(page)).to_contain_text("nothing will type", timeout=LONG_MS)
+    choose(page, "tap", "ä")
+    choose(page, "hold", "ctrl+/")
+    tap.fill("ж")
+    expect(options.first).to_have_text("жnot on the host de")
+    tap.press("Enter")
+    tap.press("Escape")
+    expect(tap).to_have_value("ä")
+    # A text; what the computer does not type is marked while somebody writes.
+    page.get_by_role("button", name="Add a zone").click()
+    text = page.get_by_label("Text that a tap types")
+    text.press_sequentially("Grüße, ж")
+    note = page.locator("#editor .zone-form > .place")
+    expect(note).to_have_text("the host de does not type: ж")
+    expect(text).to_have_attribute("aria-invalid", "true")
+    text.fill("Grüße,\n€ 5")
+    expect(note).to_have_text("")
+    text.blur()
+    expect(page.locator("#editor .zone b").nth(1)).to_have_text("Grüße, € 5")
+    page.get_by_role("button", name="Put on the board").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_role("button", name="Put it on the board").click(timeout=LONG_MS)
+    expect(dialog).to_contain_text("A touch types each of these texts", timeout=LONG_MS)
+    expect(dialog).to_contain_text("text Grüße,\\n€ 5")
+    dialog.get_by_role("button", name="Put it on the board").click()
+    expect(state(page)).to_have_text(ON_BOARD, timeout=LONG_MS)
+    made = load(desk.path).content
+    assert (made["host"], made["os"]) == ("de", "linux")
+    keys = [{"tap": "ä", "hold": "LEFT_CONTROL+/"}, {"text": "Grüße,\n€ 5"}]
+    assert made["layer"] == [{"name": "keys", "keys": keys}]
+    # A tap in place of the text.
+    choose(page, "tap", "del")
+    expect(text).to_have_value("")
+    expect(tap).to_have_value("DELETE")
+
+
 COMMENTED = """# Mine.
 # For the left hand.
 name = "Mine"  # a good name
@@ -517,6 +570,15 @@ BAD = (
     b'{"do":"push","text":"","base":"","loses":[1]}',
     b"[" * 1000,
 )
+
+
+def test_the_characters_of_a_computer_are_returned_and_an_unknown_host_is_refused(desk):
+    status, text = desk.send({"do": "characters", "host": "de", "os": "windows"})
+    assert status == 200
+    assert set("äß€z") <= set(json.loads(text)["characters"])
+    assert "ä" not in json.loads(desk.send({"do": "characters"})[1])["characters"]
+    status, text = desk.send({"do": "characters", "host": "xx"})
+    assert (status, text[:26]) == (409, "there is no host 'xx': use")
 
 
 def test_invalid_messages_are_refused(desk, caplog):

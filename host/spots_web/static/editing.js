@@ -104,12 +104,13 @@ export function editing(root, opener, { path, store, words, refresh, first, stat
   async function send() {
     const { base } = it, text = await written(words.push);
     if (text === null) return;
-    const message = { do: store, text, base, ...(store === "push" && { loses: [] }) };
+    const message = { do: store, text, base, ...(store === "push" && { loses: [], texts: [] }) };
     let answer = await post(message);
-    if (answer.loses?.length) {
-      if (!(await question(`With this layout, no key types: ${listed(answer.loses)}.`, "Put it on the board"))) return;
-      answer = await post({ ...message, loses: answer.loses });
-    }
+    const { loses: lost = [], texts = [] } = answer, questions = [];
+    if (lost.length) questions.push(`With this layout, no key types: ${listed(lost)}.`);
+    if (texts.length) questions.push(`A touch types each of these texts, commands too: ${texts.map((one) => `‘${one}’`).join(", ")}.`);
+    for (const one of questions) if (!(await question(one, "Put it on the board"))) return;
+    if (questions.length) answer = await post({ ...message, loses: lost, texts });
     failure = answer.refused ?? "";
     news = answer.note ? `on the board: ${answer.note}` : "";
     showState();

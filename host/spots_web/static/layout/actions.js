@@ -1,18 +1,15 @@
 // Names of actions: keys of the HID Usage Tables with modifiers, and layers. Search by name.
 import { make } from "../dom.js";
-import { LAYER_VERBS, TABLES, WORDS } from "./file.js";
+import { LAYER_VERBS, NAMED, WORDS } from "./file.js";
 
+const TEXT_ON_KEY = 12;  // characters of a text on its key
 const KEYBOARD = "0x07", MOST = 8;  // HID usage page of keyboards; actions in a list
-// Short names of modifiers that a user may type.
-const SHORT = {
-  shift: "LEFT_SHIFT", ctrl: "LEFT_CONTROL", control: "LEFT_CONTROL", strg: "LEFT_CONTROL",
-  alt: "LEFT_ALT", option: "LEFT_ALT", altgr: "RIGHT_ALT", gui: "LEFT_GUI", win: "LEFT_GUI",
-  cmd: "LEFT_GUI", command: "LEFT_GUI", super: "LEFT_GUI", meta: "LEFT_GUI",
-};
+const AMERICAN = /^[ -~]$/;  // characters that need no host
 const VERB_WORDS = {
   momentary: "this layer while the key is held", toggle: "this layer on or off", to: "this layer only",
   sticky: "this layer for the next key", key_repeat: "the last key again", caps_word: "capitals until the end of a word",
   tap_dance: "by the number of taps", mod_morph: "another action with a modifier",
+  macro: "several keys, one after the other",
 };
 
 // Returns a promise of all keys; the file is read only one time. A key has, among others: `name` in the
@@ -23,21 +20,26 @@ export function readUsages() {
 }
 
 async function read() {
-  const answer = await fetch("static/usages.txt");
-  if (!answer.ok) throw new Error(answer.statusText);
-  const taken = new Set();
-  return (await answer.text()).split("\n").filter((line) => line && !line.startsWith("#")).map((line) => {
+  const [lines, others] = await Promise.all(["usages", "aliases"].map(linesOf)), taken = new Set();
+  const aliases = new Map(others.map((line) => line.trim().split(/\s+/)).map(([name, ...all]) => [name, all]));
+  return lines.map((line) => {
     const [page, usage, name, linux, pynput = ""] = line.trim().split(/\s+/);
     const character = page === KEYBOARD && [...pynput].length === 1 && !taken.has(pynput) ? pynput.toUpperCase() : "";
     if (character) taken.add(pynput);
     const code = parseInt(usage, 16);
     const modifier = page === KEYBOARD && code >= 0xe0 && code <= 0xe7;
-    const words = linux.replace("KEY_", "").toLowerCase();
+    const words = linux.replace("KEY_", "").toLowerCase(), also = (aliases.get(name) ?? []).map((one) => one.toLowerCase());
     return {
       name, page, character, modifier, value: /^[A-Z0-9]$/.test(character) ? character : name,
-      words: page === KEYBOARD ? "key" : "media", search: `${name.toLowerCase()} ${words}`,
+      words: page === KEYBOARD ? "key" : "media", search: [name.toLowerCase(), words, ...also].join(" "), also,
     };
   });
+}
+
+async function linesOf(name) {
+  const answer = await fetch(`static/${name}.txt`);
+  if (!answer.ok) throw new Error(answer.statusText);
+  return (await answer.text()).split("\n").filter((line) => line && !line.startsWith("#"));
 }
 
 // Returns the label of a key for an action: a character, a key's name or a layer's name.
@@ -45,10 +47,21 @@ export function cap(usages, action) {
   const [verb, of] = action.split(/ (.*)/);
   if (WORDS.includes(action)) return action.replace("_", " ");
   if (verb === "sticky" && usages.some((one) => one.name === of)) return of;
-  if (LAYER_VERBS.includes(verb) || TABLES.includes(verb)) return of ?? "";
+  if (verb === "text" && of) return capOfText(of);
+  if (LAYER_VERBS.includes(verb) || NAMED.includes(verb)) return of ?? "";
   const name = (action.length > 1 && action.split("+").at(-1)) || action;
   const found = usages.find((one) => one.name === name.toUpperCase() || one.character === name.toUpperCase());
   return found ? found.character || found.name : name;
+}
+
+// Returns the label of a key that types a text.
+export function capOfText(text) {
+  return [...text.trim().replace(/\s+/g, " ")].slice(0, TEXT_ON_KEY).join("");
+}
+
+// Returns the characters of a text that the computer does not type. `types`: the characters that it types.
+export function missing(text, types) {
+  return types ? [...new Set(text)].filter((one) => !types.has(one) && one !== "\n" && one !== "\t") : [];
 }
 
 // Returns the actions of a layout that are no keys: {value, words}, as `matches` does.
@@ -59,19 +72,21 @@ function actionsOf(usages, content) {
     ...LAYER_VERBS.flatMap((verb) => of(verb, verb === "to" ? names : names.slice(1))),
     ...usages.filter((one) => one.modifier).map(({ name }) => ({ value: `sticky ${name}`, words: "this modifier for the next key" })),
     ...WORDS.map((word) => ({ value: word, words: VERB_WORDS[word] })),
-    ...TABLES.flatMap((verb) => of(verb, Object.keys(content[verb] ?? {}))),
+    ...NAMED.flatMap((verb) => of(verb, Object.keys(content[verb] ?? {}))),
   ];
 }
 
 // Returns the actions that fit a typed text, the best first: {value, words}. `value` is the action in a
-// layout file, `words` explain it. `content` is the layout; without one, only keys fit.
-export function matches(usages, content, typed) {
+// layout file, `words` explain it. `content` is the layout; without one, only keys fit. `types`: the
+// characters that the layout's computer types. An action with `off` cannot be chosen.
+export function matches(usages, content, typed, types = null) {
   const text = typed.trim(), actions = content ? actionsOf(usages, content) : [];
   const parts = text.length > 1 ? text.split("+") : [text];
   const wanted = (parts.pop() ?? "").trim().toLowerCase().replace(/\s+/g, "_");
   const modifiers = parts.map((part) => {
     const name = part.trim().toLowerCase().replace(/\s+/g, "_");
-    return SHORT[name] ?? usages.find((one) => one.modifier && one.name.toLowerCase().startsWith(name))?.name;
+    const of = (fits) => usages.find((one) => one.modifier && fits(one))?.name;
+    return of((one) => one.also.includes(name)) ?? (name === "strg" ? "LEFT_CONTROL" : of((one) => one.name.toLowerCase().startsWith(name)));
   });
   if (modifiers.includes(undefined)) return [];
   const before = modifiers.map((one) => `${one}+`).join("");
@@ -81,9 +96,19 @@ export function matches(usages, content, typed) {
   const found = keys.map(({ one }) => ({
     value: before + one.value, words: one.value === one.name ? one.words : one.name.toLowerCase().replaceAll("_", " "),
   }));
+  found.unshift(...characters(content, before, parts.length ? text.split("+").at(-1).trim() : text, types));
   const ways = before ? [] : actions.filter(({ value }) => value.toLowerCase().includes(text.toLowerCase()));
   const exact = ways.some(({ value }) => value === text);
   return (exact ? [...ways, ...found] : [...found.slice(0, MOST - Math.min(ways.length, 3)), ...ways]).slice(0, MOST);
+}
+
+// Returns the action for a typed character: none if the layout has no host and a key of an American
+// keyboard has the character, because this key is found by its name.
+function characters(content, before, typed, types) {
+  if (!content || [...typed].length !== 1 || (!content.host && AMERICAN.test(typed))) return [];
+  if (!content.host) return [{ value: before + typed, words: "choose the layout of your computer first", off: true }];
+  if (missing(typed, types).length) return [{ value: before + typed, words: `not on the host ${content.host}`, off: true }];
+  return [{ value: before + typed, words: `on the host ${content.host}` }];
 }
 
 // Returns how well a key fits a typed name: 0 is best, 9 means that it does not fit.
@@ -91,7 +116,7 @@ function rank(one, wanted) {
   const name = one.name.toLowerCase();
   if (!wanted) return 5;
   if (one.character.toLowerCase() === wanted) return 0;
-  if (name === wanted) return 1;
+  if (name === wanted || one.also.includes(wanted)) return 1;
   if (name.startsWith(wanted)) return 2;
   if (one.search.split(/[ _]/).some((word) => word.startsWith(wanted))) return 3;
   return one.search.includes(wanted) ? 4 : 9;
@@ -126,8 +151,9 @@ export function actionField(name, find, onChoose) {
       const item = make("li", "", make("b", "", one.value), make("span", "", one.words));
       item.id = `${id}-${i}`;
       item.setAttribute("role", "option");
+      if (one.off) item.setAttribute("aria-disabled", "true");
       // Not "click", because a click comes after the field has lost its focus.
-      item.addEventListener("pointerdown", (event) => { event.preventDefault(); choose(one.value); });
+      item.addEventListener("pointerdown", (event) => { event.preventDefault(); if (!one.off) choose(one.value); });
       return item;
     }));
     list.hidden = !options.length;
@@ -166,7 +192,7 @@ export function actionField(name, find, onChoose) {
     } else if (event.key === "Enter") {
       event.preventDefault();
       if (!input.value.trim()) choose("");
-      else if (!list.hidden && chosen >= 0) choose(options[chosen].value);
+      else if (!list.hidden && chosen >= 0 && !options[chosen].off) choose(options[chosen].value);
     } else if (event.key === "Escape" && !list.hidden) {
       event.stopPropagation();
       input.value = value;
@@ -175,7 +201,7 @@ export function actionField(name, find, onChoose) {
   });
   // When the focus leaves the field, a typed action is chosen; otherwise the value does not change.
   input.addEventListener("blur", () => {
-    const typed = input.value.trim(), best = typed === value ? null : find(typed)[0];
+    const typed = input.value.trim(), best = typed === value ? null : find(typed).find((one) => !one.off);
     if (!typed) choose("");
     else if (best && !list.hidden) choose(best.value);
     else { input.value = value; close(); }

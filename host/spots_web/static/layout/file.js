@@ -10,6 +10,7 @@ export const LAYER_VERBS = ["momentary", "toggle", "to", "sticky"];
 // Actions that need no name, and tables of the file that name an action.
 export const WORDS = ["key_repeat", "caps_word"];
 export const TABLES = ["tap_dance", "mod_morph"];
+export const NAMED = [...TABLES, "macro"];
 // Parts of a key that only a key with a hold has.
 const OF_HOLD = ["flavor", "retro_tap", "tapping_term_ms", "quick_tap_ms", "require_prior_idle_ms"];
 export const LEAST_SHARE = 0.01;  // smallest zone, as a share of the strip

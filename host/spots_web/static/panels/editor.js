@@ -3,8 +3,9 @@
 import { button, field, number, put, sliderField, text } from "../controls.js";
 import { canvas, colours, make, placed } from "../dom.js";
 import { editing, listed } from "../editing.js";
-import { actionField, cap, matches, readUsages } from "../layout/actions.js";
+import { actionField, cap, capOfText, matches, missing, readUsages } from "../layout/actions.js";
 import * as file from "../layout/file.js";
+import { request } from "../request.js";
 import { holdRule, tables } from "./behaviours.js";
 
 // Length of a strip without a calibration; steps of a border with the arrow keys; keys of the draft that
@@ -28,9 +29,12 @@ const STORED = {
   other: "not on the board: it has another layout", null: "no board is connected",
 };
 
+// The computer that a layout is made for, as a text.
+const computerOf = ({ host = "", os = "" }) => `${host} ${os}`;
+
 export function editor(root) {
   const clearer = document.getElementById("clear");
-  let usages = [], state = null, length_um = USUAL_LENGTH_UM, layer = 0, zone = 0, dragging = false;
+  let usages = [], state = null, known = null, length_um = USUAL_LENGTH_UM, layer = 0, zone = 0, dragging = false;
   let drawn = { layer: "", zones: [] };
   const engine = editing(root, document.getElementById("edit"), {
     path: "layout", store: "push", words: { push: "Put on the board", chooser: "Layout file to import" },
@@ -53,6 +57,15 @@ export function editor(root) {
   // The parts of the panel, in the order of reading.
   const title = make("h2", "", "Key layout"), name = text("Name of the layout");
   const head = make("div", "head", title, name, engine.undo, engine.redo);
+  const computer = ["host", "os"].map((part) => {
+    const choice = make("select");
+    choice.ariaLabel = part === "host" ? "Keyboard layout of your computer" : "Operating system";
+    choice.addEventListener("change", () => edit((_, content) => {
+      if (choice.value) content[part] = choice.value;
+      else delete content[part];
+    }));
+    return [part, choice];
+  });
   const tabs = make("div", "tabs"), addLayer = button("Add a layer", newLayer);
   tabs.setAttribute("role", "group");
   tabs.ariaLabel = "Layers";
@@ -68,12 +81,41 @@ export function editor(root) {
     button("Equal widths", () => edit((it) => it.keys.forEach((_, i) => file.change(it, i, { width: 1 })))),
     button("Remove the zone", () => edit((it) => { it.keys.splice(zone, 1); zone = Math.max(zone - 1, 0); })));
   const removeZone = zoneButtons.lastChild;
-  const find = (typed) => matches(usages, draft.value.content, typed);
+  // The characters that the computer of the draft types; null until the server has sent them.
+  const types = () => (known && draft.value && known.of === computerOf(draft.value.content) ? known.characters : null);
+  async function loadCharacters({ host, os }) {
+    const of = computerOf({ host, os });
+    if (known?.of === of) return;
+    known = { of, characters: null };
+    const { characters } = await request("layout", { do: "characters", host, os });
+    if (known.of !== of) return;
+    known = characters === undefined ? null : { of, characters: new Set(characters) };
+    markText();
+  }
+  const find = (typed) => matches(usages, draft.value.content, typed, types());
+  // A tap, a text and a macro exclude each other.
+  const instead = (slot) => (slot === "tap" ? { text: "", macro: undefined } : {});
   const actions = Object.entries(file.SLOTS).map(([slot, words]) =>
-    [slot, actionField(words, find, (value) => edit((it) => file.change(it, zone, { [slot]: value })))]);
+    [slot, actionField(words, find, (value) => edit((it) => file.change(it, zone, { ...instead(slot), [slot]: value })))]);
+  const typedText = make("textarea"), textNote = make("p", "place");
+  typedText.ariaLabel = "Text that a tap types";
+  typedText.rows = 2;
+  typedText.spellcheck = false;
+  textNote.role = "status";
+  typedText.addEventListener("input", () => markText());
+  typedText.addEventListener("change", () => edit((it) => file.change(it, zone, { text: typedText.value, ...(typedText.value && { tap: "", macro: undefined }) })));
+  // Marks what the computer cannot type, while somebody writes.
+  function markText() {
+    const none = missing(typedText.value, types()), macro = file.table(draft.value?.content.layer[layer].keys[zone] ?? {}).macro;
+    typedText.setAttribute("aria-invalid", String(none.length > 0));
+    const host = draft.value?.content.host;
+    const words = none.length ? `${host ? `the host ${host} does not type` : "choose the layout of your computer for"}: ${none.join(" ")}` : "";
+    const note = words || (macro ? `macro: ${macro.join(", ")}` : "");
+    if (textNote.textContent !== note) textNote.textContent = note;
+  }
   const rule = holdRule((parts) => edit((it) => file.change(it, zone, parts)));
   const ofZone = make("fieldset", "zone-form", make("legend"), make("div", "fields", field(label), field(width)),
-    make("div", "fields", ...actions.map(([, one]) => one.root)), rule.root, zoneButtons);
+    make("div", "fields", ...actions.map(([, one]) => one.root)), field(typedText), textNote, rule.root, zoneButtons);
   const named = tables((mutate) => edit((_, content) => mutate(content)), find);
   const layerName = text("Name of the layer"), gap = number("Gap, % of a key");
   gap.min = 0; gap.max = 80;
@@ -94,7 +136,7 @@ export function editor(root) {
   force.ariaLabel = "Force of the last seconds, with the force and time limits of this draft";
   tuning.firstChild.after(force);
   engine.foot.firstChild.after(button("New", () => { layer = zone = 0; draft.set({ content: file.empty(), text: "" }); }));
-  root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, never, engine.foot, ofZone, ofLayer, named.root, tuning, engine.ask);
+  root.append(head, make("div", "layers-row", tabs, addLayer), row, place, make("div", "tries", trialWords, trial), engine.state, never, engine.foot, ofZone, ofLayer, make("div", "fields", ...computer.map(([, one]) => field(one))), named.root, tuning, engine.ask);
 
   // Changes the shown layer in the draft; for `replace` see `edit` in `editing`.
   function edit(mutate, replace) {
@@ -190,6 +232,8 @@ export function editor(root) {
 
   function words(key) {
     const written = [key.tap, key.firm, key.hold].filter(Boolean).map((action) => cap(usages, action));
+    if (key.text) written.unshift(capOfText(key.text));
+    if (key.macro) written.unshift("macro");
     const characters = written.filter((one) => [...one].length === 1);
     return key.label ?? (characters.length > 1 ? characters.join(" ") : written[0] ?? "");
   }
@@ -239,6 +283,14 @@ export function editor(root) {
     put(width, (((high - low) * length_um) / 1000).toFixed(2));
     width.disabled = removeZone.disabled = all.length === 1;
     for (const [slot, one] of actions) one.show(key[slot] ?? "", usages.length);
+    loadCharacters(content);
+    put(typedText, key.text ?? "");
+    markText();
+    for (const [part, choice] of computer) {
+      const options = state ? ["", ...(part === "host" ? state.hosts : state.systems)] : [""];
+      if (choice.options.length !== options.length) choice.replaceChildren(...options.map((one) => new Option(one || "not given", one)));
+      choice.value = content[part] ?? "";
+    }
     if (state) rule.show(key, content, state);
     if (state) named.show(content, usages.length, state);
     ofLayer.firstChild.textContent = `Layer ${now.name}`;
