@@ -130,7 +130,8 @@ def test_a_host_that_sleeps_too_long_finds_no_key_down(plugged):
     made.link.usb.asks = True
     made.settle(0.5)
     got = reports(made)
-    assert got == typed(ONE, FIVE)  # of the ten touches, one is less than 0.5 s old
+    # Of the ten touches, those that are less than 0.5 s old when they are sent.
+    assert got in (typed(ONE, FIVE), typed(ONE, FIVE, FIVE))
     assert dropped >= 15
     touch(made, 9)
     assert reports(made)[-2:] == typed(ZERO)

@@ -11,6 +11,7 @@ import micropython
 import storage
 import usb_cdc
 
+from .. import const
 from ..keys.reports import CAPS_LOCK
 from ..reading.fast_circuitpython import speed_up
 from ..runtime.circuitpython import CdcSerial, MonotonicClock
@@ -22,7 +23,7 @@ from .store import Store
 
 # The time between two reports, see keys/usb_circuitpython.py. `sleep_early_us` cannot sleep less
 # than 3 ms.
-_REPORT_US = micropython.const(10_000)
+_REPORT_US = const(10_000)
 
 
 class CircuitUsb:
