@@ -57,7 +57,7 @@ async def main() -> None:
 async def strip(browser: Browser) -> None:
     """Take the screenshots of a strip."""
     state = PageState()
-    reader = BoardReader(finder("virtual", "default", "demo", seed=0), load("digits"), state)
+    reader = BoardReader(finder("virtual"), load("digits"), state)
     async with Server(state) as server:
         reader.start()
         for name, options in _PICTURES.items():  # one at a time, to limit the processor load
@@ -143,7 +143,7 @@ async def editor(browser: Browser) -> None:
             "layout": LayoutEditor(Path(folder) / "mine.toml", layout, state),
             "controller": SettingsEditor("controller", Path(folder) / "controller.toml", state),
         }
-        open_board = finder("virtual", "default", "demo", seed=0)
+        open_board = finder("virtual")
         reader = BoardReader(open_board, layout, state, orders=orders.values())
         async with Server(state, orders=orders) as server:
             reader.start()

@@ -17,7 +17,10 @@ def twin(parser: Parser):
     parser.option("--linkage", "FILE", "linkage file, or a name such as default", default="default")
     arguments.add_seconds(parser)
     parser.flag("--json", "print one JSON object per line")
-    arguments.add_ports(parser)
+    effect = _is_simulated, "name a simulated linkage with --linkage"
+    arguments.add_ports(parser, {"virtual": effect}, "add_linkage_options")
+    parser.needs(["--picture"], lambda options: True, "")  # it has its own message
+    parser.set_defaults(picture=None)
     parser.option(
         "--record",
         "FILE.spots",
@@ -46,9 +49,6 @@ def twin(parser: Parser):
     parser.add_argument(
         "--mjcf", metavar="FILE.xml", help="write the linkage as a model for MuJoCo, and end"
     )
-    arguments.add_simulation(parser, "linkage")
-    simulates = {*arguments.option_names("linkage")} - {"--picture"}  # it has its own message
-    parser.needs(simulates, _is_simulated, "name a simulated linkage with --linkage")
     shows = "--seconds", "--json"
     parser.needs(shows, lambda options: not options.measure, "leave out --measure")
     parser.needs(

@@ -29,6 +29,7 @@ from spots.errors import SpotsError
 from spots.link.connect import open_named
 from spots_sim.demo.virtual import VIRTUAL
 from spots_sim.person.stage import Stage
+from spots_sim.port import given
 from spots_sim.strip.change import NONE, Change
 from spots_sim.strip.files import SensorFile, load
 from spots_sim.strip.optics import Optics
@@ -217,6 +218,7 @@ def read_pieces(
 
 def measure_dye_command(options: argparse.Namespace) -> None:
     """Run ``spots design --measure-dye`` with the options that `cli` parsed."""
+    options = given(options)
     strips = checked(options.strips)
     sensor = load(SensorFile, options.sensor)
     wanted = design(options.length_mm, options.resolution_um, options.rate_hz).dye_per_mm

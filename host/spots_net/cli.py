@@ -6,6 +6,7 @@ from spots.cli import arguments
 from spots.cli.parser import Parser, calls
 
 from . import outlet
+from .port import add_options
 
 PURPOSE = "share a board over the network"
 
@@ -26,7 +27,7 @@ def publish(parser: Parser):
         "in osc=HOST:PORT; give this option once for each outlet",
     )
     arguments.add_port(parser, arguments.READ_ONLY)
-    arguments.add_zenoh_config(parser)
+    add_options(parser)
     arguments.add_wait(parser)
     arguments.add_seconds(parser)
     parser.needs(["--zenoh-config"], _is_over_zenoh, "add --to zenoh or --to ros2")
@@ -54,5 +55,5 @@ def subscribe(parser: Parser):
     )
     parser.flag("--json", "print each sample as a JSON object on its own line")
     arguments.add_seconds(parser)
-    arguments.add_zenoh_config(parser)
+    add_options(parser)
     return calls("spots_net.subscribe:subscribe_command")

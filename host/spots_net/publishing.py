@@ -13,6 +13,7 @@ from spots.link.connect import open_named
 from spots.link.frames import Contact, Key, Spectrum, Touch
 
 from .outlet import Outlet, maker
+from .port import configure
 
 _TURN_S = 0.05  # longest time between two turns of the outlets
 _READINGS = Touch, Spectrum, Contact, Key
@@ -60,6 +61,7 @@ def publish(board: Board, outlets: Sequence[Outlet], seconds: float | None = Non
 
 def publish_command(options: argparse.Namespace) -> None:
     """Run ``spots publish`` with the options that `cli` parsed."""
+    configure(options)
     # Before the board, so that a missing package is reported first.
     makers = [maker(name) for name in options.to or ["zenoh"]]
     with released_by_signals(), open_named(options) as board:

@@ -1,20 +1,23 @@
 """Opens the port ``zenoh:ID``: a board on another machine, which is read over Zenoh."""
 
+from argparse import Namespace
+
 from spots.link.board import Board
 
+from .port import configure
 from .zenoh_link import ZenohLink
 from .zenoh_session import find, open_session
 
 
-def open_port(rest: str, **simulated) -> Board:
+def open_port(rest: str, options: Namespace | None = None) -> Board:
     """Open the port ``zenoh:ID``, a board that is published on Zenoh; see `link.ports`.
 
     Parameters
     ----------
     rest : str
         Id of the board; empty for the only published board.
-    **simulated
-        Options that only simulated boards use; ignored.
+    options : Namespace, optional
+        Options of the command line; ``zenoh_config`` is a configuration file.
 
     Returns
     -------
@@ -25,6 +28,7 @@ def open_port(rest: str, **simulated) -> Board:
     SpotsError
         If the board is not published, or `rest` is empty and several boards are published.
     """
+    configure(options)
     session = open_session()
     try:
         link = ZenohLink(session, find(session, rest))

@@ -17,6 +17,7 @@ from spots.terminal.view import Pace, plain
 
 from .mailbox import Mailbox
 from .optional import zenoh
+from .port import configure
 from .publish import FRAMES_ENCODING
 from .zenoh_session import direct, key, open_session
 
@@ -45,6 +46,7 @@ def subscribe_command(options: argparse.Namespace) -> None:
             mail.put(str(sample.key_expr), sample.payload)
 
     written = _as_json if options.json else _Lines().written
+    configure(options)
     with open_session() as session:
         session.declare_subscriber(expression, direct(receive))
         listening = f"listening to {printable(str(expression))} (Ctrl-C ends it)"

@@ -10,6 +10,8 @@ from spots.cli import arguments
 from spots.cli.parser import Parser
 from spots.errors import SpotsError
 
+from .port import add_options
+
 PURPOSE = "simulate, without hardware"
 
 
@@ -41,7 +43,7 @@ def demo(parser: Parser):
         metavar="FILE",
         help="key layout of --use keyboard: a .toml file, or a name such as mini",
     )
-    arguments.add_simulation(parser)
+    add_options(parser)
     _add_change(parser)
     parser.add_argument(
         "--rezero",
@@ -55,6 +57,7 @@ def demo(parser: Parser):
         metavar="NAME",
         help="give the firmware the speed of this processor: pico or pico-xip50; needs --fast",
     )
+    parser.set_defaults(sensor="default", seed=0)
     parser.set_defaults(scenario=None)  # the default depends on the application
     return _demo
 

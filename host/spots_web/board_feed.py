@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from argparse import Namespace
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ from spots.errors import CommandError, RefusedError, SpotsError
 from spots.keyboard.layout import KeyLayout
 from spots.link.board import Board
 from spots.link.calibrated import start_fault
-from spots.link.connect import find, of_id, open
+from spots.link.connect import find, of_id, open_with
 from spots.link.frames import (
     Contact,
     Key,
@@ -318,19 +319,15 @@ class _Health:
         self._state.put("link", link)
 
 
-def finder(
-    port: str | None, sensor: str = "default", scenario: str = "demo", seed: int = 0
-) -> Callable[[str | None], Board]:
+def finder(port: str | None, options: Namespace | None = None) -> Callable[[str | None], Board]:
     """Return a function that finds and opens a board: the `open_board` of a `BoardReader`.
 
     Parameters
     ----------
     port : str or None
         Port as for `spots.open`; if None, the board is found on USB.
-    sensor, scenario : str
-        Sensor file and scenario file if `port` is a virtual board: each a path or a name.
-    seed : int
-        Random seed of the noise if `port` is a virtual board.
+    options : Namespace, optional
+        Options of this kind of port, see `spots.link.ports`.
 
     Returns
     -------
@@ -340,20 +337,19 @@ def finder(
     Raises
     ------
     SpotsError
-        If the sensor file or the scenario file of a virtual board is invalid.
+        If the options are invalid.
     """
     module, rest = scheme(port)
-    simulated = {"sensor": sensor, "scenario": scenario, "seed": seed}
     if hasattr(module, "check"):
-        module.check(rest, **simulated)
+        module.check(rest, options)
 
     def open_board(board_id: str | None) -> Board:
         if board_id is None:
-            return open(port, **simulated)
+            return open_with(port, options)
         found = []
         if port is not None:
             try:
-                found.append(open(port, **simulated))
+                found.append(open_with(port, options))
             except SpotsError:
                 if module is not None:
                     raise

@@ -1,5 +1,7 @@
 """The command ``spots serve``."""
 
+import argparse
+
 from spots.cli import arguments
 from spots.cli.parser import Parser, calls
 
@@ -13,14 +15,8 @@ def serve(parser: Parser):
       spots serve
       spots serve --http-port 8080
     """
-    arguments.add_ports(parser)
+    arguments.add_ports(parser, {"virtual": (_is_simulated, "add --port virtual")})
     parser.option("--linkage", "FILE.toml", "show the five-bar linkage of this file")
-    arguments.add_simulation(parser)
-    parser.needs(
-        arguments.option_names("board"),
-        lambda options: options.practice or arguments.has_port(options, "virtual"),
-        "add --port virtual",
-    )
     arguments.add_layout(parser)
     parser.add_argument(
         "--address",
@@ -61,3 +57,7 @@ def serve(parser: Parser):
         "--practice", "let browsers with the token practise a calibration; no file is written"
     )
     return calls("spots_web.serve:serve_command")
+
+
+def _is_simulated(options: argparse.Namespace) -> bool:
+    return options.practice or arguments.has_port(options, "virtual")

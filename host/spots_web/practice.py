@@ -16,18 +16,16 @@ class PagePractice(PageCalibration):
 
     Parameters
     ----------
-    sensor : str
-        Sensor file of the simulated strip: a path, or a name such as ``default``.
-    seed : int
-        Random seed of the simulated finger and noise.
+    options : Namespace
+        Options of the simulator.
     state : PageState
         State of the web UI, as for `PageCalibration`.
     """
 
-    def __init__(self, sensor: str, seed: int, state: PageState):
+    def __init__(self, options: Namespace, state: PageState):
         self._folder = TemporaryDirectory()
         super().__init__(Path(self._folder.name) / "practice.jsonl", state)
-        self._options = Namespace(sensor=sensor, seed=seed, plan=None, keep_settings=False)
+        self._options = Namespace(**{**vars(options), "plan": None, "keep_settings": False})
         self._show(practice=True, ruler=None)
 
     @property

@@ -140,7 +140,7 @@ def serve_command(options: argparse.Namespace) -> None:
     elif options.session is not None:
         orders["calibration"] = PageCalibration(Path(options.session), state)
     elif options.practice:
-        orders["calibration"] = PagePractice(options.sensor, options.seed, state)
+        orders["calibration"] = PagePractice(options, state)
     if options.edit is not None:
         orders["layout"] = LayoutEditor(Path(options.edit), layout, state)
     for name in KINDS:
@@ -170,10 +170,10 @@ def serve_command(options: argparse.Namespace) -> None:
                 "port, or add --linkage FILE for the two boards of a linkage"
             )
         port = ports[0] if ports else None
-        open_board = _announced(finder(port, options.sensor, options.scenario, options.seed))
+        open_board = _announced(finder(port, options))
         readers = [BoardReader(open_board, layout, state, orders=orders.values())]
     elif simulated := linkage_factory(ports):
-        machine = simulated(options.sensor, options.linkage, seed=options.seed)
+        machine = simulated(options)
         readers = driven_readers(machine, layout, state)
     else:
         readers = linkage_readers(options.linkage, ports, layout, state)

@@ -5,7 +5,6 @@ import sys
 import pytest
 
 import spots.cli
-from spots.cli import arguments as arguments_module
 from spots.link import ports
 
 ARGUMENTS = [
@@ -26,7 +25,7 @@ ARGUMENTS = [
 @pytest.fixture
 def product_alone(monkeypatch):
     """Hide all modules and entry points of the simulator."""
-    for module in (ports, spots.cli, arguments_module):
+    for module in (ports, spots.cli):
         known = module.entry_points
         monkeypatch.setattr(
             module,

@@ -19,6 +19,7 @@ def parsers():
     for command in commands.choices.values():
         add, command.command = command.command, None
         command.set_defaults(run=add(command))
+        command.complete()
     return commands.choices
 
 

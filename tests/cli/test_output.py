@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-import spots
+import spots_sim
 from spots import SpotsError, cli
 from spots_sim.demo import virtual
 
@@ -133,4 +133,4 @@ def test_a_virtual_board_whose_starter_is_gone_ends_quietly(sensor, code, closed
 
 def test_a_seed_that_is_none():
     with pytest.raises(SpotsError, match="the seed must be a whole number of 0 or more, not -1"):
-        spots.open("virtual", seed=-1)
+        spots_sim.open(seed=-1)

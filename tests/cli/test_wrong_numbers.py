@@ -46,6 +46,7 @@ def numeric_options():
     for name, command in sorted(commands.choices.items()):
         add, command.command = command.command, None
         add(command)
+        command.complete()
         taken = [a for a in command._actions if a.type is not None and a.option_strings]
         found += [(name, action.option_strings[-1]) for action in taken]
         needed = [a for a in command._actions if not a.option_strings and a.nargs is None]

@@ -95,7 +95,7 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     links = [Stopping(SerialLink(name)) for name in names[:2]]
     watched, typed = (spots.Board(link) for link in links)
     keys, state = Pressed(), PageState()
-    reader = BoardReader(finder(names[2], "default", "demo", 0), load("digits"), state, 0.01)
+    reader = BoardReader(finder(names[2]), load("digits"), state, 0.01)
     threads = [
         in_thread(watch, watched, None, False),
         in_thread(type_on, typed, load("digits"), keys),

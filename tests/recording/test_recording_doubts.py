@@ -70,7 +70,7 @@ def test_what_is_wrong_with_a_recording_is_printed(kind, pieces, tmp_path, capsy
 def test_a_command_that_plays_a_recording_prints_what_is_wrong(
     kind, pieces, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr(replay, "open_port", lambda rest, **_: open_recording(rest, math.inf))
+    monkeypatch.setattr(replay, "open_port", lambda rest, *_: open_recording(rest, math.inf))
     path = tmp_path / "a.spots"
     path.write_bytes(damaged(kind, pieces))
     lines = ["monitor", "keyboard --dry-run", "wearable --dry-run", "controller --dry-run"]

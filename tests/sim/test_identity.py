@@ -5,6 +5,7 @@ import json
 import pytest
 
 import spots
+import spots_sim
 from spots import cli
 from spots_sim.board.identity import board_id
 from spots_sim.demo.linkage_demo import endless
@@ -21,7 +22,7 @@ def test_the_id_depends_on_the_number_of_the_board():
 def test_virtual_boards_with_different_seeds_are_different_boards(runtime, monkeypatch):
     if runtime:
         monkeypatch.setenv("SPOTS_VIRTUAL_RUNTIME", runtime)
-    with spots.open("virtual") as first, spots.open("virtual", seed=3) as second:
+    with spots.open("virtual") as first, spots_sim.open(seed=3) as second:
         assert first.info["id"] != second.info["id"]
         assert first.info["calibration"]
         assert second.info["calibration"]
@@ -41,7 +42,7 @@ def test_a_calibration_belongs_to_the_virtual_board_of_its_seed(tmp_path, capsys
     words = ["calibrate", "--rough", "--port", "virtual", "--session", session]
     assert cli.main([*words, "--seed", "4"]) == 0
     assert cli.main(["rezero", made, "--port", "virtual", "--seed", "4", "--quick"]) == 0
-    with spots.open("virtual", seed=4) as board:
+    with spots_sim.open(seed=4) as board:
         assert json.loads(open(session).readline())["board"] == board.info["id"]
     capsys.readouterr()
     assert cli.main(["rezero", made, "--port", "virtual", "--quick"]) == 2

@@ -8,6 +8,7 @@ import pytest
 
 import spots
 import spots_linkage
+import spots_sim
 from spots.calibrate import calibration_file
 from spots.recording.export import export
 from spots.recording.writer import Writer
@@ -24,10 +25,10 @@ def arm():
 CALLS = {
     "port 5": (lambda: spots.open(5), "a port must be a text or a pathlib.Path, not 5"),
     "bytes": (lambda: spots.open(b"virtual"), "a port must be a text"),
-    "sensor": (lambda: spots.open("virtual", sensor=5), "the name of a sensor file must be a text"),
-    "scenario": (lambda: spots.open("virtual", scenario=None), "name of a scenario file must be"),
-    "seed": (lambda: spots.open("virtual", seed="x"), "the seed must be a whole number of 0 or"),
-    "decimal seed": (lambda: spots.open("virtual", seed=1.5), "the seed must be a whole number"),
+    "sensor": (lambda: spots_sim.open(sensor=5), "the name of a sensor file must be a text"),
+    "scenario": (lambda: spots_sim.open(scenario=None), "name of a scenario file must be"),
+    "seed": (lambda: spots_sim.open(seed="x"), "the seed must be a whole number of 0 or"),
+    "decimal seed": (lambda: spots_sim.open(seed=1.5), "the seed must be a whole number"),
     "recording": (lambda: spots.Recording(5), "the path of a recording must be a text"),
     "blocks": (lambda: spots.RecordingBlocks(None), "the path of a recording must be a text"),
     "arrays": (lambda: spots.read_arrays([]), r"a recording must be .* not \[\]"),

@@ -6,6 +6,7 @@ import asyncio
 import math
 import threading
 import time
+from argparse import Namespace
 from concurrent.futures import Future
 from contextlib import contextmanager
 
@@ -128,7 +129,7 @@ class Bench:
         if session:
             self.orders["calibration"] = PageCalibration(session, self.state)
         if practice:
-            self.orders["calibration"] = PagePractice(practice, 0, self.state)
+            self.orders["calibration"] = PagePractice(Namespace(sensor=practice), self.state)
         if edit:
             self.orders["layout"] = LayoutEditor(edit, load(layout), self.state)
         for name, path in (settings or {}).items():

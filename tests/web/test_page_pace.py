@@ -194,14 +194,14 @@ def test_only_the_board_that_was_there_is_taken_again(monkeypatch):
 
     there = [board("other"), board("mine")]
     monkeypatch.setattr(reading, "find", lambda: (there, []))
-    monkeypatch.setattr(reading, "open", lambda port, **_: there[0])
-    open_board = reading.finder(None, "default", "demo", 0)
+    monkeypatch.setattr(reading, "open_with", lambda port, options: there[0])
+    open_board = reading.finder(None)
     assert open_board("mine").info["id"] == "mine"
     assert closed == ["other"]
     with pytest.raises(SpotsError, match="waiting for board gone"):
         open_board("gone")
     assert open_board(None).info["id"] == "other"
-    named = reading.finder("/dev/ttyACM0", "default", "demo", 0)
+    named = reading.finder("/dev/ttyACM0")
     assert named("mine").info["id"] == "mine"  # although its port now has another name
     there.pop()
     with pytest.raises(RefusedError, match="waiting for board mine"):

@@ -58,8 +58,6 @@ def _run(arguments: list[str] | None) -> int:
     given = list(takewhile(lambda word: word != "#", given))
     given = given or ["--help"]
     options = _parser(given[0]).parse_args(given)
-    if getattr(options, "zenoh_config", None):
-        os.environ["ZENOH_CONFIG"] = options.zenoh_config  # Zenoh's own name
     try:
         with ended_cleanly():
             options.run(options)

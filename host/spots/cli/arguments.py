@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 
-from ..common.plugins import entry_points
-from ..link.ports import known, scheme_name
+from ..link.ports import form, known, modules, scheme_name
 from .parser import Fits, Parser
 
 PORTS = f"serial port, {known()}"
-# Group of the entry points of other packages: functions that add options to a parser.
-_OPTIONS = "spots.options"
-_BOARD = {"sensor": "default", "scenario": "demo", "seed": 0}
-_LINKAGE = {"sensor": "default", "seed": 0, "path": None, "exposure_us": None, "picture": None}
-_SIMULATED = {"board": _BOARD, "linkage": _LINKAGE}
+# By the name of a scheme: whether its options have an effect, and what to do if they have none.
+Effects = Mapping[str, tuple[Fits, str]]
 
 
-def add_port(
-    parser: Parser, without: Collection[str] = (), *, simulated: Fits | None = None
-) -> None:
+def add_port(parser: Parser, without: Collection[str] = (), effects: Effects | None = None) -> None:
     """Add the options that name a board; `open_board` reads them.
 
     Parameters
@@ -30,9 +25,9 @@ def add_port(
         Parser of the command.
     without : collection of str
         Kinds of ports that the command cannot use, such as ``recording``, see `link.ports`.
-    simulated : callable, optional
-        ``simulated(options)`` returns whether the options of a virtual board have an effect; if not
-        given, they have one with a virtual board.
+    effects : mapping, optional
+        For some schemes, whether the options of their ports have an effect, and the advice if they
+        have none. Otherwise they have an effect with a port of this scheme.
     """
     forms = known(without)
 
@@ -46,20 +41,38 @@ def add_port(
     text = f"serial port, {forms}; the only board on USB if not given"
     parser.add_argument("--port", type=port, help=text)
     parser.set_defaults(without=without)
-    if "zenoh" not in without:
-        add_zenoh_config(parser)
-        parser.needs(["--zenoh-config"], _has_zenoh, "add --port zenoh:ID")
-    add_simulation(parser)
-    simulated = simulated or (lambda options: has_port(options, "virtual"))
-    parser.needs(option_names("board"), simulated, "add --port virtual")
+    parser.later(partial(_add_options_of_ports, parser, without, "add_options", effects or {}))
 
 
-def add_ports(parser: Parser) -> None:
-    """Add the options that name one board, or the two boards of a linkage."""
+def add_ports(
+    parser: Parser, effects: Effects | None = None, function: str = "add_options"
+) -> None:
+    """Add the options that name one board, or the two boards of a linkage.
+
+    Parameters
+    ----------
+    parser : Parser
+        Parser of the command.
+    effects : mapping, optional
+        As for `add_port`.
+    function : str
+        Name of the function of a port's module that adds the port's options; ``add_options`` is
+        used if the module has no such function.
+    """
     text = f"{PORTS}; found on USB if not given; if a linkage has two boards, give --port for each"
     parser.add_argument("--port", action="append", default=[], help=text)
-    add_zenoh_config(parser)
-    parser.needs(["--zenoh-config"], _has_zenoh, "add --port zenoh:ID")
+    parser.later(partial(_add_options_of_ports, parser, (), function, effects or {}))
+
+
+def _add_options_of_ports(
+    parser: Parser, without: Collection[str], function: str, effects: Effects
+) -> None:
+    for scheme, module in modules(without):
+        add = getattr(module, function, None) or getattr(module, "add_options", None)
+        if add is not None:
+            fits = partial(has_port, scheme=scheme)
+            effect = effects.get(scheme, (fits, f"add --port {form(scheme)}"))
+            parser.added(add, *effect)
 
 
 def has_port(options: argparse.Namespace, scheme: str) -> bool:
@@ -78,21 +91,6 @@ def has_port(options: argparse.Namespace, scheme: str) -> bool:
     """
     ports = options.port if isinstance(options.port, list) else [options.port]
     return scheme in map(scheme_name, ports)
-
-
-def _has_zenoh(options: argparse.Namespace) -> bool:
-    return has_port(options, "zenoh")
-
-
-def option_names(what: str) -> list[str]:
-    """Return the names of the options that `add_simulation` adds."""
-    return [f"--{name.replace('_', '-')}" for name in _SIMULATED[what]]
-
-
-def add_zenoh_config(parser: argparse.ArgumentParser) -> None:
-    """Add the option for Zenoh's configuration file."""
-    text = "configuration file of Zenoh; if not given, the variable ZENOH_CONFIG names it"
-    parser.add_argument("--zenoh-config", metavar="FILE", help=text)
 
 
 def add_wait(parser: Parser) -> None:
@@ -115,21 +113,6 @@ def add_layout(parser: argparse.ArgumentParser) -> None:
     """Add the option for the key layout."""
     text = "key layout: a .toml file, or a name such as mini; digits if not given"
     parser.add_argument("--layout", metavar="LAYOUT", help=text, default="digits")
-
-
-def add_simulation(parser: argparse.ArgumentParser, what: str = "board") -> None:
-    """Add the options of a simulated board or linkage; other packages may define these options.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Parser of the command.
-    what : str
-        ``board`` or ``linkage``.
-    """
-    parser.set_defaults(**_SIMULATED[what])
-    for entry in entry_points(group=_OPTIONS, name=what):
-        entry.load()(parser)
 
 
 def add_seconds(

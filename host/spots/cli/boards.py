@@ -136,7 +136,7 @@ def calibrate(parser: Parser):
     arguments.add_port(
         parser,
         arguments.READ_ONLY,
-        simulated=lambda options: options.practice or arguments.has_port(options, "virtual"),
+        {"virtual": (_is_simulated, "add --port virtual")},
     )
     parser.option(
         "--session",
@@ -241,6 +241,10 @@ def erase(parser: Parser):
 
 
 COMMANDS = ports, boards, build, flash, image, doctor, dark, calibrate, rezero, erase
+
+
+def _is_simulated(options: argparse.Namespace) -> bool:
+    return options.practice or arguments.has_port(options, "virtual")
 
 
 def _add_strips(parser: Parser) -> None:

@@ -95,6 +95,7 @@ class Parser(argparse.ArgumentParser):
         )
         self.given: dict[str, None] = {}
         self._needs: dict[str, tuple[Fits, str]] = {}
+        self._later: list[Callable[[], None]] = []
         self.register("action", None, _Once)
         self.register("action", "store", _Once)
         self.register("action", "store_true", _Flag)
@@ -143,6 +144,33 @@ class Parser(argparse.ArgumentParser):
         """
         self._needs |= dict.fromkeys(names, (fits, advice))
 
+    def later(self, add: Callable[[], None]) -> None:
+        """Register a function that adds options when they are used, or when the help lists them.
+
+        So a command loads the package that has these options only if it needs the package.
+        """
+        self._later.append(add)
+
+    def added(self, add: Callable[["Parser"], None], fits: Fits, advice: str) -> None:
+        """Let a function add options, which have an effect as `needs` describes it.
+
+        Parameters
+        ----------
+        add : callable
+            ``add(parser)`` adds the options.
+        fits, advice
+            As for `needs`. If the effect of an option is already known, it stays.
+        """
+        before = {*self._option_string_actions}
+        add(self)
+        new = {*self._option_string_actions} - before
+        self.needs(new - {*self._needs}, fits, advice)
+
+    def complete(self) -> None:
+        """Add the options of functions that `later` registered."""
+        while self._later:
+            self._later.pop(0)()
+
     def error(self, message: str) -> NoReturn:
         hint = "" if message.endswith("?") else f"; see '{self.prog} --help'"
         self.exit(2, f"{self.prog}: {printable(message)}{hint}\n")
@@ -169,6 +197,8 @@ class Parser(argparse.ArgumentParser):
             self.set_defaults(run=add_options(self))
         self.given.clear()
         args = sys.argv[1:] if args is None else list(args)
+        if any(arg in ("-h", "--help") or self._is_unknown(arg) for arg in args):
+            self.complete()
         if "" in args:  # such as an empty variable of a shell
             self.error("an argument is empty: give it a value, or leave it out")
         self._refuse_unknown(args)  # before argparse reports a missing option that is misspelt
@@ -183,13 +213,15 @@ class Parser(argparse.ArgumentParser):
                 self.error(f"{name} has no effect here: {advice}, or leave out {name}")
         return namespace, unknown
 
+    def _is_unknown(self, arg: str) -> bool:
+        return arg.startswith("--") and arg.partition("=")[0] not in self._option_string_actions
+
     def _refuse_unknown(self, args: list[str]) -> None:
         """Exit with an error at the first argument that is an unknown long option."""
         for arg in takewhile(lambda arg: arg != "--", args):
             if self._subparsers and not arg.startswith("-"):
                 return  # the rest belongs to a command
-            known = arg.partition("=")[0] in self._option_string_actions
-            if arg.startswith("--") and " " not in arg and not known:  # with a space, it is a value
+            if self._is_unknown(arg) and " " not in arg:  # with a space, it is a value
                 self._refuse(arg)
 
     def _refuse(self, arg: str) -> NoReturn:

@@ -24,13 +24,7 @@ _WAITED_FOR = "", "zenoh"  # schemes of ports whose boards come and go; empty fo
 _UPLOADED = {"cal": "calibration", "layout": "layout"}
 
 
-def open(
-    port: str | PathLike[str] | None = None,
-    *,
-    sensor: str = "default",
-    scenario: str = "demo",
-    seed: int = 0,
-) -> Board:
+def open(port: str | PathLike[str] | None = None) -> Board:
     """Open a board: on USB, simulated, recorded, or published by another machine.
 
     Parameters
@@ -41,11 +35,6 @@ def open(
         recording. ``"zenoh:ID"`` reads a board that ``spots publish`` publishes on another machine;
         ``"zenoh:"`` reads the only published board. If not given, the only board on USB is opened;
         to find it, ``hello`` is sent to every USB device with a serial port.
-    sensor, scenario : str
-        Sensor file (the strip) and scenario file (the presses) of the virtual board: a path, or the
-        name of a file in the package.
-    seed : int
-        Seed of the virtual board's noise, 0 or more.
 
     Returns
     -------
@@ -57,17 +46,37 @@ def open(
     SpotsError
         If no board or more than one board is found, or an argument is wrong.
     """
-    return _open(port, sensor=sensor, scenario=scenario, seed=seed)
+    return open_with(port, None)
 
 
-def _open(
-    port: str | PathLike[str] | None, without: Collection[str] = (), **simulated: Any
+def open_with(
+    port: str | PathLike[str] | None, options: Namespace | None, without: Collection[str] = ()
 ) -> Board:
-    """Open a board; the error for no board does not offer ports with a scheme of `without`."""
+    """Open a board as `open` does, with the options of its kind of port.
+
+    Parameters
+    ----------
+    port : str, Path or None
+        As for `open`.
+    options : Namespace or None
+        Options of the command line, see `ports`.
+    without : collection of str
+        Schemes of ports that the error for no board does not offer.
+
+    Returns
+    -------
+    Board
+        The connected board.
+
+    Raises
+    ------
+    SpotsError
+        If no board or more than one board is found, or an argument is wrong.
+    """
     port = path_text(port, "a port") if port is not None else None
     module, rest = scheme(port)
     if module is not None:
-        return module.open_port(rest, **simulated)
+        return module.open_port(rest, options)
     if port is not None:
         return _opened(port)
     found, reasons = find()
@@ -97,7 +106,7 @@ def _opened(port: str) -> Board:
 
 
 def open_named(options: Namespace) -> Board:
-    """Open a board with a command's options ``port``, ``sensor``, ``scenario`` and ``seed``.
+    """Open a board with a command's options: ``port``, and the options of this kind of port.
 
     The option ``without`` names kinds of ports that the command cannot use.
 
@@ -105,13 +114,12 @@ def open_named(options: Namespace) -> Board:
     reason on stderr. The board may then be unplugged for any time.
     """
     without = getattr(options, "without", ())
-    simulated = {"sensor": options.sensor, "scenario": options.scenario, "seed": options.seed}
     if not getattr(options, "wait", False):
-        return _open(options.port, without, **simulated)
+        return open_with(options.port, options, without)
     reason = ""
     while True:
         try:
-            board = _open(options.port, without, **simulated)
+            board = open_with(options.port, options, without)
         except SpotsError as error:
             if scheme_name(options.port) not in _WAITED_FOR:
                 raise

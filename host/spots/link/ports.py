@@ -4,13 +4,17 @@ A scheme is the word before the colon: ``zenoh`` in ``zenoh:ID``. Each scheme ha
 registered as an entry point of the group ``spots.ports`` with the scheme's name. The module must
 have
 
-``open_port(rest, *, sensor, scenario, seed)``
-    Returns a `Board`, or raises SpotsError. `rest` is the text after the colon; the other arguments
-    describe a simulated board.
+``open_port(rest, options)``
+    Returns a `Board`, or raises SpotsError. `rest` is the text after the colon. `options` are those
+    of the command line; None in a program. They have what ``add_options`` has added, or nothing.
 
 and may have
 
-``check(rest, *, sensor, scenario, seed)``
+``add_options(parser)``
+    Adds options for the commands that open a port of this kind. It must load no more than it needs.
+``add_linkage_options(parser)``
+    The same for ``spots twin``.
+``check(rest, options)``
     Raises SpotsError if the arguments are invalid, so that every call of ``open_port`` would fail.
 ``calibration_setup(options, made, path, guide)``
     Returns a `calibrate.bench.Bench`: a board whose strip is pressed by a machine. `options` are
@@ -21,17 +25,17 @@ and may have
     Returns a context manager that yields a `calibrate.practice.Practice`: a simulated strip whose
     simulated finger follows the requests of a session. `path` is the calibration file to write, and
     `guide` is a `calibrate.dialog.Dialog`.
-``linkage(sensor, linkage, path=…, seed=…, exposure_us=…)``
-    Returns a driven linkage: a five-bar linkage whose method ``open``
-    opens the boards of its joints. `sensor`, `linkage` and `path` (a movement) are names of files.
-    `path`, `seed` and `exposure_us` must have defaults.
+``linkage(options)``
+    Returns a driven linkage: a five-bar linkage whose method ``open`` opens the boards of its
+    joints. ``options.linkage`` is the name of its file.
 ``run_linkage(options)``
     Runs ``spots twin`` with a simulated linkage, and compares the twin with the true positions.
 ``flash_place(device)``
     Returns a context manager that yields a `deploy.place.Place`: a board to flash.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import suppress
 from types import ModuleType
 from typing import Any
 
@@ -41,6 +45,25 @@ from ..errors import did_you_mean, missing
 GROUP = "spots.ports"
 _SIMULATED = "virtual"
 _FORMS = {"recording": "recording:FILE", "zenoh": "zenoh:ID"}  # other schemes are a bare name
+
+
+def form(scheme: str) -> str:
+    """Return how a port with a scheme is written, such as ``zenoh:ID``."""
+    return _FORMS.get(scheme, scheme)
+
+
+def modules(without: Collection[str] = ()) -> Iterator[tuple[str, ModuleType]]:
+    """Yield (scheme, module) of each kind of port whose package is installed.
+
+    Parameters
+    ----------
+    without : collection of str
+        Schemes to leave out.
+    """
+    for entry in sorted(entry_points(group=GROUP)):
+        if entry.name not in without:
+            with suppress(ImportError):
+                yield entry.name, entry.load()
 
 
 def known(without: Collection[str] = ()) -> str:

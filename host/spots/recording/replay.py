@@ -2,6 +2,7 @@
 
 import math
 import time
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -100,15 +101,15 @@ class RecordedLink(FrameLink):
             time.sleep(max(0.0, recorded_s - self.now_s()) / self._speed)
 
 
-def open_port(rest: str, **simulated) -> Board:
+def open_port(rest: str, options: Namespace | None = None) -> Board:
     """Open the port ``recording:FILE`` as a board, at the original pace; see `link.ports`.
 
     Parameters
     ----------
     rest : str
         Path of the recording.
-    **simulated
-        Options that only simulated boards use; ignored.
+    options : Namespace, optional
+        Ignored.
 
     Returns
     -------

@@ -205,7 +205,7 @@ class FaultyLink(LinkWrapper):
 
     Parameters
     ----------
-    link : spots.link.serial_link.Link
+    link : spots.link.link.Link
         Link to the board.
     faults : Faults
         Faults of the run.

@@ -1,4 +1,4 @@
-"""Connections to a board (links) that wrap another link, see `spots.link.serial_link.Link`."""
+"""Connections to a board (links) that wrap another link, see `spots.link.link.Link`."""
 
 from __future__ import annotations
 

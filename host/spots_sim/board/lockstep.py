@@ -23,7 +23,7 @@ from .usb import UsbHost
 
 
 class LockstepLink:
-    """The serial port of a virtual board in simulated time, as a `spots.link.serial_link.Link`.
+    """The serial port of a virtual board in simulated time, as a `spots.link.link.Link`.
 
     It never raises PortLostError, so it has no methods to open its port again.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from argparse import Namespace
 from collections.abc import Callable
 from functools import partial
 
@@ -268,7 +269,8 @@ def show_page(
     if use == FIVEBAR:
         readers = driven_readers(endless(sensor, seed=seed), keys, state)
     else:
-        readers = [BoardReader(finder(VIRTUAL, sensor, scenario, seed), keys, state)]
+        options = Namespace(sensor=sensor, scenario=scenario, seed=seed)
+        readers = [BoardReader(finder(VIRTUAL, options), keys, state)]
         state.put("application", use)
     print(headline(), flush=True)
     serve(state, LOOPBACK, 0, readers, browser.show)

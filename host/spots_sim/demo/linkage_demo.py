@@ -22,6 +22,7 @@ from ..board.runtimes import headline
 from ..measure import maps
 from ..measure.simulated_linkage import EXPOSURE_US, PATH, Endless
 from ..measure.survey import follow
+from ..port import given
 from ..strip.files import (
     LinkageFile,
     PathFile,
@@ -114,15 +115,16 @@ def run(options) -> None:
     SpotsError
         If a file is missing or invalid, an option needs ``--port``, or several ports are named.
     """
+    options = given(options)
     if len(options.port) > 1:
         raise SpotsError(
             f"'virtual' simulates a whole linkage, but --port was given {len(options.port)} times: "
             "give --port virtual once, or name the ports of real boards"
         )
     if options.port:
-        given = {"path": options.path, "exposure_us": options.exposure_us}
-        given = {name: value for name, value in given.items() if value is not None}
-        linkage = endless(options.sensor, options.linkage, seed=options.seed, **given)
+        chosen = {"path": options.path, "exposure_us": options.exposure_us}
+        chosen = {name: value for name, value in chosen.items() if value is not None}
+        linkage = endless(options.sensor, options.linkage, seed=options.seed, **chosen)
         with driven(linkage, options.record) as source:
             show(source, options.seconds, options.json)
     elif options.record or options.seconds:

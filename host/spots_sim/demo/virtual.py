@@ -12,6 +12,7 @@ import sys
 import tempfile
 import time
 import weakref
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -38,25 +39,24 @@ from ..person.person import follow_pipe
 from ..person.practice import practice as begin_practice
 from ..person.stage import Stage, board_lines, calibrate, set_as_calibrated
 from ..person.stage_presser import StagePresser
+from ..port import given
 from ..strip.files import ScenarioFile, SensorFile, load
-from .linkage_demo import endless, run
+from .linkage_demo import Endless, endless, run
 
 VIRTUAL = "virtual"
 _START_S = 10.0
 _POLL_S = 0.02
 
 
-def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
+def open_port(rest: str, options: Namespace | None = None) -> Board:
     """Open a virtual board in real time, see `open_virtual`.
 
     Parameters
     ----------
     rest : str
         Text after ``virtual:`` in the port; must be empty.
-    sensor, scenario : str
-        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
-    seed : int
-        Random seed of the noise.
+    options : Namespace, optional
+        Options of the command line, see `port.add_options`.
 
     Returns
     -------
@@ -69,29 +69,16 @@ def open_port(rest: str, *, sensor: str, scenario: str, seed: int) -> Board:
         If `rest` is not empty, and in the cases of `open_virtual`.
     """
     _check_rest(rest)
-    return open_virtual(sensor, scenario, seed)[0]
+    options = given(options)
+    return open_virtual(options.sensor, options.scenario, options.seed)[0]
 
 
-def check(rest: str, *, sensor: str, scenario: str, seed: int) -> None:
-    """Validate the sensor and scenario file of a virtual board.
-
-    Parameters
-    ----------
-    rest : str
-        Text after ``virtual:`` in the port; must be empty.
-    sensor, scenario : str
-        Sensor and scenario file: each a path, or a name such as ``default`` or ``demo``.
-    seed : int
-        Ignored.
-
-    Raises
-    ------
-    SpotsError
-        If `rest` is not empty, or a file is missing or invalid.
-    """
+def check(rest: str, options: Namespace | None = None) -> None:
+    """Validate the sensor and scenario file of a virtual board; see `open_port`."""
     _check_rest(rest)
-    load(SensorFile, sensor)
-    load(ScenarioFile, scenario)
+    options = given(options)
+    load(SensorFile, options.sensor)
+    load(ScenarioFile, options.scenario)
 
 
 def _check_rest(rest: str) -> None:
@@ -128,6 +115,7 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
     SpotsError
         If a file is missing or invalid.
     """
+    options = given(options)
     sensor = load(SensorFile, options.sensor)
     scenario = load(ScenarioFile, options.scenario)
     stage = Stage(sensor, options.seed, number=options.seed)
@@ -150,8 +138,14 @@ def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
 
 
 # Functions that `spots.link.ports` expects in the module of a port scheme, for a whole linkage.
-linkage, run_linkage = endless, run
+run_linkage = run
 practice = begin_practice
+
+
+def linkage(options: Namespace) -> Endless:
+    """Return the simulated linkage that the options of a command describe."""
+    options = given(options)
+    return endless(options.sensor, options.linkage, seed=options.seed)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from spots.calibrate.session import Session, Wanted
 from spots.errors import SpotsError
 from spots_device.reading.calibration import Calibration
 
+from ..port import given
 from ..strip.files import SensorFile, load
 from .person import Habits, Person, follow
 from .stage import Stage
@@ -91,6 +92,7 @@ def practice(options, path: Path, guide: Dialog) -> Iterator[Practice]:
     SpotsError
         If the sensor file is invalid, or has another length than the options.
     """
+    options = given(options)
     sensor = load(SensorFile, options.sensor)
     if options.length_mm not in (None, sensor.length_mm):
         raise SpotsError(

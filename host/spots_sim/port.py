@@ -1,14 +1,47 @@
-"""Simulation options for commands that use a board or a linkage."""
+"""The port ``virtual``, see `spots.link.ports`; the simulator is loaded when a board is opened."""
 
 from __future__ import annotations
 
 import argparse
+from importlib import import_module
 
 from spots.cli import arguments
 
+_DEFAULTS = {
+    "sensor": "default",
+    "scenario": "demo",
+    "seed": 0,
+    "path": None,
+    "exposure_us": None,
+    "picture": None,
+}
 
-def add_board(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a virtual board; the caller sets their defaults in the parser."""
+
+def __getattr__(name: str):
+    if name.startswith("_"):
+        raise AttributeError(name)
+    return getattr(import_module(".demo.virtual", __package__), name)
+
+
+def given(options: argparse.Namespace | None) -> argparse.Namespace:
+    """Return options of the command line, with the defaults of the simulator's options.
+
+    Parameters
+    ----------
+    options : argparse.Namespace or None
+        The options; None for the defaults.
+
+    Returns
+    -------
+    argparse.Namespace
+    """
+    found = {**vars(options)} if options else {}
+    found |= {name: one for name, one in _DEFAULTS.items() if found.get(name) is None}
+    return argparse.Namespace(**found)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a virtual board, whose defaults `given` has."""
     group = parser.add_argument_group("virtual board")
     group.add_argument(
         "--sensor",
@@ -23,8 +56,8 @@ def add_board(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--seed", type=arguments.seed, help="random seed of the noise")
 
 
-def add_linkage(parser: argparse.ArgumentParser) -> None:
-    """Add the options of a simulated linkage; the caller sets their defaults in the parser."""
+def add_linkage_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of a simulated linkage, whose defaults `given` has."""
     group = parser.add_argument_group("simulated linkage")
     group.add_argument(
         "--path", metavar="FILE", help="path of the end point: a .toml file, or a name such as sust"
