@@ -13,7 +13,7 @@ from spots_device.fingers.contacts import (
     PROVISIONAL,
     UP,
 )
-from spots_device.keys.layout import KEYBOARD, action
+from spots_device.keys.layout import BEHAVIOUR, KEYBOARD, TEXT, action
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.dark import _DARK_EVERY_US, IDLE_US
@@ -130,8 +130,10 @@ AFTER_A_GAP = {
 # A layout with all kinds of actions, so that the scenes run each path of the key engine.
 LAYOUT = [
     "stuck_ms 5000",
+    "text 516 1280 5",  # a capital, a pause and a letter
+    "behaviour 0 %d 0 3" % TEXT,
     "layer %d %d" % (action(KEYBOARD, 4), action(KEYBOARD, 5)),
-    "key 0 400 %d 0 %d 0 0 0" % (action(KEYBOARD, 30), action(KEYBOARD, 6)),
+    "key 0 400 %d 0 %d 0 0 0" % (action(KEYBOARD, 30), action(BEHAVIOUR, 0)),
     "key 400 700 %d %d 0 %d 0 0" % tuple(action(KEYBOARD, usage) for usage in (7, 8, 9)),
     "key 700 1000 %d 0 0 0 %d %d" % tuple(action(KEYBOARD, usage) for usage in (10, 11, 12)),
 ]
