@@ -12,6 +12,7 @@ from spots.link.connect import prepare
 from spots.link.frames import Contact, Key, Touch
 from spots_device.reading import decode
 from spots_sim.board.lockstep import LockstepLink
+from spots_sim.demo.demo import open_fast
 from spots_sim.demo.demo_applications import type_on_board
 from spots_sim.person.typist import fast_typing
 from spots_sim.strip.files import Ambient, Finger, ScenarioFile
@@ -213,3 +214,19 @@ def test_an_object_is_released_after_half_a_minute_with_keys_only(sensor, calibr
     held = [t for t in events.touches if START_S + 0.2 < t.time_s < START_S + 39.9]
     assert all(abs(t.force_mN - 3000) < 60 for t in held if not t.flags & decode.LED_OFF)
     assert len({contact.id for contact in events.contacts}) == 1
+
+
+@pytest.mark.parametrize("light", [20, 45, 120])
+@pytest.mark.parametrize("x_mm", [7, 55])
+def test_a_lamp_under_a_finger_types_nothing_if_the_led_is_always_on(x_mm, light):
+    held = press(x_mm, (0, 0), (0.03, 2000), (0.5, 2000), (0.53, 0))
+    lamp = Ambient(steps=[(0, 0), (START_S + 0.2, light)])
+    file = ScenarioFile(seconds=START_S + 2, touch=[held], ambient=lamp)
+    board, _ = open_fast("always", Scenario(file), 3)
+    with board:
+        push(board, load_layout("digits"))
+        board.command("stream touch")
+        frames = list(board.frames(file.seconds - board.now_s()))
+    keys = [frame for frame in frames if isinstance(frame, Key)]
+    assert [key.pressed for key in keys] == [True, False]
+    assert keys[1].time_s < START_S + 0.53 + 0.1

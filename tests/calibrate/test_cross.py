@@ -7,7 +7,7 @@ from spots.calibrate.decoded import Decoded
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots_device.reading.calibration import Calibration, Conditions
-from spots_device.reading.decode import MISFIT_Q12, TOLERANCE_Q12, TOUCHING
+from spots_device.reading.decode import MISFIT, MISFIT_Q12, TOLERANCE_Q12, TOO_DARK, TOUCHING
 from spots_sim.measure.bound import Bound
 from spots_sim.measure.effects import errors, with_keys
 from spots_sim.measure.rig import Rig
@@ -174,16 +174,24 @@ def test_the_share_of_a_force_below_all_touches_is_that_of_the_weakest_touch():
     assert abs(firm[3]) < 100 < max(abs(knot[3]) for knot in knots)
 
 
-@pytest.mark.parametrize("mode_percent", [6.0, -6.0])
-def test_a_corrected_position_is_on_the_strip(mode_percent):
-    strip = Strip(seed=9, mode_percent=mode_percent)
+@pytest.mark.parametrize(
+    "contact", [{"mode_percent": 6.0}, {"mode_percent": -6.0}, {"gap_percent": 30.0}]
+)
+def test_positions_at_the_ends_are_right_and_those_beyond_untrusted(contact):
+    strip = Strip(seed=9, **contact)
+    end_um = strip.length_um
     decode = Decoded()
     decode.calibration = Calibration(strip.lines())
     for force_mN in FORCES_MN:
-        for place_um in (0, 300, strip.length_um - 300, strip.length_um):
+        for place_um in (0, 300, 1000, end_um - 1000, end_um - 300, end_um):
             decode.update_mean(strip.bound.counts(place_um, force_mN))
-            assert 0 <= decode.position_um <= strip.length_um
-            assert abs(decode.position_um - place_um) < 2500
+            assert 0 <= decode.position_um <= end_um
+            assert abs(decode.position_um - place_um) < 120
+            assert not decode.flags & TOO_DARK
+        for far_um in (-5000, -2000, end_um + 2000, end_um + 8000):
+            decode.update_mean(strip.bound.counts(far_um, force_mN))
+            assert decode.flags & (TOO_DARK | MISFIT)
+            assert decode.position_um in (0, end_um)
 
 
 def test_a_stretched_strip_has_the_correction_too():

@@ -122,8 +122,11 @@ ODD_COUNTS = 24  # counts
 ODD_EVERY_US = 2_000_000  # us: least age of a dark frame that is taken again for this reason
 ALIEN = 8  # tolerances: presses cause a smaller misfit, ambient light a larger one
 # A force is beyond the calibrated range if its light is more than this above the largest one, Q20
-# of log2 (2 %). A position is beyond it by half the distance of two knots.
+# of log2 (2 %). A position is beyond it by half the distance of two knots, or, with the
+# cross-sensitivity, if the corrected position is beyond the strip by 1/64 of the strip's length.
 BEYOND_Q20 = 30_000
+FAR_LOG2 = 6
+OUTSIDE_UM = 1 << 20  # um: a contrast far beyond its table, see `kernel._beyond`
 
 # Limits of `sticking.unstick`.
 LEFT = 3_483_000  # 10, as a difference of brightness in Q20 of log2: below its peak, a touch ends

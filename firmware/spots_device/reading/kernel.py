@@ -235,8 +235,6 @@ def _locate(state, tables):
     state[d.BRIGHTNESS] = brightness
     if brightness < tables[tables[d.FORCES] + 1]:
         return False
-    if brightness > tables[tables[d.FORCES] + tables[tables[d.FORCES]]] + d.BEYOND_Q20:
-        state[d.BEYOND] = d.TOO_DARK
     state[d.POSITION_UM] = state[d.FOUND]
     state[d.MISFIT_Q12] = misfit - state[d.FOUND + 1]
     look_up(tables, tables[d.FORCES], brightness, state, 2)
@@ -244,30 +242,45 @@ def _locate(state, tables):
     state[d.TOLERANCE_Q12] = state[d.FOUND + 1]
     if tables[d.CROSS]:
         _cross(tables, state)
+    if brightness > tables[tables[d.FORCES] + tables[tables[d.FORCES]]] + d.BEYOND_Q20:
+        state[d.BEYOND] = d.TOO_DARK
     return True
 
 
 def _beyond(tables, place, at):
-    # Return `TOO_DARK` if the argument `at` of a table is beyond the table's ends by more than half
-    # the distance of two knots; else 0.
+    # Return `TOO_DARK` if the argument `at` of a table of positions is beyond the table's ends by
+    # more than half the distance of two knots; else 0. With the cross-sensitivity, return how far
+    # it is beyond, in um for `_cross`; `OUTSIDE_UM` for more than the distance of two knots.
     low = place + 1
     high = place + tables[place]
-    if at < tables[low] - (tables[low + 1] - tables[low] >> 1):
-        return d.TOO_DARK
-    if at > tables[high] + (tables[high] - tables[high - 1] >> 1):
-        return d.TOO_DARK
-    return 0
+    if at < tables[low]:
+        at -= tables[low]
+    elif at > tables[high]:
+        low = high - 1
+        at -= tables[high]
+    else:
+        return 0
+    width = tables[low + 1] - tables[low]
+    if not tables[d.CROSS]:
+        return d.TOO_DARK if abs(at) > width >> 1 else 0
+    low += tables[place]
+    if abs(at) > width:
+        return d.OUTSIDE_UM if (tables[low + 1] > tables[low]) == (at > 0) else -d.OUTSIDE_UM
+    return at * (tables[low + 1] - tables[low]) // width
 
 
 def _cross(tables, state):
-    # Correct position and misfit for the cross-sensitivity.
+    # Correct position, misfit and `BEYOND` for the cross-sensitivity.
     share = state[d.FOUND + 2]
     state[d.MISFIT_Q12] -= state[d.FOUND + 4] * share >> 12
-    at = state[d.POSITION_UM] + (state[d.FOUND + 3] * share >> 12)
+    at = state[d.POSITION_UM] + state[d.BEYOND] + (state[d.FOUND + 3] * share >> 12)
+    end = tables[d.CROSS]
+    far = end >> d.FAR_LOG2
+    state[d.BEYOND] = d.TOO_DARK if at < -far or at > end + far else 0
     if at < 0:
         at = 0
-    elif at > tables[d.CROSS]:
-        at = tables[d.CROSS]
+    elif at > end:
+        at = end
     state[d.POSITION_UM] = at
 
 
@@ -282,13 +295,15 @@ def _judge(state, touching):
         # for a key, see tracker.TWO_FIT.
         if abs(misfit - state[d.DRIFT]) <= tolerance:
             flags |= d.TOO_DARK
-        elif (
-            touching
-            and abs(misfit - state[d.DRIFT]) > d.ALIEN * tolerance
-            and state[d.AGE_US] >= d.ODD_US_MAX
-            and state[d.AGE_STEP_US]
-        ):
-            state[d.WANTED] |= d.CHECK  # a lamp was switched on: measure it under the finger
+        elif abs(misfit - state[d.DRIFT]) > d.ALIEN * tolerance:
+            # A lamp was switched on: measure it under the finger. If the LED is always on, nobody
+            # can, and this light may remain after the lift: it is no touch.
+            if state[d.AGE_STEP_US]:
+                if touching and state[d.AGE_US] >= d.ODD_US_MAX:
+                    state[d.WANTED] |= d.CHECK
+            elif abs(misfit - state[d.DRIFT]) - d.ALIEN * tolerance > state[d.DRIFT_MAX]:
+                state[d.FAINT] = 0
+                return flags
     force_mN = state[d.FORCE_MN]
     least_mN = state[d.TOUCH_OFF_MN]
     if not touching:

@@ -121,6 +121,8 @@ def process(work, flags: int) -> int:
 
         # Row 0: the segment's table of positions; row 1: the table of forces.
         beyond = 0
+        over_um = 0
+        cross = (tables[d.CROSS] ^ sign) - sign
         at = (state[d.CONTRAST_SUM] ^ sign) - sign
         for row in range(2):
             knots = tables[first]
@@ -139,13 +141,23 @@ def process(work, flags: int) -> int:
             if row:
                 if at > width + d.BEYOND_Q20:
                     beyond = d.TOO_DARK
-            elif at + half < 0 or at > width + half:
+            elif cross == 0 and (at + half < 0 or at > width + half):
                 beyond = d.TOO_DARK
+            n = at
             if at < 0:
                 at = 0
             if at > width:
                 at = width
-            cross = (tables[d.CROSS] ^ sign) - sign
+            n -= at
+            if row == 0 and n and cross:
+                # How far the contrast is beyond the table.
+                state[d.FOUND] = tables[low + knots + 1] - tables[low + knots]
+                over_um = (state[d.FOUND] ^ sign) - sign
+                if n > width or n + width < 0:
+                    n = n if over_um > 0 else 0 - n
+                    over_um = d.OUTSIDE_UM if n > 0 else 0 - d.OUTSIDE_UM
+                else:
+                    over_um = n * over_um // width
             columns = 3 - row
             if cross:
                 columns += 2 - row
@@ -177,7 +189,10 @@ def process(work, flags: int) -> int:
             state[d.MISFIT_Q12] = state[d.MISFIT_Q12] - ((at * n) >> 12)
             at = (state[d.FOUND + 3] ^ sign) - sign
             at = (at * n) >> 12
-            at += (state[d.POSITION_UM] ^ sign) - sign
+            at += ((state[d.POSITION_UM] ^ sign) - sign) + over_um
+            half = cross >> d.FAR_LOG2
+            if at + half < 0 or at > cross + half:
+                beyond = d.TOO_DARK
             if at < 0:
                 at = 0
             elif at > cross:
@@ -190,6 +205,11 @@ def process(work, flags: int) -> int:
         if uint(misfit + tolerance) > most:
             flags |= d.MISFIT
         off = misfit - ((state[d.DRIFT] ^ sign) - sign)
+        if flags & d.MISFIT and state[d.AGE_STEP_US] == 0:
+            n = d.ALIEN * tolerance + state[d.DRIFT_MAX]
+            if uint(off + n) > uint(2 * n):
+                state[d.FAINT] = 0
+                break
         force_mN = state[d.FORCE_MN]
         least_mN = state[d.TOUCH_OFF_MN]
         step = 0
