@@ -10,6 +10,7 @@ from sensors import replaced
 
 from spots import SpotsError
 from spots.calibrate import calibration_file as file
+from spots.calibrate import fit as fitting
 from spots.calibrate import rest, steps
 from spots.calibrate.bench import Bench
 from spots.calibrate.guide import Guide
@@ -142,12 +143,30 @@ def test_a_clean_strip_gets_no_line(sensor, tmp_path):
     assert "rest" not in path.read_text()
 
 
+def test_a_calibration_without_room_for_spectra_says_so(sensor, tmp_path, monkeypatch):
+    for lines_max, count in ((360, 0), (100, 1)):
+        monkeypatch.setattr(fitting, "_LINES_MAX", lines_max)
+        with Stage(sensor, seed=3) as stage:
+            said = by_stage(stage, tmp_path / f"{lines_max}.jsonl")
+        assert said.count("no room for the spectra of presses") == count
+
+
 def test_too_much_light_is_refused_with_its_place(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     refused = r"light at 3\d mm without a press: dust.*at most 10% can be subtracted: clean"
     strip = dusty(sensor, 12.0, 35.0)
     with Stage(strip, seed=3) as stage, pytest.raises(SpotsError, match=refused):
         by_stage(stage, path)
+    assert len(Session(path).points) <= 9
+
+
+def test_a_person_is_refused_too_much_light_at_the_third_press(sensor, tmp_path):
+    path = tmp_path / "a.jsonl"
+    refused = r"light at 3\d mm without a press: dust.*clean the strip there"
+    strip = dusty(sensor, 12.0, 35.0)
+    with Stage(strip, seed=3) as stage, pytest.raises(SpotsError, match=refused):
+        by_hand(stage, path, "fine")
+    assert len(Session(path).points) == 3
 
 
 def test_the_place_is_found_between_presses():

@@ -7,12 +7,14 @@ from pathlib import Path
 import msgspec
 import pytest
 from rich.console import Console
+from sensors import replaced
 
 from spots import SpotsError
 from spots.calibrate.bench import BadPressError, Bench
 from spots.calibrate.guide import Guide
 from spots.calibrate.session import Wanted
 from spots.calibrate.spectra import SpectrumReader
+from spots_sim.person.person import follow
 from spots_sim.person.stage import Stage
 from spots_sim.person.stage_presser import StagePresser
 from spots_sim.strip.scenario import Press
@@ -91,3 +93,62 @@ def test_a_joint_whose_press_is_refused_need_not_be_released(bench):
     wanted = Wanted(kind="joint", place_um=40_000.0, force_mN=3000.0, angle_deg=4.0)
     bench.take(wanted, judge=judge)
     assert bench.said().count("try again") == 2
+
+
+class Slipping(StagePresser):
+    """Lifts half a second after the press begins, and presses again two seconds later."""
+
+    patience_s = 25.0
+
+    def press(self, wanted):
+        press = Press(wanted.place_um / 1000, wanted.force_mN, 4.0)
+        follow(self._stage.held, [(0.3, 0.8, press), (2.8, float("inf"), press)])
+
+    def release(self):
+        follow(self._stage.held, [])
+
+
+@pytest.mark.parametrize("kind", ["choose", "hand", "mark"])
+def test_contact_that_sticks_is_not_taken_for_the_press_that_slipped(sensor, kind):
+    sticky = replaced(sensor, contact={"sticking_percent": 1.0, "sticking_s": 3.0})
+    with Stage(sticky, seed=4) as stage:
+        guide = Guide(Console(file=io.StringIO()))
+        bench = Bench(stage.reader, Slipping(stage), guide, stage.length_um, Path("a.toml"))
+        wanted = Wanted(kind=kind, place_um=10_000.0, force_mN=6000.0)
+        assert bench.take(wanted).counts.min() > 100
+
+
+class Hesitant(StagePresser):
+    """Presses a second after the request."""
+
+    def press(self, wanted):
+        press = Press(wanted.place_um / 1000, wanted.force_mN, 4.0)
+        follow(self._stage.held, [(1.0, float("inf"), press)])
+
+    def release(self):
+        follow(self._stage.held, [])
+
+
+@pytest.mark.parametrize("kind", ["hand", "mark"])
+@pytest.mark.parametrize("percent", [0.0, 1.0])
+def test_contact_that_sticks_is_not_taken_for_the_next_press(sensor, kind, percent):
+    sticky = replaced(sensor, contact={"sticking_percent": percent, "sticking_s": 1.0})
+    firm = Wanted(kind=kind, place_um=10_000.0, force_mN=10_000.0)
+    weak = Wanted(kind=kind, place_um=70_000.0, force_mN=500.0)
+    with Stage(sticky, seed=4) as stage:
+        guide = Guide(Console(file=io.StringIO()))
+        bench = Bench(stage.reader, Hesitant(stage), guide, stage.length_um, Path("a.toml"))
+        stage.reader.set_up(dark_s=2.0)
+        alone = bench.take(weak).counts
+        bench.release()
+        for _ in stage.board.frames(10.0):
+            pass
+        bench.take(firm)
+        bench.release()
+        assert bench.take(weak).counts == pytest.approx(alone, rel=0.05, abs=0.5)
+        bench.release()
+        bench.take(firm)
+        bench.release()
+        bench.part()
+        stage.reader.set_up(dark_s=2.0, untouched=True)
+        assert not stage.reader.rest.any()

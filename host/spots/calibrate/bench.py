@@ -32,6 +32,8 @@ _TREMBLE_MAX = 6.0  # largest ratio of the variance of a steady press to that of
 _SIGMAS = 5.0  # tolerance of noise in all checks, in standard deviations
 _OUTLIER = 0.3  # log2: largest difference from the light expected from other presses
 _VARIANCE_MIN = 0.25  # counts**2 of a sample; used while the noise is unknown
+_PARTING = 0.97  # largest ratio of the light of two successive short readings, while guides part
+_LEFT = 1 / 16  # of the light of a press: less is light of contact that sticks after a lift
 _CHANGED = 1.25  # least ratio of the light before and after a change of the force
 CONTINUES = "the presses taken so far are stored; start the session again to continue"
 
@@ -98,6 +100,7 @@ class Bench:
     spent: int = 0
     trace: list[tuple[float, ...]] = field(default_factory=list)
     holds: list[tuple[float, float]] = field(default_factory=list)
+    _is_parted: bool = True
 
     @property
     def window(self) -> int:
@@ -143,6 +146,7 @@ class Bench:
         self.guide.want(wanted)
         for _ in range(TRIES):
             self.spent += 1
+            self.part()
             self.presser.press(wanted)
             try:
                 reading = self.again(wanted.kind, noise)
@@ -213,11 +217,25 @@ class Bench:
         while self.reader.board.now_s() < end_s:
             reading = self.reader.read(2)
             if reading.counts.max() < max(1.0, peak / 2):
+                self._is_parted = False
                 return
             self.guide.watch(reading, "release", 0.0)
         raise SpotsError(
             "the strip stays bright after the release: shade the strip, and do not press it"
         )
+
+    def part(self) -> None:
+        """Wait until the guides have parted after the last release.
+
+        Contact of soft guides can stick for some seconds, and its light looks like a weak press.
+        The wait ends when there is no light, or when it hardly falls: then it has another cause.
+        """
+        before = np.inf
+        while not self._is_parted:
+            reading = self.reader.read(self.window)
+            light = reading.counts.sum()
+            self._is_parted = reading.unlit or light > _PARTING * before
+            before = light
 
     def _window(self) -> Reading:
         """Return the next short reading, and append it to `trace` if the press has begun."""
@@ -226,6 +244,11 @@ class Bench:
             row = round(self.reader.board.now_s(), 3), *reading.counts.round(2).tolist()
             self.trace.append(row)
         return reading
+
+    @property
+    def _brightest(self) -> float:
+        # The largest sum of the counts during the present press.
+        return max((sum(counts) for _, *counts in self.trace), default=0.0)
 
     def _hold(self, hold_s: float) -> None:
         """Continue to read a press until its last hold has lasted `hold_s` seconds.
@@ -260,6 +283,8 @@ class Bench:
                 raise BadPressError("the strip was released: change the force without lifting")
             try:
                 _check_steady(reading, noise, self.window, kind)
+                if before is None and reading.counts.sum() < _LEFT * self._brightest:
+                    raise BadPressError("the press ended too early: hold it")
                 if before is not None and 1 / _CHANGED < reading.counts.sum() / before < _CHANGED:
                     raise BadPressError("the force has not changed: change it without lifting")
                 steady.append(reading)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import SpotsError
+from . import rest
 from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples_of
 from .dialog import Dialog, Progress
 from .presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
@@ -111,6 +112,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
         traced = {"trace": tuple(trace), "holds": tuple(holds)} if read.force_mN else {}
         conditions = bench.reader.conditions
         session.add(point(read, reading, conditions, length_um=bench.length_um, **traced))
+        rest.check(session)
         bench.spent, tries = bench.spent - 1, 0
         guide.taken(read, reading)
         wanted, surface = None, _surface(session, bench.length_um, surface)

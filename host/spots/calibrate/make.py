@@ -12,6 +12,7 @@ from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.decode import CROSS
 
 from ..errors import SpotsError
+from ..link.press_spectra import press_spectra
 from . import calibration_file as file
 from . import rest
 from .decoded import Decoded
@@ -78,6 +79,12 @@ def _made(session: Session, say: Callable[[str], None]) -> file.CalibrationFile:
             along[strain_ppm] = presses(at_strain)
     noise = noise or Noise.of(*along.values(), pressed)
     lines = fit(along, pressed, noise, session.conditions, misfit)
+    if not press_spectra(lines):
+        say(
+            f"a calibration for {len(along)} strains has no room for the spectra of presses: drift "
+            "is reported only if readings become untrusted, and 'spots doctor --mark' checks a "
+            "position"
+        )
     if light := session.rest:
         say(rest.described(light, firm))
         lines += rest.line(light)

@@ -12,11 +12,15 @@ import numpy as np
 from spots_device.reading.decode import DARK_SAMPLES
 
 from ..errors import SpotsError
-from .presses import Presses
+from .presses import FIRM_MN, Presses
+from .session import Session, presses
 
 # Largest light without a press, as a share of a firm press at the same place. Dust of 2 % of a full
 # contact has 3 %. With more light, the strip is not as it was cast.
 _SHARE_MAX = 0.1
+# Presses that show the place of such light while a session runs: their forces as shares of a firm
+# one, and the least distance between the outermost ones, as a share of the strip's length.
+_FIRM_SHARES, _SPREAD = (0.7, 1.5), 0.5
 
 
 def line(rest: Iterable[float]) -> list[str]:
@@ -81,6 +85,34 @@ def described(rest: Iterable[float], firm: Presses) -> str:
             "begin another session"
         )
     return f"{where} ({share:.1%} of the light of a firm press); it is subtracted"
+
+
+def check(session: Session) -> None:
+    """Refuse light without a press that is too bright as soon as firm presses show its place.
+
+    Parameters
+    ----------
+    session : Session
+        Session that has just stored a press.
+
+    Raises
+    ------
+    SpotsError
+        If the light is too bright to be subtracted, see `described`.
+    """
+    last = session.points[-1]
+    low_mN, high_mN = (share * FIRM_MN for share in _FIRM_SHARES)
+    firm = [
+        p
+        for p in session.points
+        if p.plan == last.plan
+        and p.strain_ppm == last.strain_ppm == 0
+        and not (p.saturated or p.angle_deg is not None)
+        and (not p.force_mN or low_mN <= p.force_mN <= high_mN)
+    ]
+    places_um = [p.place_um for p in firm]
+    if last.rest and firm and np.ptp(places_um) >= _SPREAD * (session.length_um or np.inf):
+        described(last.rest, presses(firm))
 
 
 def _found(rest: np.ndarray, firm: Presses) -> tuple[float, float]:

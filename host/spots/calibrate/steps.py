@@ -16,7 +16,7 @@ from ..errors import SpotsError
 from ..link import lamps
 from ..link.connect import ensured
 from . import calibration_file as file
-from . import carry
+from . import carry, rest
 from .bench import BadPressError, Bench, judge_force, judge_place
 from .choose import choose, passes
 from .dialog import UndoError
@@ -155,6 +155,7 @@ class _Steps:
         """
         reader, guide = self.bench.reader, self.bench.guide
         guide.say("taking dark frames: touch nothing")
+        self.bench.part()
         reader.set_up(dark_s=dark_s, untouched=True)
         if reader.rest.any():
             guide.say(
@@ -229,8 +230,8 @@ class _Steps:
             return
         bench.release()
         self.untouched()
-        rest = bench.reader.rest
-        reading = replace(reading, counts=reading.counts - rest, rest=rest)
+        light = bench.reader.rest
+        reading = replace(reading, counts=reading.counts - light, rest=light)
         wanted = Wanted(kind="hand", place_um=_SENSOR_END_UM, force_mN=0.0)
         if read := bench.presser.read_off(wanted, bench.length_um):
             self._add(read, reading, length_um=bench.length_um)
@@ -262,6 +263,7 @@ class _Steps:
                 self.session.add(
                     point(wanted, reading, reader.conditions, length_um=self.bench.length_um)
                 )
+            rest.check(self.session)
             self.bench.guide.taken(wanted, reading)
             self.bench.release()
         measured = tuple(
@@ -411,6 +413,7 @@ class _Steps:
 
     def _add(self, wanted: Wanted, reading: Reading, **measured) -> None:
         self.session.add(point(wanted, reading, self.bench.reader.conditions, **measured))
+        rest.check(self.session)
         self.bench.guide.taken(wanted, reading)
 
     def _judge(self, wanted: Wanted, noise: Noise | None, reading: Reading) -> None:
