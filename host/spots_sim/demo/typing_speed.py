@@ -11,6 +11,7 @@ import argparse
 from statistics import median
 
 import numpy as np
+from msgspec.structs import replace
 
 from spots.cli.arguments import number
 from spots.keyboard.layout import load as load_layout
@@ -43,6 +44,7 @@ def typed(
     lines: tuple[str, ...] | None = None,
     layout: str = "digits",
     hands: str = "usual",
+    world: dict | None = None,
 ) -> dict:
     """Type random keys on a virtual board in simulated time, and return the results.
 
@@ -70,6 +72,8 @@ def typed(
         Key layout: a path, or a name such as ``mini``.
     hands : str, optional
         Name of the hands in `hands.HANDS`; pairs of fingers always have the usual ones.
+    world : dict, optional
+        Other attributes of the scenario (`files.ScenarioFile`), such as ``bend_deg``.
 
     Returns
     -------
@@ -79,6 +83,7 @@ def typed(
     """
     what = load_layout(layout), touches, load(SensorFile, sensor).length_mm, seed
     file = two_fingers(*what) if who == TWO_FINGERS else _file(who, *what, hands)
+    file = replace(file, **(world or {}))
     truth = Scenario(file)
     board, _ = open_fast(sensor, truth, seed, rezeroed=rezeroed, warm=warm, lines=lines)
     late_ms: list[float] = []

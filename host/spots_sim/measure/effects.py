@@ -253,9 +253,12 @@ def measured(options: argparse.Namespace) -> list[Errors]:
         if options.person is not None:
             rig.use(calibrate_by_hand(rig.stage, options.person).lines)
         held = rig.stage.held
-        held.bend_deg, held.leak_share = options.bend, options.leak[0] / 100
-        held.leak_mm = options.leak[1]
-        age(rig, sensor.change + later, hand, options.seed)
+
+        def wear() -> None:
+            held.bend_deg, held.leak_share = options.bend, options.leak[0] / 100
+            held.leak_mm = options.leak[1]
+
+        age(rig, sensor.change + later, hand, options.seed, wear)
         return errors(rig, options.forces, options.seed, options.readings)
 
 

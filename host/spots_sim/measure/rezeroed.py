@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,7 +115,9 @@ def recalibrated(sensor: SensorFile) -> tuple[str, ...]:
         return rig.shifted_lines
 
 
-def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
+def age(
+    rig: Rig, change: Change, hand: Hand, seed: int, wear: Callable[[], None] = lambda: None
+) -> str | None:
     """Change a calibrated strip, then correct its calibration with a few presses (re-zero).
 
     Parameters
@@ -127,6 +130,8 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
         Options of the re-zero.
     seed : int
         Random seed of the position errors, see `Hand.error_um`.
+    wear : callable, optional
+        Called when the strip changes, after the marks of the calibration: bends it, for example.
 
     Returns
     -------
@@ -134,6 +139,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
         Description of the drift; None without a re-zero.
     """
     if not hand.marks:
+        wear()
         rig.stage.held.changed = change
         rig.stage.by_hand = hand.by_hand
         return None
@@ -148,6 +154,7 @@ def age(rig: Rig, change: Change, hand: Hand, seed: int) -> str | None:
         place_um=tuple(places_um), force_mN=FIRM_MN, logs=tuple(map(tuple, logs.tolist()))
     )
     made = CalibrationFile(date=now(), **rig.conditions._asdict(), lines=rig.lines, marks=marks)
+    wear()
     rig.stage.held.changed = change
     rig.stage.by_hand = hand.by_hand
     force_mN = FIRM_MN if hand.scale else None

@@ -40,9 +40,13 @@ class _Terminal(io.StringIO):
 
 
 def calibrate_by_hand(
-    stage: Stage, seed: int, habits: Habits = _USUAL, count: int = PRESSES
+    stage: Stage,
+    seed: int,
+    habits: Habits = _USUAL,
+    count: int = PRESSES,
+    kind: str = "fine",
 ) -> calibration_file.CalibrationFile:
-    """Let a simulated person calibrate a strip with a scale, at the present settings of its board.
+    """Let a simulated person calibrate a strip, at the present settings of its board.
 
     Parameters
     ----------
@@ -54,6 +58,8 @@ def calibrate_by_hand(
         Errors of the person.
     count : int
         Number of presses.
+    kind : str
+        Kind of the session: ``fine``, with a scale, or ``rough``, without one.
 
     Returns
     -------
@@ -74,9 +80,7 @@ def calibrate_by_hand(
         bench = Bench(stage.reader, presser, guide, stage.length_um, path)
         options = argparse.Namespace(plan=None, keep_settings=True)
         try:
-            steps.calibrate(
-                bench, Session(path.with_suffix(".jsonl")), "fine", count, None, options
-            )
+            steps.calibrate(bench, Session(path.with_suffix(".jsonl")), kind, count, None, options)
         finally:
             vars(stage.held).pop("presses", None)  # the path of the person's finger ends
             stage.release()
