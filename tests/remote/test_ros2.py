@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from zenoh_ros2_sdk.utils import compute_type_hash_from_msg
 
 import spots
+import spots_sim
 from net import DEADLINE_S, session, stand_in, wait_until
 from spots import Board
 from spots.recording.export import export
@@ -47,7 +48,7 @@ def test_own_types_have_the_hashes_that_another_implementation_computes(name):
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("ros2") / "run.spots"
-    with spots.open("virtual", seed=71) as board, board.record(path):
+    with spots_sim.open(seed=71) as board, board.record(path):
         board.stream("touch", "spectrum", "contact")
         for _, _ in zip(range(250), board.touches()):
             pass
