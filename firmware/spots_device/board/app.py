@@ -127,6 +127,7 @@ class BoardApp:
     signal = None
     _lit = 0
     report_us = 1_000  # USB takes a report each millisecond
+    _slice_us = _SLICE_US
 
     def __init__(self, board, runtime, uid, sensor, clock, serial, usb=None):
         self._board = board
@@ -246,20 +247,23 @@ class BoardApp:
         byte = self._read()
         if byte >= 0 and self._listen(byte):
             self._answer()
-        slice_us = _SLICE_US
-        if self.uses.pumps and not self.uses.pump():
-            slice_us = self.report_us
+            self._pump()
         if self.reconnect.lost:
             self._time.update()  # must be updated more often than the ticks wrap
             self._blink()
             self.reconnect.search()
-            return
-        wait_us = self._ticks_diff(self._pacing.due, self.ticks_us())
-        if wait_us > 0:
-            if wait_us > slice_us:
-                self.sleep_us(slice_us)
-                return
-            self.sleep_us(wait_us)
+        else:
+            wait_us = self._ticks_diff(self._pacing.due, self.ticks_us())
+            if wait_us > self._slice_us:
+                self.sleep_us(self._slice_us)
+            else:
+                if wait_us > 0:
+                    self.sleep_us(wait_us)
+                self._sample()
+        # After the samples, so that their keys do not wait until the end of a sleep.
+        self._pump()
+
+    def _sample(self):
         poll = self._poll
         take = self._take
         if poll():
@@ -269,10 +273,13 @@ class BoardApp:
             # The other samples of this FIFO read, at most 19. `poll` does not use the bus for them.
             # `_take` can restart the sensor, which drops them.
             while self._sensor.waits:
-                if self.uses.pumps:
-                    self.uses.pump()
+                self._pump()
                 poll()
                 take()
+
+    def _pump(self):
+        idle = not self.uses.pumps or self.uses.pump()
+        self._slice_us = _SLICE_US if idle else self.report_us
 
     def measure(self):
         """Start to measure `Meter.busy_us`; the loop is slightly slower during the measurement."""
