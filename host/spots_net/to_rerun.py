@@ -6,8 +6,8 @@ from pathlib import Path
 
 import rerun
 import rerun.blueprint as blueprint
-from spots.atomic import check_writable
 
+from spots.common.atomic import check_writable
 from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.frames import Reading, Spectrum, Touch

@@ -21,7 +21,8 @@ PYPROJECT = toml.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8
 EXTRAS = [
     extra
     for extra, packages in PYPROJECT["optional-dependencies"].items()
-    if not any(one.startswith(PYPROJECT["name"]) for one in packages)
+    # Rerun has 170 MB, and no other package of the tests needs it.
+    if not any(one.startswith(PYPROJECT["name"]) for one in packages) and extra != "rerun"
 ]
 
 

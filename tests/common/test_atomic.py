@@ -22,7 +22,7 @@ from test_frames import stream
 WRITER = """
 import os, sys
 from pathlib import Path
-from spots import atomic
+from spots.common import atomic
 from spots.deploy import build
 TEXT = atomic.begins("a text", b"")
 def wait(*_):

@@ -23,7 +23,8 @@ _BYTECODE = 0  # kind of code in an .mpy file
 # Functions that run for every sample of a calibrated and touched strip that streams TOUCH frames,
 # and those of the keys.
 EACH_SAMPLE = {
-    "board/app": "_pass",
+    "board/app": "_pass _sample _pump",
+    "board/several": "_pass serve",
     "sensor/as7341": "poll",
     "sensor/fifo": "read",
     "sensor/registers": "read fetch stamp",
@@ -50,7 +51,8 @@ EACH_SAMPLE = {
     "sensor/pacing": "early found held skip",
     "runtime/micropython": "write _has_room _put read",
     "reading/strip": "take _judge _use _finish",
-    "board/uses": "take usage has_room key _flush _send_keys _send_key _track _follow_fingers",
+    "board/uses": "take pump _offer usage has_room key _flush _send_keys _send_key _track "
+    "_follow_fingers",
 }
 
 

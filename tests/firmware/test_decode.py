@@ -213,6 +213,7 @@ WEAK = [count * 35 // 100 for count in LIT]
 
 def test_light_that_fits_no_press_begins_a_touch_at_four_times_the_force(decoder):
     begin = decoder.calibration.touch_on_mN
+    decoder.state[decode.AGE_STEP_US] = 10_000  # a board that switches its LED
     shifted(decoder, 1000)
     for share in range(1, 101):
         decoder.update([count * share // 100 for count in LIT], 1, NO_DARK, 0)

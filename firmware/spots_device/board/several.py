@@ -307,17 +307,19 @@ class SeveralApp(StripApp):
         byte = self._read()
         if byte >= 0 and self._listen(byte):
             self._answer()
-        idle = self.uses.pump()  # the outputs of all strips
-        if self.current is not self:
-            self.current.uses.pump()  # its keys
         if self._lost:
-            self._lost = False
-            now = self.ticks_us()
-            for part in self.parts:
-                if part.reconnect.lost:
-                    self._lost = True
-                    part.search(now)
+            self._search()
+        idle = self.uses.pump()  # the outputs of all strips
         self.serve(_SLICE_US if idle else self.report_us)
+        self.current.uses.pump()  # its keys
+
+    def _search(self):
+        self._lost = False
+        now = self.ticks_us()
+        for part in self.parts:
+            if part.reconnect.lost:
+                self._lost = True
+                part.search(now)
 
     def _leave(self):
         self.interrupt_at(-1)

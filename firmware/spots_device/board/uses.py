@@ -320,18 +320,24 @@ class Uses:
             self._send_keys()
         idle = True
         for output in self.outputs:
-            outbox = output.outbox
-            if outbox.count:
-                self._time.update()
-                dropped = outbox.dropped
-                if outbox.expire():
-                    output.release()
-                if outbox.dropped != dropped and self.merger is not None:
-                    self.merger.drops += 1  # ends a text
-                idle = outbox.pump() and idle
-            if output.unsent:  # the queue was full
-                output.flush()
-                idle = False
+            idle = self._offer(output) and idle
+        return idle
+
+    def _offer(self, output):
+        # Returns whether no report of the interface `output` waits.
+        outbox = output.outbox
+        idle = True
+        if outbox.count:
+            self._time.update()
+            dropped = outbox.dropped
+            if outbox.expire():
+                output.release()
+            if outbox.dropped != dropped and self.merger is not None:
+                self.merger.drops += 1  # ends a text
+            idle = outbox.pump()
+        if output.unsent:  # the queue was full
+            output.flush()
+            idle = False
         return idle
 
     def release(self):
