@@ -48,7 +48,8 @@ class Windows:
         for i, one in enumerate(self.sample(light, ambient)):
             self.state[d.SUMS + i] = one
         self.baseline.before()
-        self.dark.begin(10_000)
+        self.state[d.WANTED] = d.CHECK  # else single samples, while the ambient light changes
+        assert self.dark.begin(10_000)
         while not self.dark.add(self.sample((0.0,) * 6, ambient)):
             pass
         self.baseline.update()
@@ -98,7 +99,7 @@ def test_ambient_light_and_its_shadow_never_enter(shaded):
     for _ in range(20):
         made.take(COUNTS, lamp)
         made.take(COUNTS, shaded)
-    assert made.counts == pytest.approx(COUNTS, abs=0.7)
+    assert made.counts == pytest.approx(COUNTS, abs=1.0)
 
 
 def test_a_shadow_in_the_window_is_ignored():

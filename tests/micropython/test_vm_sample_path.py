@@ -96,10 +96,11 @@ SCENES = {
         TOO_DARK,
         DARK,
         lasts_ms=IDLE_US // 1000 + DARK_WINDOW_MS + 80,
-        dark=NONE,
     ),
     "a finger after that": scene(TOUCHING, NEAR),
-    "nobody after that": scene(TOO_DARK, DARK, dark=NONE),
+    "nobody after that": scene(
+        TOO_DARK, DARK, dark=NONE, request_dark=True, lasts_ms=DARK_FRAME_MS
+    ),
     "the least table": scene(TOUCHING | SATURATED | MISFIT, UNEVEN, LEAST, dark=NONE, lasts_ms=300),
     "the largest table": scene(
         TOUCHING | SATURATED | MISFIT, UNEVEN[::-1], LARGEST, dark=NONE, lasts_ms=ALIEN_MS
@@ -114,6 +115,7 @@ WITH_DARK_WINDOW = {
     "a dark frame on request",
     "as much light as fits",
     "the dark window when it lifts",
+    "nobody after that",
     "the least table",
     "the largest table",
     "the largest table, averaged",
@@ -184,7 +186,7 @@ def given(calibration):
         "settings": ["exposure_us=10000"],
         "calibrations": calibrations,
         "scenes": [played for played, _ in SCENES.values()],
-        "port_bytes": 40_000,
+        "port_bytes": 44_000,
         "contacts": False,
         "uses": [],
         "layout": [],

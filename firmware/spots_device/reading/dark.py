@@ -10,6 +10,10 @@ has the weight 1/8. This average has the noise and the delay of a mean over 16 w
 memory for windows. If a window deviates too much from the mean, the ambient light has changed, and
 the mean restarts.
 
+Ambient light that has changed may change again: a hand shades the strip, or leaves move in the sun.
+So for some time after a change, single dark samples are taken often, also during a touch, and one
+as soon as the light of a reading cannot be explained. The mean then includes only a few samples.
+
 The baseline starts with the value of the calibration. It follows the difference between a dark
 window and the lit samples directly before and after it. Ambient light, and a shadow on it, is the
 same in all of these samples, so it never enters the baseline.
@@ -25,16 +29,31 @@ IDLE_US = 1_000_000  # time without a touch before the LED may be switched off
 
 _WINDOW_SAMPLES = const(4)
 _WINDOWS = const(16)
-_WEIGHT = const(8)  # after the first 16 windows, a window has the weight 1/8
+_FULL = const(64)  # samples of 16 windows
+_WEIGHT = const(32)  # after these, a sample has the weight 1/32, and so a window 1/8
 # A dark window and the switching of the LED take six samples, so windows must be rare.
 _DARK_EVERY_US = const(10_000_000)
 _DARK_EVERY_SAMPLES = const(100)
 _REQUEST_US = const(2_000_000)  # longest duration of a requested dark frame
 _EVERY_MAX_US = const(500_000_000)  # so that the age fits a small integer
+# While the ambient light changes: samples between two dark samples; the same if the light cannot be
+# explained, without a touch and during one; dark samples until the light counts as constant.
+_CHANGING_EVERY = const(20)
+_ODD_EVERY = const(4)
+_ODD_TOUCH_EVERY = const(8)
+_CHANGING = const(80)
+_CHANGING_SAMPLES = const(8)  # in the mean
+# The sums of two dark samples differ if the difference is more than this number of counts, plus a
+# share of the sum.
+_CHANGE = const(8)
+_CHANGE_SHIFT = const(5)
+# The light of a lamp can flicker. A window shows no change if the largest difference of its samples
+# is above this share of the change.
+_FLICKER_SHIFT = const(3)
 # A window differs too much from the mean if the chi-squared of its six sums is above this limit.
-# Noise exceeds the limit in less than one of 1000 windows. The assumed variance of a sum s is
-# s + 4 counts**2, for the noise of light, converter and rounding.
-_JUMP = const(24)
+# Noise exceeds the limit in less than one of 1000 windows. The assumed variance of a sum s over n
+# samples is s/16 + n counts**2, for the noise of light, converter and rounding.
+JUMP = 24
 _JUMP_MAX = const(1 << 12)  # the square of a smaller difference, times 2**4, fits a small integer
 _Q = const(12)
 _SUMS_SHIFT = const(6)  # from Q12 to sums over `decode.DARK_SAMPLES`
@@ -46,7 +65,6 @@ _PRODUCT_MAX = const(256)
 # changes it, and a strip without such light gets none.
 _SETTLED_US = const(200_000)  # time without a touch before the baseline may follow
 _FAR = const(1 << 20)  # largest summand of a chi-squared, Q4
-_LEVEL_MAX = const(65_535 << _Q)
 
 
 class Dark:
@@ -66,15 +84,23 @@ class Dark:
     mean : memoryview of int
         Mean dark counts of the six channels, Q12; a part of `state`.
     window : array of int
-        Sums of the present dark window, or of the last one, over four samples.
+        Sums of the present dark window, or of the last one, over its samples.
+    count : int
+        Samples in the mean, until its weight is constant.
+    changing : int
+        Dark samples until the ambient light counts as constant; 0 if it does.
     """
 
     def __init__(self, state):
         self.state = state
         self.mean = memoryview(state)[d.DARK : d.DARK + CHANNELS]
         self.window = array("i", bytes(4 * CHANNELS))
-        self._count = 0  # windows in the mean
+        self.count = 0  # samples in the mean
         self._taken = 0  # samples in the window
+        self._least = self._most = 0  # sums of all channels in the window
+        self._last = 0  # sum of all channels in the last single sample
+        self._exposure_us = self._every = 0
+        self.changing = 0
         self._left = 0  # samples until the LED is switched on again
         self._pool_wanted = False
         state[d.WANTED] = 1
@@ -92,13 +118,27 @@ class Dark:
             Number of samples between two dark samples; such dark samples are taken even during a
             touch. With 0, windows of four samples are taken while the strip is not touched.
         """
+        self.state[d.AGE_STEP_US] = self._exposure_us = exposure_us
+        self._every = dark_every
+        self._pace()
+
+    def _pace(self):
         state = self.state
-        state[d.AGE_STEP_US] = exposure_us
-        state[d.EVERY_US] = min(dark_every * exposure_us, _EVERY_MAX_US)
+        exposure_us = self._exposure_us
+        every = self._every
+        if self.changing and (not every or every > _CHANGING_EVERY):
+            every = _CHANGING_EVERY
+        state[d.EVERY_US] = min(every * exposure_us, _EVERY_MAX_US)
         state[d.IDLE_MIN_US] = 0
-        if not dark_every:
+        if not every:
             state[d.EVERY_US] = max(_DARK_EVERY_US, _DARK_EVERY_SAMPLES * exposure_us)
             state[d.IDLE_MIN_US] = IDLE_US
+
+    def is_due(self):
+        """Return whether the last reading needs a dark sample, while the ambient light changes."""
+        state = self.state
+        every = _ODD_TOUCH_EVERY if state[d.FLAGS] & d.TOUCHING else _ODD_EVERY
+        return state[d.ODD_US] > 0 and state[d.AGE_US] >= every * self._exposure_us
 
     def request(self):
         """Restart the mean of the dark windows with a window as soon as possible.
@@ -129,6 +169,7 @@ class Dark:
         """Begin a series of dark samples of `exposure_us` us each; the LED must be off already.
 
         The series is one sample, one dark window (four samples), or all windows of `request_pool`.
+        Returns whether it is at least one window.
         """
         if self.state[d.WANTED]:
             windows = 1
@@ -136,21 +177,28 @@ class Dark:
                 windows = min(max(1, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us)), _WINDOWS)
             self._pool_wanted = False
             if self.state[d.WANTED] != d.CHECK:
-                self._count = 0
+                self.count = 0
             self.state[d.WANTED] = self._taken = 0
             self._left = _WINDOW_SAMPLES * windows
         else:
             self._left = _WINDOW_SAMPLES if self.state[d.IDLE_MIN_US] else 1
+        return self._left > 1
 
     def add(self, counts):
         """Add a dark sample (six counts); return whether the series of `begin` is complete."""
+        total = 0
         for i in range(CHANNELS):
+            total += counts[i]
             self.window[i] = counts[i] + (self.window[i] if self._taken else 0)
+        if not self._taken:
+            self._least = self._most = total
+        self._least = min(self._least, total)
+        self._most = max(self._most, total)
         self._taken += 1
-        if self._taken == _WINDOW_SAMPLES:
-            self._taken = 0
-            self._pool()
         self._left -= 1
+        if self._taken == _WINDOW_SAMPLES or not self._left:
+            self._pool(self._taken)
+            self._taken = 0
         if self._left > 0:
             return False
         self.state[d.AGE_US] = 0
@@ -167,25 +215,34 @@ class Dark:
             peak = max(peak, counts[i] - (self.mean[i] >> _Q))
         return peak
 
-    def _pool(self):
-        count = self._count
-        score = 0
+    def _pool(self, samples):
+        shift = _Q if samples == 1 else _Q - 2
+        count = self.count
+        score = change = 0
         for i in range(CHANNELS):
-            expected = self.mean[i] >> 10
-            off = abs(self.window[i] - expected)
-            if off < _JUMP_MAX:
-                score += (off * off << 4) // (expected + 4)
-                if score * count <= (_JUMP << 4) * (count + 1):
-                    continue
-            count = 0  # the ambient light has changed
-            break
-        weight = _WEIGHT
-        if count < _WINDOWS:
-            count += 1
-            weight = count
-        self._count = count
+            expected = self.mean[i] >> shift
+            change += self.window[i] - expected
+            score += chi2(self.window[i] - expected << 8, (expected >> 4) + samples)
+        if score * count > (JUMP << 4) * (count + samples):
+            count = 0
+            if abs(change) >> _FLICKER_SHIFT >= self._most - self._least:
+                self.changing = _CHANGING
+        elif self.changing:
+            self.changing -= 1
+            # The mean may have followed the light, see ambient.py.
+            if abs(self._most - self._last) > _CHANGE + (self._last >> _CHANGE_SHIFT):
+                self.changing = _CHANGING
+        self._last = self._most
+        self._pace()
+        full = _CHANGING_SAMPLES if self.changing else _FULL
+        if count < full:
+            count += samples
+            weight = max(count // samples, 1)
+        else:
+            weight = min(full, _WEIGHT) // samples
+        self.count = count
         for i in range(CHANNELS):
-            gap = (self.window[i] << 10) - self.mean[i]
+            gap = (self.window[i] << shift) - self.mean[i]
             self.mean[i] += (gap + (weight >> 1)) // weight
 
 
@@ -252,9 +309,9 @@ class Baseline:
             level = 0
             if calibration is not None and calibration.rest:
                 ratio = exposure_us / calibration.conditions.exposure_us
-                level = min(int(calibration.rest[i] * ratio), _LEVEL_MAX >> _POOL_SHIFT)
+                level = min(int(calibration.rest[i] * ratio), d.COUNT_MAX_Q12 >> _POOL_SHIFT)
             self._level[i] = level << _POOL_SHIFT
-        self._unstick()
+        self.unstick()
         self._restart()
 
     def take(self):
@@ -263,11 +320,11 @@ class Baseline:
         for i in range(CHANNELS):
             level = (state[d.SUMS + i] * 4 // state[d.SAMPLES] << 10) - self._dark.mean[i]
             self._level[i] = max(level, 0)
-        self._unstick()
+        self.unstick()
         self._restart()
 
-    def _unstick(self):
-        # Forget the last touch and the light that sticks, see sticking.py.
+    def unstick(self):
+        """Forget the last touch and the light that sticks, see sticking.py."""
         self._state[d.STUCK] = self._state[d.PEAK] = self._state[d.PEAK_LIGHT] = 0
         for i in range(CHANNELS):
             self._stick[i] = 0
@@ -328,15 +385,15 @@ class Baseline:
         score = 0
         for i in range(CHANNELS):
             after = self._after[i]
-            score += _score(self._before[i] - after << 8, 5 * _variance(after))
-        return score <= _JUMP << 4
+            score += chi2(self._before[i] - after << 8, 5 * _variance(after))
+        return score <= JUMP << 4
 
     def _follow(self):
         count = self._count
         fits = differs = 0
         for i in range(CHANNELS):
-            fits += _score(self._off(i) - self._gap[i], self._spread(i))
-        if fits * count > (_JUMP << 4) * (count + 1):
+            fits += chi2(self._off(i) - self._gap[i], self._spread(i))
+        if fits * count > (JUMP << 4) * (count + 1):
             count = 0
         if count < _WINDOWS:
             count += 1
@@ -344,11 +401,11 @@ class Baseline:
         for i in range(CHANNELS):
             gap = self._gap[i] if count > 1 else 0
             self._gap[i] = gap + (self._off(i) - gap) // count
-            differs += _score(self._gap[i], self._spread(i))
-        if differs * count > _JUMP << 4:
+            differs += chi2(self._gap[i], self._spread(i))
+        if differs * count > JUMP << 4:
             for i in range(CHANNELS):
                 level = self._level[i] + (self._gap[i] << 2)
-                self._level[i] = min(max(level, 0), _LEVEL_MAX)
+                self._level[i] = min(max(level, 0), d.COUNT_MAX_Q12)
             self._restart()
 
     def _off(self, i):
@@ -369,8 +426,20 @@ def _variance(total):
     return (total >> 4) + 4
 
 
-def _score(off, variance):
-    """Return ``off**2 / variance``, Q4, at most `_FAR`; `off` is Q8."""
+def chi2(off, variance):
+    """Return ``off**2 / variance``, Q4, limited; `off` is Q8. The sum of a few fits 31 bits.
+
+    Parameters
+    ----------
+    off : int
+        Difference of counts, Q8.
+    variance : int
+        Its variance in counts**2; at least 1.
+
+    Returns
+    -------
+    int
+    """
     off = abs(off)
     if off < 1 << 14:
         off >>= 4

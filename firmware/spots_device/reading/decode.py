@@ -77,6 +77,7 @@ MISSING = 30  # `DROPPED` if samples are missing before the reading
 DUE = 31  # bool: a dark window must begin, see `kernel.process`
 STREAMED = 32  # byte 0 of its TOUCH frame; 0 if it is not streamed
 # Subtracted light.
+BELOW = 33  # bool: a channel is clearly below the floor, so the ambient light has faded
 AVERAGE = 34  # samples of a complete reading
 IDLE_MIN_US = 35  # us: least time without a touch before a dark frame
 SHIFT = 36  # right shift from Q12 to the floor
@@ -110,6 +111,8 @@ TOUCHED = 89  # `TOUCHING` if a finger touched in the last reading with the LED 
 BEYOND = 90
 STATE_SIZE = 91
 
+COUNT_MAX_Q12 = 65_535 << 12  # largest count
+
 CHECK = 2  # value of `WANTED`: a dark window for the present mean
 
 # Limits of `kernel.process`.
@@ -119,6 +122,8 @@ IDLE_US_MAX = 1_000_000  # us: largest stored time without a touch
 # dark frame and baseline.
 ODD_US_MAX = 300_000  # us
 ODD_COUNTS = 24  # counts
+BELOW_COUNTS = 8  # counts of a channel below the floor, which no press can cause
+BELOW_SHIFT = 4  # such a reading counts this often, as a power of 2
 ODD_EVERY_US = 2_000_000  # us: least age of a dark frame that is taken again for this reason
 ALIEN = 8  # tolerances: presses cause a smaller misfit, ambient light a larger one
 # A force is beyond the calibrated range if its light is more than this above the largest one, Q20

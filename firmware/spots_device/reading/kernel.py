@@ -127,9 +127,9 @@ def _odd_light(state, flags, lasted_us):
     if not odd:
         state[d.ODD_US] = 0
     elif state[d.ODD_US] < d.ODD_US_MAX:
-        state[d.ODD_US] += lasted_us
+        state[d.ODD_US] += lasted_us << d.BELOW_SHIFT if state[d.BELOW] else lasted_us
     elif state[d.AGE_US] >= d.ODD_EVERY_US:
-        state[d.WANTED] = 1 if state[d.AGE_STEP_US] else 0
+        state[d.WANTED] |= d.CHECK if state[d.AGE_STEP_US] else 0
 
 
 def _expect(state):
@@ -192,10 +192,15 @@ del _size_table  # frees memory on a board
 def _take_logs(state):
     # Computes `log2.log2_q20` without calls: 60 us for each logarithm instead of 75 us on an RP2040
     # with CircuitPython.
+    state[d.BELOW] = 0
     for i in range(d.LOGS, d.LOGS + CHANNELS):
         net = state[i + d.FLOOR - d.LOGS] * state[d.SAMPLES]
         net = state[i + d.SUMS - d.LOGS] * state[d.FLOOR_SAMPLES] - net
         if net <= 0:
+            log = state[d.SAMPLES] * state[d.FLOOR_SAMPLES]
+            net += d.BELOW_COUNTS * log
+            if net < 0:
+                state[d.BELOW] = 1
             return False
         if net >= LIMIT:
             state[i] = 24 << Q

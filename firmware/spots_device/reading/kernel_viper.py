@@ -72,12 +72,16 @@ def process(work, flags: int) -> int:
 
         light = 0
         is_dark = 0
+        state[d.BELOW] = 0
         table = ptr32(TABLE)
         for i in range(CHANNELS):
             n = state[d.SUMS + i]
             light += n
             n = n * state[d.FLOOR_SAMPLES] - state[d.SAMPLES] * state[d.FLOOR + i]
             if n <= 0:
+                if is_dark == 0:
+                    n += d.BELOW_COUNTS * state[d.SAMPLES] * state[d.FLOOR_SAMPLES]
+                    state[d.BELOW] = 1 if n < 0 else 0
                 is_dark = d.TOO_DARK
                 continue
             # As in log2.log2_q20; its table has no negative number, so no sign is corrected.
@@ -297,9 +301,12 @@ def process(work, flags: int) -> int:
         if step:
             n = state[d.ODD_US]
             if n < d.ODD_US_MAX:
-                n += us >> 3 if two else us
-            elif state[d.AGE_US] >= d.ODD_EVERY_US:
-                state[d.WANTED] = 1 if state[d.AGE_STEP_US] else 0
+                step = us >> 3 if two else us
+                if state[d.BELOW]:
+                    step <<= d.BELOW_SHIFT
+                n += step
+            elif state[d.AGE_US] >= d.ODD_EVERY_US and state[d.AGE_STEP_US]:
+                state[d.WANTED] = state[d.WANTED] | d.CHECK
         state[d.ODD_US] = n
     if flags & (d.LED_OFF | d.NOT_CALIBRATED) == 0 and (state[d.PEAK] or flags & d.TOUCHING):
         unstick(work[d.STATE], flags, us)

@@ -9,6 +9,7 @@ from .. import const
 from ..sensor.exposure import AGAIN, DONE, choose
 from ..sensor.smux import CHANNELS
 from . import decode as d
+from .ambient import Ambient
 from .calibration import Conditions
 from .dark import Baseline, Dark
 from .decode import Decode
@@ -66,6 +67,7 @@ class Strip:
         self._sums = memoryview(state)[d.SUMS : d.SUMS + CHANNELS]
         self._dark = Dark(state)
         self.baseline = Baseline(self._dark)
+        self._ambient = Ambient(self._dark, self.baseline)
         self._kind = TOUCH | index << 4
         self.stream_spectrum = False
         self._uid = uid
@@ -263,6 +265,7 @@ class Strip:
             or self._mains_hz
             or self.baseline.left
             or self._rest_wanted
+            or self._dark.changing
         )
 
     def _judge(self, sensor):
@@ -303,6 +306,10 @@ class Strip:
             return
         if self._state == _LIT and (self._rest_wanted or self.baseline.left):
             self._follow(sensor)
+        if self._dark.changing and self._state == _LIT and not self._reading[d.TAKEN]:
+            self._ambient.follow(self._work[d.TABLES])
+            if self._dark.is_due():
+                self._reading[d.DUE] = 1
         if self._reading[d.DUE] and self._state == _LIT:
             self._start_blink(sensor)
         elif self._mains_hz:
@@ -374,12 +381,14 @@ class Strip:
         sensor.switch_led(False)
         self.baseline.before()
         self._reading[d.TAKEN] = self._reading[d.PENDING] = 0
-        self._dark.begin(sensor.exposure_us)
+        if not self._dark.begin(sensor.exposure_us):
+            self.baseline.left = 0
         self._state = _BLINKING
         self._rare = True
 
     def _end_blink(self, sensor):
         self.baseline.update()
+        self._ambient.measured()
         self._reading[d.LEVEL] = self._reading[d.ODD_US] = 0
         sensor.switch_led(True)
         sensor.check()

@@ -184,7 +184,8 @@ class Bench:
             If the press does not become steady in time, or a channel is saturated or dark.
         """
         self.trace, self.holds = [], []
-        return self._held(noise, kind)
+        with self.reader.watched():
+            return self._held(noise, kind)
 
     def change(self, wanted: Wanted) -> None:
         """Ask for the second force of a press, without a release; wait until the press is steady.
@@ -198,7 +199,8 @@ class Bench:
         before = sum(self.trace[-1][1:])
         self.presser.change(wanted)
         try:
-            self._held(None, wanted.kind, before)
+            with self.reader.watched():
+                self._held(None, wanted.kind, before)
         except BadPressError:
             self.release()
             raise

@@ -7,15 +7,15 @@ too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import islice
 
 import numpy as np
 
 from spots_device.reading.calibration import Calibration, Conditions
-from spots_device.reading.decode import DARK_SAMPLES, LED_OFF, SATURATED
+from spots_device.reading.decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, SATURATED
 from spots_device.sensor.smux import CHANNELS
 
 from ..errors import SpotsError
@@ -31,6 +31,12 @@ _REST_S = 0.32
 _REST_SAMPLES = 8
 _REST_SIGMAS = 5.0
 _REST_VARIANCE = 0.25  # counts**2: assumed least variance of a sample, with its rounding error
+# A hand can shade ambient light. With more ambient light than this number of counts (sum of all
+# channels), dark samples are also taken during a press; each comes after this number of samples.
+_AMBIENT_MIN = 12.0
+_DARK_EVERY = 8
+# The dark samples of a press are used if the chi-squared of their mean is above this limit.
+_SHADED = 60.0
 
 
 @dataclass(frozen=True)
@@ -216,14 +222,67 @@ class SpectrumReader:
             If the board sends too few samples in time.
         """
         limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
-        frames = self._frames(count, _is_lit, limit_s)
+        frames, darks = self._spectra(count, limit_s)
         if len(frames) < count:
             raise SpotsError(
                 "the board sends too few spectra: 'spots command get' shows its faults"
             )
         saturated = any(frame.flags & SATURATED for frame in frames)
         counts = np.array([frame.counts for frame in frames], dtype=float)
-        return counts - self._dark - self.rest, saturated
+        return counts - self._dark_at(frames, darks) - self.rest, saturated
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Take dark samples between the lit ones in this block, if there is ambient light.
+
+        `samples` then subtracts the ambient light that is left in the shadow of a hand.
+        """
+        if self.info["led"] == "always" or self._dark.sum() < _AMBIENT_MIN:
+            yield
+            return
+        self.board.command(f"set dark_every={_DARK_EVERY}")
+        try:
+            yield
+        finally:
+            with suppress(SpotsError):
+                self.board.command(f"set dark_every={self.info['dark_every']}")
+
+    def _spectra(self, count: int, limit_s: float) -> tuple[list[Spectrum], list[Spectrum]]:
+        """Return the next `count` lit samples, and the dark samples between them."""
+        lit: list[Spectrum] = []
+        darks: list[Spectrum] = []
+        unlit = 0  # successive samples with the LED off; it was on during a part of the first one
+        begun_s = self._now_s()
+        for frame in self.board.frames(limit_s):
+            if not isinstance(frame, Spectrum):
+                continue
+            is_off = frame.flags & (LED_OFF | DARK_SUBTRACTED) == LED_OFF
+            unlit = unlit + 1 if is_off else 0
+            if frame.time_s < begun_s:
+                continue
+            if unlit > 1:
+                darks.append(frame)
+            elif not frame.flags & LED_OFF:
+                lit.append(frame)
+                if len(lit) == count:
+                    break
+        return lit, darks
+
+    def _dark_at(self, frames: list[Spectrum], darks: list[Spectrum]) -> np.ndarray:
+        """Return the dark counts for each lit sample; those of the dark frame, if they fit."""
+        if not darks:
+            return self._dark
+        counts = np.array([dark.counts for dark in darks], dtype=float)
+        variance = _REST_VARIANCE * (1 / len(darks) + 1 / self._dark_samples)
+        if ((counts.mean(axis=0) - self._dark) ** 2).sum() < _SHADED * variance:
+            return self._dark
+        times_s = [frame.time_s for frame in frames]
+        dark_s = [dark.time_s for dark in darks]
+        return np.stack([np.interp(times_s, dark_s, channel) for channel in counts.T], axis=1)
+
+    def _now_s(self) -> float:
+        # Only samples that begin after this time are used. The time of a frame is its middle.
+        return self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
 
     def positions_um(self, count: int, timeout_s: float) -> np.ndarray:
         """Return new positions that a calibrated board reports; the board must stream touches.
@@ -258,7 +317,7 @@ class SpectrumReader:
         A frame is a message of the board, such as a spectrum. Only frames whose exposure begins
         after this call are returned.
         """
-        begun_s = self.board.now_s() + 0.5e-6 * self.info["exposure_us"]
+        begun_s = self._now_s()
         found = (f for f in self.board.frames(limit_s) if is_wanted(f) and f.time_s >= begun_s)
         return list(islice(found, count))
 
@@ -273,7 +332,3 @@ class SpectrumReader:
         if lit.sum() >= _CHANNELS_MIN:
             variance[lit] = own_variance(samples[:, lit])
         return Reading(mean, variance, float(drift), clipped, self.rest)
-
-
-def _is_lit(frame: Frame) -> bool:
-    return isinstance(frame, Spectrum) and not frame.flags & LED_OFF
