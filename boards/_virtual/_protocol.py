@@ -22,10 +22,11 @@ MEMORY = 0x4D  # free heap in bytes, 3 bytes; simulated time only; gets no answe
 BUSY = 0x42  # processor time in us, 3 bytes; simulated time only; gets no answer
 HOST = 0x55  # 0, 0, 0; fails unless a USB host is connected and awake
 LIGHT = 0x4F  # level of the pin that switches the strip's LED (bus), 0, 0
+HEAT = 0x54  # (bus), 0, size 2; returns the ADC's reading of the temperature sensor
 
 SECOND_BUS = 0x80
 SENDS = (WRITE, HID)  # requests with data; the second argument is its size
-READS = (READ, RECEIVE, LINES)  # answers with data; the third argument is its size
+READS = (READ, RECEIVE, LINES, HEAT)  # answers with data; the third argument is its size
 
 PERIOD_US = 1 << 30  # period of the clock
 EAGAIN = 11  # answer to HID: the endpoint is full

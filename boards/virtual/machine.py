@@ -36,6 +36,19 @@ class Pin:
             return int(os.getenv("SPOTS_BUTTON") != "held")
 
 
+class ADC:
+    """An ADC with one channel, the temperature sensor of the processor."""
+
+    CORE_TEMP = 4
+
+    def __init__(self, channel):
+        self._reading = bytearray(2)
+
+    def read_u16(self):
+        _simulator.call(_protocol.HEAT, 0, 0, 2, self._reading)
+        return self._reading[0] | self._reading[1] << 8
+
+
 class I2C:
     """An I2C controller on the simulated bus. Transfers allocate nothing.
 

@@ -6,6 +6,8 @@ import _protocol
 import _simulator
 from watchdog import WatchDogMode
 
+from spots_device.runtime.common import rp2_mC
+
 
 class Pin:
     def __init__(self, wire=None):
@@ -18,6 +20,18 @@ class Processor:
     def uid(self):
         text = os.getenv("SPOTS_BOARD_ID")
         return bytearray(int(text[i : i + 2], 16) for i in range(0, len(text), 2))
+
+    @property
+    def temperature(self):
+        return rp2_mC(_read_u16) / 1000
+
+
+_reading = bytearray(2)
+
+
+def _read_u16():
+    _simulator.call(_protocol.HEAT, 0, 0, 2, _reading)
+    return _reading[0] | _reading[1] << 8
 
 
 cpu = Processor()

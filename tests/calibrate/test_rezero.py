@@ -25,6 +25,7 @@ from spots.calibrate.session import Session, settings
 from spots.calibrate.shift import shifted
 from spots.calibrate.spectra import SpectrumReader
 from spots.calibrate.steps import DARK_S
+from spots.link.advice import advice_for
 from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_device.board.settings import checksum
@@ -728,3 +729,57 @@ def test_a_mistake_is_one_sentence(capsys, options, says):
     err = capsys.readouterr().err
     assert re.search(says, err)
     assert err.count("\n") == 1
+
+
+# ---- temperature
+
+
+def wait(strip, seconds):
+    """Let the board run untouched, so that it follows its temperature."""
+    strip.stage.release()
+    strip.board.command("stream touch")
+    end_s = strip.board.now_s() + seconds
+    for _ in strip.board.frames(seconds):
+        if strip.board.now_s() >= end_s:
+            break
+
+
+def advice(strip):
+    """Return the advice after some presses, and after time without a touch."""
+    strip.board.command("stream touch spectrum")
+    found = advice_for(strip.board, strip.board.info)
+    begin_s = strip.board.now_s()
+    for step in range(1, 9):
+        if step % 2:
+            strip.stage.release()
+        else:
+            strip.stage.press(10_000.0 * step, 3000.0)
+        while strip.board.now_s() < begin_s + 2.0 * step:
+            for frame in strip.board.frames(0.5):
+                found.take(frame, strip.board.now_s())
+    strip.stage.release()
+    return found.sentence
+
+
+def at(strip, kelvin):
+    strip.stage.held.changed = Change(temperature_K=kelvin)
+
+
+def test_two_re_zeros_at_different_temperatures_are_enough_for_a_day(made, sensor, tmp_path):
+    with Drifted(sensor, made, tmp_path / "a.toml", change=Change(temperature_K=-9)) as strip:
+        file.save(made, tmp_path / "a.toml", None)
+        morning = rezero(strip.bench, made)
+        use(strip.bench, made, morning)
+        assert not any(line.startswith("warm") for line in morning.lines)
+        at(strip, 8.0)
+        afternoon = rezero(strip.bench, morning)
+        use(strip.bench, morning, afternoon)
+        assert [one.temperature_C for one in afternoon.rezeros] == pytest.approx([16, 33], abs=0.5)
+        assert sum(line.startswith("warm") for line in afternoon.lines) == 3
+        for kelvin in (-10.0, -4.0, 2.0, 10.0):
+            at(strip, kelvin)
+            wait(strip, 75.0)
+            off_um, _, trusted = strip.errors()
+            assert np.abs(off_um).mean() < 150, kelvin
+            assert trusted.mean() > 0.9, kelvin
+            assert not advice(strip), kelvin

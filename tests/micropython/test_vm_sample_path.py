@@ -148,6 +148,8 @@ LONG_SCENES = {
 
 
 # Gain; half widths and weights of play operators; time constants and shares of creep.
+# The tables change with the temperature; in the long scenes, the board has time for it.
+THERMAL = ["temperature 20000 10000 30000", "warm 42500 9000 4000 0 -3000 -6000 -4000"]
 SILICONE = "silicone 4200 300 1000 3000 500 100 80 40 400 40000 200 80 20"
 
 
@@ -197,7 +199,9 @@ def given(calibration):
 @pytest.fixture(scope="module")
 def given_long(given):
     settings = ["exposure_us=%d" % MAX_US, "average=64"]
-    return {**given, "settings": settings, "scenes": [played for played, _ in LONG_SCENES.values()]}
+    scenes = [played for played, _ in LONG_SCENES.values()]
+    calibrations = [lines + THERMAL if lines else lines for lines in given["calibrations"]]
+    return {**given, "settings": settings, "scenes": scenes, "calibrations": calibrations}
 
 
 def frames_of(lines, scenes):

@@ -133,6 +133,8 @@ def _open_sensor(config, clock):
     scl, sda = getattr(board, config.SCL_PIN), getattr(board, config.SDA_PIN)
     sensor = AdafruitSensor(scl, sda, config.I2C_HZ, clock)
     sensor.gpio = _strip_led(config)
+    if microcontroller.cpu.temperature is not None:
+        sensor.thermometer = lambda: int(1000 * microcontroller.cpu.temperature)
     return sensor
 
 

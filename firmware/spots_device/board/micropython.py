@@ -8,6 +8,7 @@ import machine
 import micropython
 
 from ..keys.reports import CAPS_LOCK
+from ..runtime.common import rp2_mC
 from ..runtime.micropython import MachineBus, StdioSerial
 from .start import WATCHDOG_MS, blink, is_held, run
 from .stay import must_stay
@@ -112,7 +113,22 @@ def _open_sensor(config, clock):
     sensor = AS7341(bus, clock)
     # The pin is an output from its first use on.
     sensor.gpio = lambda on: machine.Pin(config.STRIP_LED_PIN, machine.Pin.OUT, value=on)
+    sensor.thermometer = _thermometer()
     return sensor
+
+
+def _thermometer():
+    """Return a function that measures the chip's temperature, see `as7341.AS7341`, or None."""
+    adc = getattr(machine, "ADC", None)
+    if hasattr(adc, "CORE_TEMP"):  # RP2040, RP2350
+        read = adc(adc.CORE_TEMP).read_u16
+        return lambda: rp2_mC(read)
+    if sys.platform == "esp32":
+        import esp32
+
+        if hasattr(esp32, "mcu_temperature"):
+            return lambda: 1000 * esp32.mcu_temperature()
+    return None
 
 
 def _watchdog():

@@ -40,6 +40,8 @@ class Calibration:
         `decode.DARK_SAMPLES` samples, with the settings of `conditions`; empty if it is unknown.
     compensation : silicone.Compensation or None
         Corrects the force for hysteresis and creep; None if these were not calibrated.
+    thermal : thermal.Thermal or None
+        Shifts `tables` with the temperature; None without re-zeros at different temperatures.
     tables : array of int
         All weights and tables, see `decode.SEGMENTS`. The attributes `brightnesses`, `forces_mN`
         and `tolerances`, the columns of the force table, are views of this array.

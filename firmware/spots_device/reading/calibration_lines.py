@@ -27,6 +27,11 @@ with examples of their values::
                                half widths in mN of three play operators, their three weights
                                (Q12); three time constants in ms, their three shares of the force
                                (Q12); optional
+    temperature 21000 9000 ... temperature of the board to which the tables belong, and lowest and
+                               highest temperature of the re-zeros, in 0.001 degrees Celsius;
+                               optional, with one to three lines 'warm', see warming.py
+    warm 8500 1200 -800 ...    position in um, change of log2 of the six counts between the lowest
+                               and the highest of these temperatures (Q20)
     strain 0                   strain in ppm for the lines 'from' and 'x' that follow
     from -99999                coarse contrast at which a segment begins; its lines 'x' follow
     x -123456 85000 77 -5      knot of the segment: contrast, position in um, expected misfit of a
@@ -43,6 +48,7 @@ interpolate linearly between two strains. Segments are in the order of ascending
 
 from array import array
 
+from ..runtime.modules import drop
 from ..sensor.smux import CHANNELS, PIXELS
 from .decode import BOUNDS, CROSS, DARK_SAMPLES, FORCES, SEGMENTS, WEIGHTS, columns_of
 
@@ -62,9 +68,10 @@ _SIZE_MAX = 1 << 17
 
 # Name of a statement: number of its integers.
 _ONCE = {"made": 3, "touch": 2, "coarse": 6, "fit": 6, "rest": 6, "silicone": 13}
-_OPTIONAL = "rest", "silicone"
+_ONCE["temperature"] = 3
+_OPTIONAL = "rest", "silicone", "temperature"
 _FOR_HOST = {"spectrum": 7, "tint": 8}
-_MANY = {"segment": 12, "f": 3}
+_MANY = {"segment": 12, "f": 3, "warm": 7}
 # Further integers of a line, all or none, for the cross-sensitivity.
 _CROSS = {"f": 1, "x": 2}
 
@@ -105,7 +112,7 @@ def fill(made, lines, strain_ppm):
         raise CalibrationError("the sums of 'rest' must be from 0 to %d" % _REST_MAX)
     forces = seen["f"]
     _check_cross(forces, strains)
-    _check_table("f", forces)
+    check_table("f", forces)
     if not 0 <= forces[0][1] < forces[-1][1] <= FORCE_MAX_MN:
         raise CalibrationError(
             "the forces of 'f' must be from 0 to 65535 mN, the last above the first"
@@ -121,8 +128,18 @@ def fill(made, lines, strain_ppm):
     _check_strains(strains, seen["segment"])
     bounds, knots = _between(strains, strain_ppm)
     for table in knots:
-        _check_table("x", table)
+        check_table("x", table)
     made.tables = pack(seen["coarse"] + seen["fit"], bounds, seen["segment"], knots, forces, room)
+    made.thermal = None
+    if "temperature" in seen:
+        from . import warming
+
+        try:
+            made.thermal = warming.thermal_of(made.tables, seen["temperature"], seen["warm"])
+        except ValueError as error:
+            raise CalibrationError(error)
+        finally:
+            drop(warming)
     tables = memoryview(made.tables)
     columns = columns_of(tables, tables[FORCES], 3)
     made.brightnesses, made.forces_mN, made.tolerances = columns
@@ -259,7 +276,16 @@ def _weights(name, weights, total):
     return weights
 
 
-def _check_table(name, knots):
+def check_table(name, knots):
+    """Raise CalibrationError if the knots (sequences of int) of a table are invalid.
+
+    Parameters
+    ----------
+    name : str
+        Name of their lines, for the error.
+    knots : sequence of sequence of int
+        The argument of each knot, then its values.
+    """
     if not 2 <= len(knots) <= KNOTS_MAX:
         raise CalibrationError("'%s' needs 2 to %d knots" % (name, KNOTS_MAX))
     rises = knots[1][1] > knots[0][1]
@@ -308,7 +334,7 @@ def _check_strains(strains, segments):
         if sorted(set(bounds)) != bounds:
             raise CalibrationError("the values of 'from' must ascend")
         for table in tables:
-            _check_table("x", table)
+            check_table("x", table)
 
 
 def _between(strains, strain_ppm):

@@ -11,7 +11,7 @@ from ..sensor.smux import CHANNELS
 from . import decode as d
 from .ambient import Ambient
 from .calibration import Conditions
-from .dark import Baseline, Dark
+from .dark import IDLE_US, Baseline, Dark
 from .decode import Decode
 from .frame import TOUCH
 from .kernel import process
@@ -20,6 +20,7 @@ _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
 _BLINKING = const(2)  # LED off, dark samples are taken
 _RISING = const(3)  # LED on again, waits for a sample with the LED on all the time
+_WARM_US = const(60_000_000)  # least time between two shifts of the tables with the temperature
 _UNUSED = const(-1)  # in place of the flags of a sample: it is not part of a reading
 
 
@@ -90,6 +91,7 @@ class Strip:
         self._rest_wanted = False
         # Calibration and conditions for which the baseline was started.
         self._rest_of = self._rest_at = None
+        self._warmed = 0  # ticks at which the tables were last shifted
         self._state = _UNKNOWN
         self.lit_flags = 0
 
@@ -127,6 +129,7 @@ class Strip:
         """Add dark frame, baseline and counters of the sensor to a reply to ``get`` (dict)."""
         reply["dark"] = self.dark_frame()
         reply["rest"] = self.baseline.sums()
+        reply["temperature_mC"] = self._temperature()
         self.sensor.report(reply)
 
     def saturation(self):
@@ -214,6 +217,7 @@ class Strip:
             self._rest_of = calibration
             self._rest_at = self.conditions
             self.baseline.start(calibration, self.sensor.exposure_us)
+        self._warm()
 
     def forget_requests(self):
         """Cancel the requested dark frame and the requested search for settings."""
@@ -393,6 +397,11 @@ class Strip:
         sensor.switch_led(True)
         sensor.check()
         self._state = _RISING
+        # The next two samples are not used.
+        if self._reading[d.IDLE_US] >= IDLE_US and not (
+            0 <= self._diff(self._time.last, self._warmed) < _WARM_US
+        ):
+            self._warm()
         if self._on_dark and not self._reading[d.WANTED]:  # else a newer request needs a new frame
             if not self._reading[d.AGE_STEP_US]:
                 frame = [sensor.gain, sensor.exposure_us] + self._dark.sums()
@@ -400,6 +409,19 @@ class Strip:
                 self.lit_flags = d.DARK_SUBTRACTED
             done, self._on_dark = self._on_dark, None
             done()
+
+    def _temperature(self):
+        thermometer = self.sensor.thermometer
+        return thermometer and thermometer()
+
+    def _warm(self):
+        # Shift the tables to the present temperature. It takes as long as a few samples.
+        calibration = self.decode.calibration
+        self._warmed = self._time.last
+        if calibration is not None and calibration.thermal is not None:
+            mC = self._temperature()
+            if mC is not None:
+                calibration.thermal.follow(mC)
 
     def _search_on(self, sensor):
         search = self._search

@@ -29,3 +29,20 @@ def free_bus(scl, sda, is_high, put):
         put(scl, 1)
     for pin, level in ((scl, 0), (sda, 0), (scl, 1), (sda, 1)):
         put(pin, level)
+
+
+def rp2_mC(read):
+    """Return the temperature of an RP2040 or RP2350 in units of 0.001 degrees Celsius.
+
+    Source: RP2040 datasheet, section 4.9.5. A step of the ADC is 0.47 K, so 16 readings are
+    averaged. Allocates nothing.
+
+    Parameters
+    ----------
+    read : callable
+        ``read() -> int`` reads the ADC's channel of the temperature sensor: 65535 is 3.3 V.
+    """
+    total = 0
+    for _ in range(16):
+        total += read()
+    return 27_000 - ((total >> 4) * 50_354 // 1000 - 706_000) * 1000 // 1721

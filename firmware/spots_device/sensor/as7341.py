@@ -128,6 +128,9 @@ class AS7341:
         self._led_code = 0
         self.led = "ldr"  # one of `light.LEDS`
         self.gpio = None  # set by the runtime: ``gpio(on)`` switches the LED by its pin
+        # Set by the runtime, if the board can measure it: ``thermometer()`` returns the temperature
+        # of the board in units of 0.001 degrees Celsius.
+        self.thermometer = None
         self._check = 0
         self._settled = 0
         self.pacing = Pacing(clock)

@@ -60,6 +60,9 @@ _Logs = Annotated[
 ]
 
 
+Celsius = Annotated[float, msgspec.Meta(ge=-100, le=200)]
+
+
 class Residual(toml.Strict, kw_only=True):
     """Errors of the board's positions and forces at the presses of the calibration, for one strain.
 
@@ -156,12 +159,15 @@ class Rezero(toml.Strict, kw_only=True):
         errors of force and position of the presses. Rows are marks, columns are channels.
     drift : str
         Description of the drift, for example ``dye 1.9 % paler``.
+    temperature_C : float or None
+        Temperature of the board in degrees Celsius; None if the board cannot measure it.
     """
 
     date: datetime
     place_um: tuple[PlaceUm, ...]
     shifts: tuple[_Logs, ...]
     drift: str
+    temperature_C: Celsius | None = None
 
 
 class CalibrationFile(toml.Strict, kw_only=True):

@@ -17,6 +17,7 @@ from ..errors import SpotsError
 from .calibration_file import CalibrationFile, Rezero
 from .session import Point, Session
 from .shift import drift_at, shifted
+from .thermal import with_lines as with_thermal
 
 
 def check(before: CalibrationFile | None, board: str, path: object) -> None:
@@ -135,7 +136,8 @@ def carried(
             new = replace(new, joint=before.joint, joint_marks=before.joint_marks)
         if before.rezeros:
             last = before.rezeros[-1]
-            lines = tuple(shifted(new.lines, last.place_um, last.shifts))
+            lines = shifted(new.lines, last.place_um, last.shifts)
+            lines = tuple(with_thermal(lines, before.rezeros))
             new = replace(new, lines=lines, original=new.lines, rezeros=before.rezeros)
         return new
     if new.joint is None and before.joint is not None:

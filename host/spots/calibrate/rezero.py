@@ -29,6 +29,7 @@ from .drift import described
 from .session import Wanted
 from .shift import shifted
 from .steps import DARK_S
+from .thermal import with_lines as with_thermal
 
 _STRAY_UM = 1500.0  # largest distance from the other presses at a mark; a person achieves 300 um
 _LIGHT_MAX = 1.0  # log2; a strip whose light has halved or doubled needs a new calibration
@@ -105,7 +106,7 @@ def rezero(
     original = made.original or made.lines
     cross = CrossLines(original)
     angles_deg = (marks.angle_deg or (None,) * len(logs))[at]
-    shifts = []
+    shifts, before_C = [], _temperature_C(bench)
     for x_um, log, angle_deg in zip(place_um, logs[at], angles_deg):
         wanted = Wanted(kind="mark", place_um=x_um, force_mN=force_now_mN, angle_deg=angle_deg)
         # The colour of firm presses: the drift does not contain the effect of another force.
@@ -130,9 +131,12 @@ def rezero(
         place_um=place_um,
         shifts=tuple(map(tuple, shifts.round(6).tolist())),
         drift=described(place_um, logs[at], shifts, table.conditions.plan),
+        temperature_C=_mean(before_C, _temperature_C(bench)),
     )
-    lines = tuple(rest.replaced(shifted(original, place_um, shifts), reader.rest / longer))
-    return replace(made, lines=lines, original=original, rezeros=[*made.rezeros, done])
+    rezeros = [*made.rezeros, done]
+    lines = rest.replaced(shifted(original, place_um, shifts), reader.rest / longer)
+    lines = with_thermal(lines, rezeros)
+    return replace(made, lines=tuple(lines), original=original, rezeros=rezeros)
 
 
 def _marks(
@@ -192,6 +196,16 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
                 f"have either one ({error}): reconnect the board, and start the re-zero again"
             ) from None
         raise
+
+
+def _temperature_C(bench: Bench) -> float | None:
+    """Return the temperature of the board, or None if the board cannot measure it."""
+    mC = bench.reader.board.command("get").get("temperature_mC")
+    return None if mC is None else mC / 1000
+
+
+def _mean(before: float | None, after: float | None) -> float | None:
+    return None if before is None or after is None else round((before + after) / 2, 3)
 
 
 def _check_light(off: np.ndarray, place_um, force_mN: float) -> None:

@@ -281,6 +281,7 @@ class Notice:
         variance = _READ_VARIANCE / self._average + (_SHARE_NOISE * mean) ** 2 + 1e-5 * mean
         variance = (variance + (self._average > 1) / 12) * per_log**2
         x_um = float(place_um.mean())
+        residuals = residuals - spectra.warmed(x_um, residuals.mean(axis=0), variance, known)
         length_um = np.ptp(spectra.ends_um)
         grid_um = round(x_um / length_um * _GRID) / _GRID * length_um
         causes = drift_model.changes(self._plan, self._decays, grid_um)

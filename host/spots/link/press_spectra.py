@@ -6,13 +6,15 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, cast
 
 import numpy as np
-from numpy.polynomial import Chebyshev, chebyshev
+from numpy.polynomial import Chebyshev, chebyshev, polynomial
 
 from spots_device.sensor.smux import CHANNELS
 
 _PLACES = 16  # places along the strip; a polynomial through them is a smooth curve
 _ONE_Q16 = 1 << 16
+_ONE_Q20 = 1 << 20
 _NAME, _TINT = "spectrum", "tint"
+_TEMPERATURE, _WARM = "temperature", "warm"
 # Positions and brightnesses of the lines ``tint``. A polynomial through them is the change that
 # `calibrate.cross` has fitted.
 _TINT_PLACES, _TINT_LIGHTS = 3, 6
@@ -58,6 +60,15 @@ class PressSpectra:
             self._lights = float(light.min()), float(light.max())
             self._tint = np.linalg.solve(self._polynomials(x_um, light), change)
 
+        self._warm = None
+        ranges = [row[1:] for row in words if row[:1] == [_TEMPERATURE]]
+        warm = np.array([row[1:] for row in words if row[:1] == [_WARM]], float)
+        if ranges and len(warm):
+            made, low, high = map(float, ranges[0])
+            self._shares = (low - made) / (high - low), (high - made) / (high - low)
+            change = warm[:, 1:] / _ONE_Q20
+            self._warm = polynomial.polyfit(warm[:, 0], change, len(warm) - 1)
+
     def logs(self, x_um: float | np.ndarray) -> np.ndarray:
         """Return log2 of the counts at positions `x_um`; shape (..., 6)."""
         return self._at(self._curves, x_um)
@@ -83,6 +94,35 @@ class PressSpectra:
         if self._tint is None:
             return np.zeros((len(x_um), CHANNELS))
         return self._polynomials(x_um, light.clip(*self._lights)) @ self._tint
+
+    def warmed(
+        self, x_um: float, residual: np.ndarray, variance: np.ndarray, channels: list[int]
+    ) -> np.ndarray:
+        """Return the part of a residual that a known change with the temperature explains.
+
+        The board shifts its tables with the temperature, so this part is no error.
+
+        Parameters
+        ----------
+        x_um : float
+            Position of the press, in um.
+        residual, variance : numpy.ndarray, shape (n,)
+            log2 of the counts minus the expected ones, and its variance.
+        channels : list of int
+            Indices of these n channels.
+
+        Returns
+        -------
+        numpy.ndarray, shape (n,)
+        """
+        if self._warm is None:
+            return np.zeros(len(channels))
+        change = polynomial.polyval(x_um, self._warm)[channels]
+        # Another force or position is not a change of the temperature.
+        causes = np.stack([change, self.slopes(x_um)[channels], np.ones(len(channels))], axis=1)
+        weights = 1 / np.sqrt(variance)
+        found = np.linalg.lstsq(causes * weights[:, None], residual * weights, rcond=None)[0]
+        return change * np.clip(found[0], *self._shares)
 
     def _polynomials(self, x_um: np.ndarray, light: np.ndarray) -> np.ndarray:
         share = 2 * (x_um - self.ends_um[0]) / np.ptp(self.ends_um) - 1

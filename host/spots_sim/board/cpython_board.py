@@ -26,9 +26,10 @@ from typing import Protocol
 import spots_device
 from spots.deploy.staging import BOARDS, VIPER, device_of
 from spots_device.board.start import AFTER_CRASH_MS, CRASH_CHARACTERS
-from spots_device.runtime.common import ADDRESS, free_bus
+from spots_device.runtime.common import ADDRESS, free_bus, rp2_mC
 
 from ..chip.bus import I2CBus
+from . import thermometer
 from .cpu import Cpu
 from .faults import BoardFaults, FaultyBus
 from .protocol import protocol
@@ -171,6 +172,7 @@ class CPythonBoard:
                 requests = _SecondBus(self, clock)
             sensor = modules["sensor.as7341"].AS7341(_Sensor(requests), strip_clock)
             sensor.gpio = requests.light
+            sensor.thermometer = lambda: rp2_mC(requests.heat)
             return sensor
 
         several = hasattr(self._config, "SENSORS")
@@ -254,6 +256,9 @@ class _Requests:
     def light(self, on: bool) -> None:
         self.ask(self.bus.light, on)
 
+    def heat(self) -> int:
+        return self.ask(thermometer.read_u16, self.bus)
+
     def ticks_us(self) -> int:
         return int(self.bus.clock.now_us() * self._rate) % _TICKS
 
@@ -282,6 +287,9 @@ class _SecondBus:
 
     def light(self, on: bool) -> None:
         self.ask(self.bus.light, on)
+
+    def heat(self) -> int:
+        return self.ask(thermometer.read_u16, self.bus)
 
 
 class _Sensor:

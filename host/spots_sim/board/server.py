@@ -12,6 +12,7 @@ import struct
 from spots.errors import SpotsError
 
 from ..chip.bus import I2CBus
+from . import thermometer
 from .protocol import protocol
 from .usb import UsbHost
 
@@ -22,7 +23,7 @@ _ANSWER = struct.Struct("<iI")  # errno, clock
 _SAMPLE_BYTES = 12
 REPORTS = frozenset((protocol.MEMORY, protocol.BUSY))  # requests without an answer
 _ON_A_BUS = frozenset(
-    (protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT)
+    (protocol.READ, protocol.WRITE, protocol.RECEIVE, protocol.LINES, protocol.LIGHT, protocol.HEAT)
 )
 
 
@@ -135,6 +136,8 @@ def answer(
                 data = bytes((bus.lines(a, b),))
             case protocol.LIGHT:
                 bus.light(a)
+            case protocol.HEAT:
+                data = thermometer.read_u16(bus).to_bytes(c, "little")
             case protocol.HID:
                 usb.offer(a, request[4:])
             case protocol.HOST:

@@ -8,6 +8,7 @@ The chip contains no optics. A light source computes what the photodiodes collec
 ``light.collect(start_us, end_us, led_mA) -> dict`` returns counts at gain 1x by diode name. For the
 flicker detector, ``light.outside(start_us, end_us)`` returns the mean ambient light.
 ``light.switch(on)`` sets the board's pin for an LED that is not wired to the chip.
+``light.temperature_C(now_us)`` returns the temperature; only the board's thermometer asks for it.
 """
 
 from __future__ import annotations
@@ -244,6 +245,16 @@ class AS7341:
         """Switch an LED that is wired to a pin of the board, by calling ``light.switch(on)``."""
         self._collect(self._now)
         self._light.switch(on)
+
+    def temperature_C(self, now_us: float) -> float:
+        """Return the temperature beside the chip at a time, from ``light.temperature_C(now_us)``.
+
+        Parameters
+        ----------
+        now_us : float
+            Simulated time in us.
+        """
+        return self._light.temperature_C(now_us)
 
     # Registers.
 

@@ -42,7 +42,8 @@ class Change(msgspec.Struct, **_Struct):
         Change of the light at 680 nm relative to the light at 415 nm, in per cent. Between these
         wavelengths the change is linear.
     temperature_K : float
-        Warming of strip, LED and sensor, in K; `Temperature` converts it to the other changes.
+        Warming of strip, LED and sensor, in K; `Temperature` converts it to the other changes. The
+        thermometer of a virtual board measures it, too: 0 K is 25 degrees Celsius.
     """
 
     die_nm: _Shift = 0.0

@@ -16,6 +16,7 @@ from .optics import Optics
 from .scenario import flicker, unshaded
 from .silicone import Memory
 
+CALIBRATED_C = 25.0  # temperature of a board whose sensor has not changed since the calibration
 # Longest time step within one integration; a finger counts as still during a step.
 _STEP_US = 2_500.0
 # The LED's temperature is rounded to this digit, so that optics can be cached: error below 1 um.
@@ -135,6 +136,17 @@ class World:
             Irradiance in uW/cm2.
         """
         return self._ambient_uW_cm2(start_us * 1e-6, end_us * 1e-6)
+
+    def temperature_C(self, now_us: float) -> float:
+        """Return the temperature of strip, LED and board in degrees Celsius, without self-heating.
+
+        Parameters
+        ----------
+        now_us : float
+            Simulated time in us.
+        """
+        change = self._sensor.change + self._scenario.change(now_us * 1e-6)
+        return CALIBRATED_C + change.temperature_K
 
     def _ambient_uW_cm2(self, start_s: float, end_s: float) -> float:
         around = self._sensor.surroundings
