@@ -135,7 +135,9 @@ def fill(made, lines, strain_ppm):
         from . import warming
 
         try:
-            made.thermal = warming.thermal_of(made.tables, seen["temperature"], seen["warm"])
+            made.thermal = warming.thermal_of(
+                made.tables, seen["temperature"], seen["warm"], check_table
+            )
         except ValueError as error:
             raise CalibrationError(error)
         finally:

@@ -10,16 +10,16 @@ from array import array
 
 from .. import const
 from ..sensor.smux import CHANNELS
-from .calibration_lines import ONE_Q13, check_table
 from .decode import BOUNDS, FORCES, SEGMENTS, WEIGHTS
 from .thermal import Thermal
 
+_ONE_Q13 = const(1 << 13)  # of the weights, see `decode.WEIGHTS`
 _CHANGE_MAX = const(1 << 20)
 _Q12 = const(1 << 8)  # from Q20 to Q12
 _MARKS_MAX = const(3)
 
 
-def thermal_of(tables, range_mC, marks):
+def thermal_of(tables, range_mC, marks, check):
     """Return a `thermal.Thermal`, after a check of the tables at both ends of its range.
 
     Parameters
@@ -31,6 +31,9 @@ def thermal_of(tables, range_mC, marks):
         degrees Celsius.
     marks : sequence of sequence of int
         For each mark its position in um, and six changes of log2 of the counts, Q20.
+
+    check : callable
+        `calibration_lines.check_table`.
 
     Raises
     ------
@@ -48,7 +51,7 @@ def thermal_of(tables, range_mC, marks):
             _, table, size = _place(tables, segment)
             columns = range(0, 4 * size, size)
             knots = range(table, table + size)
-            check_table("x", [[tables[knot + column] for column in columns] for knot in knots])
+            check("x", [[tables[knot + column] for column in columns] for knot in knots])
     return thermal
 
 
@@ -64,7 +67,7 @@ def _change(tables, marks):
                 if other is not mark:
                     share *= (x_um - other[0]) / (mark[0] - other[0])
             for i in range(CHANNELS):
-                total += share * mark[1 + i] * (tables[weights + i] / ONE_Q13)
+                total += share * mark[1 + i] * (tables[weights + i] / _ONE_Q13)
         if abs(total) >= _CHANGE_MAX:
             raise ValueError("the changes of 'warm' are too large: calibrate again")
         change[at] = round(total / unit)
