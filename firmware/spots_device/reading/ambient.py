@@ -18,6 +18,7 @@ _SHARE_MAX = 8191  # Q12
 _MISFIT_MAX = 4095
 _RATIO_MAX = 4096  # Q8
 _TOTAL_MAX = 1 << 21
+_FRESH = 2  # samples in the dark frame after it was moved, so that the next ones count
 _LN2_Q13 = 5678  # ln 2 in Q13: from log2 to a share
 
 
@@ -127,7 +128,7 @@ class Ambient:
         for i in range(CHANNELS):
             level = mean[i] + self._share * self._lamp[i]
             mean[i] = min(max(level, 0), d.COUNT_MAX_Q12)
-        self._dark.count = 0  # the next dark sample replaces the estimate
+        self._dark.count = min(self._dark.count, _FRESH)
         self._baseline.update()
         self._expect()
 
