@@ -6,7 +6,7 @@ from spots_device.fingers.state import TICKS
 from spots_device.keys.engine import Engine
 from spots_device.keys.layout import parse
 from spots_device.keys.merge import Merger
-from spots_device.keys.reports import ConsumerReports, KeyboardReports
+from spots_device.keys.reports import KeyboardReports, OneKeyReports
 
 LENGTH_UM = 100_000
 _START_MS = TICKS * 1024 // 1000 - 300  # the ticks wrap after 300 ms
@@ -22,7 +22,7 @@ class Keyboard:
         self.takes = True
         self.merger = Merger()
         self.keys = KeyboardReports(self._send, int)
-        self.media = ConsumerReports(lambda report: self.takes, int)
+        self.media = OneKeyReports(lambda report: self.takes, int)
 
     def _send(self, report):
         if self.takes:
@@ -68,7 +68,7 @@ class Bench:
         if page == 7:
             self.keyboard.keys.key(usage, modifiers, pressed)
         else:
-            self.keyboard.media.key(usage, pressed)
+            self.keyboard.media.key(usage, modifiers, pressed)
         self.keyboard.computer.usage(page, usage, modifiers, pressed)
 
     def key(self, *event):

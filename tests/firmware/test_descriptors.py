@@ -3,12 +3,14 @@
 import pytest
 from hidtools.hid import ReportDescriptor
 
+from spots_device.keys.mouse import MOUSE_DESCRIPTOR, MOUSE_SIZE, MouseReports, set_multipliers
 from spots_device.keys.reports import (
     CONSUMER_DESCRIPTOR,
-    CONSUMER_SIZE,
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,
+    ONE_KEY_SIZE,
     REPORT_SIZE,
+    SYSTEM_DESCRIPTOR,
     GamepadReports,
     KeyboardReports,
     with_report_id,
@@ -17,7 +19,9 @@ from spots_device.keys.reports import (
 # Descriptor, application, bytes of a report, and bytes of what the host sends.
 KINDS = {
     "keyboard": (KEYBOARD_DESCRIPTOR, "Keyboard", REPORT_SIZE, 1),
-    "consumer": (CONSUMER_DESCRIPTOR, "Consumer Control", CONSUMER_SIZE, 0),
+    "consumer": (CONSUMER_DESCRIPTOR, "Consumer Control", ONE_KEY_SIZE, 0),
+    "system": (SYSTEM_DESCRIPTOR, "System Control", ONE_KEY_SIZE, 0),
+    "mouse": (MOUSE_DESCRIPTOR, "Mouse", MOUSE_SIZE, 1),
     "gamepad": (GAMEPAD_DESCRIPTOR, "Game Pad", REPORT_SIZE, 0),
 }
 
@@ -74,3 +78,20 @@ def test_hid_tools_reads_the_reports():
     read = fields(GAMEPAD_DESCRIPTOR, pad.outbox.newest())
     assert (read[0x30, 1], read[0x31, 1], read[0x32, 1]) == (-32_767, 5, 32_767)
     assert [read[button, 9] for button in (1, 2, 3)] == [1, 0, 1]
+
+
+@pytest.mark.parametrize(("number", "usage", "sign"), [
+    (9, (0x38, 1), 1), (10, (0x38, 1), -1), (11, (0x238, 12), -1), (12, (0x238, 12), 1),
+])  # fmt: skip
+def test_a_wheel_turns_as_its_name_says(number, usage, sign):
+    set_multipliers(0b0101)
+    try:
+        mouse = MouseReports(None, int)
+        mouse.key(2, 0, True)
+        mouse.scroll(number, 300)
+        read = fields(MOUSE_DESCRIPTOR, last(mouse))
+    finally:
+        set_multipliers(0)
+    assert read[usage] == 300 * sign
+    assert sum(abs(value) for value in read.values()) == 301  # and button 2
+    assert read[2, 9] == 1

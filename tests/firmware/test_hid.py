@@ -15,9 +15,9 @@ from spots_device.keys.reports import (
     KEYBOARD_DESCRIPTOR,
     REPORT_SIZE,
     WAITING_MAX,
-    ConsumerReports,
     GamepadReports,
     KeyboardReports,
+    OneKeyReports,
     Outbox,
     with_report_id,
 )
@@ -119,14 +119,14 @@ def test_a_modifier_is_a_key_too():
 
 def test_the_last_media_key_counts():
     host = Host()
-    keys = ConsumerReports(host.send, still)
+    keys = OneKeyReports(host.send, still)
     for usage, pressed in (
         (0xE9, True),
         (0x1B5, True),
         (0xE9, False),  # this key is released already
         (0x1B5, False),
     ):
-        keys.key(usage, pressed)
+        keys.key(usage, 0, pressed)
         keys.flush()
     drain(keys.outbox)
     assert host.got == [b"\xe9\0", b"\xb5\x01", b"\0\0"]

@@ -45,7 +45,7 @@ def test_what_is_left_out_is_the_default_and_milliseconds_become_ticks():
         (["layer 0"], "needs 2 whole numbers"),
         (["detect 0", *SOUND], "'detect' must be from 1 to 8"),
         (["speed 1", *SOUND], "unknown statement 'speed'"),
-        (["layer 0 0", key(0, 10, action(9, 1))], "is invalid"),
+        (["layer 0 0", key(0, 10, action(10, 1))], "is invalid"),
         (["layer 0 0", key(0, 10, letter(0))], "is invalid"),
         (["layer 0 0", key(0, 10, letter(0xE8))], "is invalid"),
         (["layer 0 0", key(0, 10, action(TOGGLE, 1))], "is invalid"),

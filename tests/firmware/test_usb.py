@@ -12,6 +12,7 @@ from unittest.mock import Mock
 import pytest
 
 from spots.link.frames import Decoder
+from spots_device.board.uses import INTERFACES
 from spots_device.keys.reports import (
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,
@@ -29,6 +30,7 @@ SETUP, ACK = 1, 3  # stages of a control transfer
 GET_DESCRIPTOR, GET_REPORT, SET_REPORT = b"\x81\x06", b"\xa1\x01", b"\x21\x09"
 GET_IDLE, SET_IDLE = b"\xa1\x02", b"\x21\x0a"
 GET_PROTOCOL, SET_PROTOCOL = b"\xa1\x03", b"\x21\x0b"
+NAMES = [name for name, _, _ in INTERFACES]
 
 
 def fresh(monkeypatch, name, **modules):
@@ -226,32 +228,16 @@ def test_micropython_survives_a_stack_that_refuses(awake):
 
 
 def test_micropython_lets_the_host_poll_every_millisecond(host):
-    names = ["keyboard", "consumer", "gamepad"]
-    host.module.open_interfaces(names, None)
+    host.module.open_interfaces(NAMES, None)
     endpoints = of_type(ENDPOINT, host.configuration)
-    assert [endpoint[3:] for endpoint in endpoints] == [bytes((3, 8, 0, 1))] * len(names)
-
-
-@pytest.fixture
-def awake(host, ticks):
-    """The host; it polls each time the board sleeps, and stores the reports in the list `got`."""
-    host.got = []
-    host.sleeps = False
-
-    def poll():
-        report = None if host.sleeps else host.poll()
-        if report is not None:
-            host.got.append(report)
-
-    host.wake = ticks.on_sleep = poll
-    return host
+    assert [endpoint[3:] for endpoint in endpoints] == [bytes((3, 8, 0, 1))] * len(NAMES)
 
 
 def test_micropython_gives_a_host_of_the_boot_protocol_boot_reports(host, awake):
-    sends = host.module.open_interfaces(["keyboard", "consumer", "gamepad"], None)
+    sends = host.module.open_interfaces(NAMES, None)
     assert [one[5:8] for one in of_type(INTERFACE, host.configuration)] == [
         bytes((3, 1, 1)),  # HID, with a boot interface, of a keyboard
-        *[bytes((3, 0, 0))] * 2,
+        *[bytes((3, 0, 0))] * (len(NAMES) - 1),
     ]
     host.plug()
     for protocol in (0, 1):
@@ -294,6 +280,55 @@ def test_micropython_that_cannot_wake_a_host_does_not_say_so(awake):
     awake.plug()
     awake.sleeps = True
     assert not send(REPORT)
+
+
+def test_micropython_sends_each_movement_once(awake, ticks):
+    mouse = importlib.import_module("spots_device.keys.mouse")
+    send = awake.module.open_interfaces(["mouse"], None)["mouse"]
+    reports = mouse.MouseReports(send, lambda: 0)
+    awake.plug()
+    for _ in range(3):
+        reports.scroll(9, 120)
+        reports.flush()
+        while not reports.outbox.pump():
+            awake.wake()
+        awake.wake()
+        ticks.us += 1_000_000  # the last report is repeated before the next one
+    assert sum(report[3] for report in awake.got) == 3
+    assert bytes(awake.control(SETUP, 0, GET_REPORT, value=0x100)) == bytes(7)
+
+
+def test_micropython_takes_and_returns_the_multipliers_of_a_mouse(host):
+    mouse = importlib.import_module("spots_device.keys.mouse")
+    send = host.module.open_interfaces(["mouse"], None)["mouse"]
+    host.plug()
+    for bits in (0b0101, 0):
+        host.control(SETUP, 0, SET_REPORT, value=0x300)[:] = bytes((bits,))
+        host.control(ACK, 0, SET_REPORT, value=0x300)
+        assert bytes(host.control(SETUP, 0, GET_REPORT, value=0x300)) == bytes((bits,))
+        reports = mouse.MouseReports(send, lambda: 0)
+        reports.scroll(9, 240)
+        reports.flush()
+        assert reports.outbox.newest()[3] == (240 if bits else 2)
+    host.control(SETUP, 0, SET_REPORT, value=0x300)[:] = b"\x05"
+    host.control(ACK, 0, SET_REPORT, value=0x300)
+    host.plug()  # another host
+    assert bytes(host.control(SETUP, 0, GET_REPORT, value=0x300)) == b"\0"
+
+
+@pytest.fixture
+def awake(host, ticks):
+    """The host; it polls each time the board sleeps, and stores the reports in the list `got`."""
+    host.got = []
+    host.sleeps = False
+
+    def poll():
+        report = None if host.sleeps else host.poll()
+        if report is not None:
+            host.got.append(report)
+
+    host.wake = ticks.on_sleep = poll
+    return host
 
 
 def test_micropython_takes_one_report_at_a_time_and_copies_it_once_it_may(awake):
@@ -359,7 +394,7 @@ def test_micropython_answers_a_host_that_asks_for_the_report(host, awake):
     send = host.module.open_interfaces(["keyboard"], None)["keyboard"]
     host.plug()
     send(REPORT)
-    assert bytes(host.control(SETUP, 0, GET_REPORT)) == REPORT
+    assert bytes(host.control(SETUP, 0, GET_REPORT, value=0x100)) == REPORT
     assert host.control(ACK, 0, GET_REPORT) is True
 
 
@@ -787,17 +822,16 @@ def circuitpython(monkeypatch):
 @pytest.fixture
 def sends(circuitpython):
     module, world = circuitpython
-    module.enable(True, True)
+    module.enable(["keyboard", "consumer", "gamepad"])
     return module.open_interfaces(["keyboard", "gamepad"], world.leds.append), world
 
 
 def test_circuitpython_is_what_the_settings_say(circuitpython):
     module, _ = circuitpython
-    for keyboard, gamepad in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        module.enable(keyboard, gamepad)
-        there = module.open_interfaces(["keyboard", "gamepad"], None)
-        assert ("keyboard" in there, "gamepad" in there) == (keyboard, gamepad)
-    pad = sys.modules["usb_hid"].devices[2].rest
+    for names in ([], ["keyboard"], ["gamepad"], ["keyboard", "system", "mouse", "gamepad"]):
+        module.enable(names)
+        assert list(module.open_interfaces(NAMES, None)) == names
+    pad = sys.modules["usb_hid"].devices[3].rest
     assert pad["report_descriptor"] == with_report_id(GAMEPAD_DESCRIPTOR, 4)
     assert (pad["report_ids"], pad["in_report_lengths"]) == ((4,), (8,))
 
@@ -872,6 +906,21 @@ def test_circuitpython_asks_a_sleeping_host_to_wake_up_once_a_minute(sends):
     assert not any(any(report) for _, report in world.got)
     world.usb_connected = True
     assert by_name["keyboard"](REPORT)
+
+
+def test_circuitpython_takes_the_multipliers_of_a_mouse(circuitpython):
+    module, _ = circuitpython
+    mouse = importlib.import_module("spots_device.keys.mouse")
+    module.enable(["mouse"])
+    send = module.open_interfaces(["mouse"], None)["mouse"]
+    (device,) = sys.modules["usb_hid"].devices
+    for bits in (5, 0):
+        device.received = bytes((bits,))
+        send(bytes(7))
+        reports = mouse.MouseReports(send, lambda: 0)
+        reports.scroll(9, 240)
+        reports.flush()
+        assert reports.outbox.newest()[3] == (240 if bits else 2)
 
 
 def test_circuitpython_sends_after_days_without_a_report(sends):

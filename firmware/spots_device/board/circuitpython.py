@@ -81,8 +81,7 @@ def boot():
     if board_config.USB_HID:
         from ..keys.usb_circuitpython import enable
 
-        store = Store()
-        enable(*[_is_stored(store, board_config, name) for name in ("keys", "gamepad")])
+        enable(_wanted(board_config))
 
 
 def main():
@@ -173,17 +172,25 @@ def _sleep_ms(ms):
     time.sleep(ms / 1000)
 
 
-def _is_stored(store, board_config, name):
-    """Return whether `name` is on in the stored settings of at least one strip."""
+def _wanted(board_config):
+    """Return the names of the USB interfaces that the stored settings of any strip need."""
+    from ..keys.layout import default_lines, parse
+    from .uses import INTERFACES
+
+    store = Store()
+    wanted = set()
     for i in range(len(getattr(board_config, "SENSORS", " "))):
         settings = BoardSettings(board_config)
         try:
             settings.change(store.load("settings%s" % (i or "")))
-        except ValueError:
-            pass  # the application reports this error
-        if settings.values[name]:
-            return True
-    return False
+            lines = store.load("layout%s" % (i or ""))
+            kinds = parse(lines or default_lines()).pages
+        except ValueError:  # the application reports this error, and uses the default layout
+            kinds = parse(default_lines()).pages
+        wanted.update(
+            [name for name, of, kind in INTERFACES if settings.values[of] and kind in (0,) + kinds]
+        )
+    return [name for name, _, _ in INTERFACES if name in wanted]
 
 
 def _traceback(error):

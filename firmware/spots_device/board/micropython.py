@@ -58,8 +58,8 @@ class MachineUsb:
             raise OSError("MicroPython 1.26 sends empty reports on this chip: update it")
         if self._most is not None and len(names) > self._most:
             raise OSError(
-                "USB of this board has no room for %s: switch keys or gamepad off, save and reboot"
-                % " and ".join(names)
+                "USB of this board has no room for %s: switch keys or gamepad off, or push another "
+                "layout, then save and reboot" % " and ".join(names)
             )
         from ..keys.usb_micropython import open_interfaces
 

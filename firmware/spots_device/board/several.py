@@ -211,12 +211,12 @@ class SeveralApp(StripApp):
         for part in self.parts:
             wanted.update(part.uses._wanted())
         uses._usb = usb
-        uses._open([name for name, _ in INTERFACES if name in wanted])
+        uses._open([name for name, _, _ in INTERFACES if name in wanted])
         if uses.fault:
             self.log("error", uses.fault)
         for part in self._others:
             part.uses.keyboard_of = uses
-            for name in ("_usb", "fault", "_there", "_keyboard", "_consumer"):
+            for name in ("_usb", "fault", "_there", "_pressed_by", "_pressing"):
                 setattr(part.uses, name, getattr(uses, name))
             if uses._axes is not None:
                 part.uses._axes = type(uses._axes)(uses._there["gamepad"])

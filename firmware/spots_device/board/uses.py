@@ -11,8 +11,15 @@ from ..fingers.state import STATE, STUCK_T, TWO, UP
 from ..reading import decode as d
 from ..runtime.modules import drop
 
-# Name of each USB interface, and the setting that enables it.
-INTERFACES = (("keyboard", "keys"), ("consumer", "keys"), ("gamepad", "gamepad"))
+# Name of each USB interface, the setting that enables it, and the kind of actions that need it, see
+# `layout.KEYBOARD`.
+INTERFACES = (
+    ("keyboard", "keys", 7),
+    ("consumer", "keys", 12),
+    ("system", "keys", 8),
+    ("mouse", "keys", 9),
+    ("gamepad", "gamepad", 0),
+)
 _NONE = const(-1)
 _EVENTS = const(16)  # key events that wait; `engine.Engine.release` causes 11 at most
 _NO_MEMORY = "no memory is left for keys and contacts: save and reboot"
@@ -84,7 +91,10 @@ class Uses:
         self._contacts = None  # `contacts.Fingers` while contacts are streamed
         # Those in use. The tracker is that of the keypad, or without keys that of the contacts.
         self._fingers = self._tracker = None
-        self._keyboard = self._consumer = self._axes = None
+        self._axes = None
+        # For each kind of actions, the opened interface that presses them. Strips share them.
+        self._pressed_by = {}
+        self._pressing = ()  # values of `_pressed_by`
         self._there = {}  # opened interfaces by name
         self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
         self._events = array("i", bytes(4 * 3 * _EVENTS))
@@ -241,11 +251,16 @@ class Uses:
 
     def usage(self, page, usage, modifiers, pressed):
         """Pass the press or release of a single usage to its open interface, see `merge.Merger`."""
-        if page == 7:  # layout.KEYBOARD; layout.py is imported only if a layout is used
-            if self._keyboard is not None:
-                self._keyboard.key(usage, modifiers, pressed)
-        elif self._consumer is not None:
-            self._consumer.key(usage, pressed)
+        output = self._pressed_by.get(page)
+        if output is not None:
+            output.key(usage, modifiers, pressed)
+
+    def scroll(self, number, parts):
+        """Turn the wheel `number`, see `layout.WHEEL`, by 120ths of a notch."""
+        mouse = self._pressed_by.get(9)  # layout.MOUSE
+        if mouse is not None:
+            mouse.scroll(number, parts)
+            mouse.flush()
 
     def key(self, page, usage, modifiers, pressed):
         """Queue the report of a key event; its frame follows, see `has_room`.
@@ -253,7 +268,7 @@ class Uses:
         Parameters
         ----------
         page, usage : int
-            HID usage page and usage.
+            Kind of the action, see `layout.KEYBOARD`, and usage or number.
         modifiers : int
             Bits of all modifier keys that are down after the event.
         pressed : bool
@@ -280,10 +295,9 @@ class Uses:
         return True
 
     def _flush(self):
-        if self._keyboard is not None:
-            self._keyboard.flush()
-        if self._consumer is not None:
-            self._consumer.flush()
+        for output in self._pressing:
+            if output.unsent:
+                output.flush()
 
     def _send_keys(self):
         i = 0
@@ -409,15 +423,15 @@ class Uses:
         return self._layout
 
     def _wanted(self):
-        names = [name for name, setting in INTERFACES if self._values[setting]]
-        if "consumer" in names:
+        kinds = (0, 7)  # layout.KEYBOARD; layout.py is imported only if a layout is used
+        if self._values["keys"]:
             try:
-                if 12 in self._get_layout().pages:  # layout.CONSUMER
-                    return names
+                kinds = (0,) + self._get_layout().pages
             except MemoryError:
                 self._memory_fault = _NO_MEMORY
-            names.remove("consumer")
-        return names
+        return [
+            name for name, setting, kind in INTERFACES if self._values[setting] and kind in kinds
+        ]
 
     def _open(self, names):
         if self._usb is None or not names:
@@ -427,18 +441,26 @@ class Uses:
         except OSError as error:
             self.fault = str(error)
             return
-        from ..keys.gamepad import GamepadAxes
-        from ..keys.reports import ConsumerReports, GamepadReports, KeyboardReports
+        from ..keys.reports import GamepadReports, KeyboardReports, OneKeyReports
 
-        kinds = {
+        made = {
             "keyboard": KeyboardReports,
-            "consumer": ConsumerReports,
+            "consumer": OneKeyReports,
+            "system": OneKeyReports,
             "gamepad": GamepadReports,
         }
-        self._there = {name: kinds[name](send, self._time.ticks) for name, send in sends.items()}
+        if "mouse" in sends:
+            from ..keys.mouse import MouseReports
+
+            made["mouse"] = MouseReports
+        self._there = {name: made[name](send, self._time.ticks) for name, send in sends.items()}
         self.outputs = tuple(self._there.values())
         self.pumps = True
-        self._keyboard = self._there.get("keyboard")
-        self._consumer = self._there.get("consumer")
-        if "gamepad" in self._there:
+        self._pressed_by = {
+            kind: self._there[name] for name, _, kind in INTERFACES if kind and name in sends
+        }
+        self._pressing = tuple(self._pressed_by.values())
+        if "gamepad" in sends:
+            from ..keys.gamepad import GamepadAxes
+
             self._axes = GamepadAxes(self._there["gamepad"])

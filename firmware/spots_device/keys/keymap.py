@@ -21,7 +21,7 @@ class KeyMap:
     moves : bool
         Whether there are slides or swipes.
     pages : tuple of int
-        HID usage pages of all actions.
+        Kinds of all actions that press something, see `layout.KEYBOARD`.
     """
 
     def first(self, layer):

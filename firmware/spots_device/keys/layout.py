@@ -14,10 +14,12 @@ finger has moved by ``slide_um``.
 
 An action is one integer. Bits 20 and higher are its kind. Kind 0 does nothing. The kinds `KEYBOARD`
 and `CONSUMER` press a usage of this HID usage page; then bits 12 to 19 are the modifiers and bits 0
-to 11 the usage. The kinds `MOMENTARY`, `TOGGLE` and `TO` switch layers: while the key is held,
-until the action is repeated, or with all other layers off. Then bits 0 to 11 are the number of the
-layer. With the kind `BEHAVIOUR` they are the number of a ``behaviour`` line, which stands before
-the lines that use it. After its number and kind, it has these numbers:
+to 11 the usage. `SYSTEM` presses a usage of page 1. `MOUSE` presses a button, 1 to 8, or turns a
+wheel: `WHEEL` turns it up, the numbers after it down, left and right. A slide turns a wheel
+smoothly, by a notch for ``slide_um``. The kinds `MOMENTARY`, `TOGGLE` and `TO` switch layers: while
+the key is held, until the action is repeated, or with all other layers off. Then bits 0 to 11 are
+the number of the layer. With the kind `BEHAVIOUR` they are the number of a ``behaviour`` line,
+which stands before the lines that use it. After its number and kind, it has these numbers:
 
 ============  ======================================================================================
 `HOLD_TAP`    flavor (plus `RETRO_TAP`), three times in ms (tapping term, quick tap, prior idle),
@@ -45,10 +47,13 @@ from array import array
 
 from .keymap import KeyMap
 
-# Kinds of actions that press a key: HID usage pages.
+# Kinds of actions that press something. Those without comment are HID usage pages.
 KEYBOARD = 7
+SYSTEM = 8  # usages 0x81 to 0x83 of the page 1
+MOUSE = 9  # buttons, and the wheels from `WHEEL` on
 CONSUMER = 12
-# Other kinds of actions; no HID page with keys has one of these numbers.
+WHEEL = 9
+# Other kinds of actions.
 MOMENTARY = 2  # the layer is on while the key is held
 TOGGLE = 3  # switches the layer on or off
 TO = 4  # switches the layer on and all others off
@@ -95,7 +100,7 @@ LIMITS = {
     "stuck_ms": (0, 3_600_000, 30_000),  # 0: a touch without motion is a finger for any duration
     "flavor": (HOLD_PREFERRED, TAP_UNLESS_INTERRUPTED, BALANCED),
 }
-_USAGES = {KEYBOARD: (1, 0xE7), CONSUMER: (1, 0xFFF)}
+_USAGES = {KEYBOARD: (1, 0xE7), SYSTEM: (0x81, 0x83), MOUSE: (1, WHEEL + 3), CONSUMER: (1, 0xFFF)}
 _LAYER_ACTIONS = (MOMENTARY, TOGGLE, TO)
 # Kind of a behaviour: least and largest count of its numbers, and how many are no actions.
 _SHAPES = {
@@ -119,9 +124,9 @@ def action(kind, number, modifiers=0):
     Parameters
     ----------
     kind : int
-        `KEYBOARD`, `CONSUMER`, `MOMENTARY`, `TOGGLE`, `TO` or `BEHAVIOUR`.
+        `KEYBOARD`, `SYSTEM`, `MOUSE`, `CONSUMER`, `MOMENTARY`, `TOGGLE`, `TO` or `BEHAVIOUR`.
     number : int
-        HID usage, or number of a layer or behaviour.
+        HID usage, or number of a button, wheel, layer or behaviour.
     modifiers : int
         Bits of the modifier keys.
     """
@@ -220,6 +225,8 @@ def _check(layout, action, pages, behaviours, is_hold=False):
     if kind in _USAGES:
         low, high = _USAGES[kind]
         pages.add(kind)
+        if action >> 12 & 0xFF:
+            pages.add(KEYBOARD)
         if low <= number <= high:
             return
     elif kind == BEHAVIOUR:

@@ -1,11 +1,17 @@
 """Swipes and slides: movements of a finger on a switch. Imported only if the layout has some.
 
+A slide repeats its action each time the finger has moved by ``slide_um``. A wheel of a mouse turns
+smoothly instead, by a notch for this distance.
+
 A swipe decides first: on a layer with swipes, a slide begins when no swipe is possible any more.
 """
 
+from .. import const
 from . import layout as y
 from . import switch as w
 from .switch import past
+
+_NOTCH = const(120)  # parts of a notch, see mouse.py
 
 
 class Moves:
@@ -44,6 +50,8 @@ class Moves:
 
     def _step(self, i, x_um, t):
         off_um = x_um - self._engine.switches[i * w.SIZE + w.STEP_UM]
+        if self._engine.switches[i * w.SIZE] == w.SLIDING and self._turn(i, off_um):
+            return False
         slide_um = self._engine.layout.slide_um
         if abs(off_um) < slide_um:
             return False
@@ -57,10 +65,28 @@ class Moves:
                 return False
             self._engine.close()
             s[i * w.SIZE] = w.SLIDING
-        s[i * w.SIZE + w.STEP_UM] += um
-        self._engine.then(i, action, t)
+        if not _is_wheel(action):
+            s[i * w.SIZE + w.STEP_UM] += um
+            self._engine.then(i, action, t)
+        return True
+
+    def _turn(self, i, off_um):
+        # Turns a wheel; returns whether the slide is one of a wheel.
+        action = self._action(i, off_um > 0)
+        if not _is_wheel(action):
+            return False
+        slide_um = self._engine.layout.slide_um
+        parts = abs(off_um) * _NOTCH // slide_um
+        um = (parts * slide_um + (_NOTCH >> 1)) // _NOTCH
+        self._engine.switches[i * w.SIZE + w.STEP_UM] += um if off_um > 0 else -um
+        if parts:
+            self._engine.sink.scroll(action & 0xFFF, parts)
         return True
 
     def _action(self, i, plus):
         engine = self._engine
         return engine.layout.keys[engine.row_of(i) + (y.SLIDE_PLUS if plus else y.SLIDE_MINUS)]
+
+
+def _is_wheel(action):
+    return action >> 20 == y.MOUSE and action & 0xFFF >= y.WHEEL

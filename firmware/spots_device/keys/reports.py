@@ -1,4 +1,4 @@
-"""HID reports of keyboard, consumer control and gamepad, and a queue of reports to the host.
+"""HID reports of keyboard, media keys, system keys and gamepad, and a queue of reports to the host.
 
 The queue works with any USB stack that has a function ``send(report) -> bool``. The function must
 not wait; it returns True if the stack has accepted the report. Integers only; allocates nothing
@@ -18,7 +18,7 @@ from .merge import KEYS_MAX
 REPORT_SIZE = 8
 CAPS_LOCK = 2  # bit of caps lock in a keyboard's output report; HID usage tables, LED page
 _MODIFIERS_FROM = 0xE0  # usages from here on are bits of the first byte
-CONSUMER_SIZE = 2
+ONE_KEY_SIZE = 2
 WAITING_MAX = 16  # eight quick presses with their releases
 _ROOM = const(10)  # most reports in a queue that has room for those of one event, at most six
 _STALE = 488  # age in ticks of 1024 us: 0.5 s
@@ -37,6 +37,12 @@ KEYBOARD_DESCRIPTOR = (
 CONSUMER_DESCRIPTOR = (
     b"\x05\x0c\x09\x01\xa1\x01"  # consumer, consumer control, application
     b"\x15\x00\x26\xff\x03\x19\x00\x2a\xff\x03\x75\x10\x95\x01\x81\x00"  # 16 bits
+    b"\xc0"
+)
+# Power down, sleep and wake up, one at a time; a value below the range means no key.
+SYSTEM_DESCRIPTOR = (
+    b"\x05\x01\x09\x80\xa1\x01"  # generic desktop, system control, application
+    b"\x16\x81\x00\x26\x83\x00\x19\x81\x29\x83\x75\x10\x95\x01\x81\x40"  # 16 bits
     b"\xc0"
 )
 # X and Y, -32767 to 32767; Z, 0 to 32767; 16 buttons.
@@ -266,20 +272,20 @@ class KeyboardReports:
         return -1
 
 
-class ConsumerReports:
-    """Turns each press and release of a media key (HID consumer page) into a report.
+class OneKeyReports:
+    """Turns each press and release of a media key or of a system key into a report.
 
-    A report contains one key: the last pressed one, or 0 after its release. Parameters and
-    attributes are those of `KeyboardReports`.
+    A report contains one usage: that of the last pressed key, or 0 after its release. Parameters
+    and attributes are those of `KeyboardReports`.
     """
 
     def __init__(self, send, ticks):
-        self.outbox = Outbox(send, ticks, CONSUMER_SIZE)
+        self.outbox = Outbox(send, ticks, ONE_KEY_SIZE)
         self.unsent = False
-        self._report = bytearray(CONSUMER_SIZE)
+        self._report = bytearray(ONE_KEY_SIZE)
 
-    def key(self, usage, pressed):
-        """Process the press (`pressed` is true) or release of a key; `usage` is 1 to 0x3FF."""
+    def key(self, usage, modifiers, pressed):
+        """Process the press (`pressed` is true) or release of a key; `modifiers` are ignored."""
         report = self._report
         if not pressed and report[0] | report[1] << 8 != usage:
             return
@@ -295,7 +301,7 @@ class ConsumerReports:
             self.unsent = False
 
     def release(self):
-        """Release the pressed consumer key."""
+        """Release the pressed key."""
         self._report[0] = self._report[1] = 0
         self.unsent = False
         self.outbox.release()

@@ -9,47 +9,71 @@ LEDs.
 
 After these 2 s, ``send_report`` asks a sleeping host to wake up. So a press that finds the host
 asleep sends a report without keys, at most every 64 s.
-
-The keyboard has no boot protocol: CircuitPython offers it only on the first interface, which
-belongs to the serial port.
 """
 
 import supervisor
 import usb_hid
 
-from .reports import GAMEPAD_DESCRIPTOR, REPORT_SIZE, is_pressed, with_report_id
+from .reports import (
+    GAMEPAD_DESCRIPTOR,
+    ONE_KEY_SIZE,
+    REPORT_SIZE,
+    SYSTEM_DESCRIPTOR,
+    is_pressed,
+    with_report_id,
+)
 
 # HID usage page and usage that identify a device.
-_USAGES = {"keyboard": (0x01, 0x06), "consumer": (0x0C, 0x01), "gamepad": (0x01, 0x05)}
-_GAMEPAD_ID = 4  # report id; CircuitPython's own devices use 1 to 3
+_USAGES = {
+    "keyboard": (0x01, 0x06),
+    "consumer": (0x0C, 0x01),
+    "system": (0x01, 0x80),
+    "mouse": (0x01, 0x02),
+    "gamepad": (0x01, 0x05),
+}
+# Report ids; CircuitPython's own devices use 1 to 3.
+_IDS = {"gamepad": 4, "system": 5, "mouse": 6}
 _SPACE_MS = 10  # minimum time between two reports
 _PAUSE_MS = 64_000  # after a timeout, because the next report may block for two seconds again
 _HALF = 1 << 28  # half the period of ticks_ms
 
 
-def enable(keyboard, gamepad):
+def enable(names):
     """Select the USB HID devices of the board. Call it in boot.py, before USB connects.
 
     Parameters
     ----------
-    keyboard, gamepad : bool
-        Whether to enable a keyboard with media keys, and whether to enable a gamepad.
+    names : list of str
+        Names of interfaces, from `uses.INTERFACES`.
     """
-    devices = []
-    if keyboard:
-        devices += [usb_hid.Device.KEYBOARD, usb_hid.Device.CONSUMER_CONTROL]
-    if gamepad:
-        devices.append(
-            usb_hid.Device(
-                report_descriptor=with_report_id(GAMEPAD_DESCRIPTOR, _GAMEPAD_ID),
-                usage_page=_USAGES["gamepad"][0],
-                usage=_USAGES["gamepad"][1],
-                report_ids=(_GAMEPAD_ID,),
-                in_report_lengths=(REPORT_SIZE,),
-                out_report_lengths=(0,),
-            )
-        )
-    usb_hid.enable(tuple(devices))
+    usb_hid.enable(tuple([_device(name) for name in names]))
+
+
+def _device(name):
+    if name == "keyboard":
+        # No boot protocol: CircuitPython offers it only on the first interface, which belongs to
+        # the serial port.
+        return usb_hid.Device.KEYBOARD
+    if name == "consumer":
+        return usb_hid.Device.CONSUMER_CONTROL
+    if name == "system":
+        return _make(name, SYSTEM_DESCRIPTOR, ONE_KEY_SIZE)
+    if name == "mouse":
+        from .mouse import MOUSE_DESCRIPTOR, MOUSE_SIZE
+
+        return _make(name, MOUSE_DESCRIPTOR, MOUSE_SIZE, 1)
+    return _make(name, GAMEPAD_DESCRIPTOR, REPORT_SIZE)
+
+
+def _make(name, descriptor, size, received_size=0):
+    return usb_hid.Device(
+        report_descriptor=with_report_id(descriptor, _IDS[name]),
+        usage_page=_USAGES[name][0],
+        usage=_USAGES[name][1],
+        report_ids=(_IDS[name],),
+        in_report_lengths=(size,),
+        out_report_lengths=(received_size,),
+    )
 
 
 def open_interfaces(names, show_leds):
@@ -73,9 +97,16 @@ def open_interfaces(names, show_leds):
     for device in usb_hid.devices:
         for name in names:
             if (device.usage_page, device.usage) == _USAGES[name]:
-                show = show_leds if name == "keyboard" else None
-                sends[name] = _Interface(endpoint, device, show).send
+                sends[name] = _Interface(endpoint, device, _receiver_of(name, show_leds)).send
     return sends
+
+
+def _receiver_of(name, show_leds):
+    if name == "mouse":
+        from .mouse import set_multipliers
+
+        return set_multipliers
+    return show_leds if name == "keyboard" else None
 
 
 class _Endpoint:
@@ -84,22 +115,22 @@ class _Endpoint:
     def __init__(self):
         self._from_ms = supervisor.ticks_ms()
         self._wait_ms = 0
-        self._was_connected = self._is_away = False
+        self._was_connected = self._was_asleep = False
 
     def free(self):
         if not supervisor.runtime.usb_connected:  # not mounted, or suspended
-            if not self._is_away:
-                self._is_away = True
+            if not self._was_asleep:
+                self._was_asleep = True
                 self._wait(0)
             return False
-        if self._is_away:
+        if self._was_asleep:
             self._wait(0)
-        self._is_away, self._was_connected = False, True
+        self._was_asleep, self._was_connected = False, True
         return self._is_over()
 
     def may_wake(self):
-        """Return whether a host that takes no reports may be asked to wake up."""
-        return self._is_away and self._was_connected and self._is_over()
+        """Return whether a host that does not take reports may be asked to wake up."""
+        return self._was_asleep and self._was_connected and self._is_over()
 
     def _is_over(self):
         # Ticks wrap, so a time in the far past looks like a time in the future.
@@ -129,17 +160,17 @@ def _diff(end, start):
 
 
 class _Interface:
-    def __init__(self, endpoint, device, show_leds):
+    def __init__(self, endpoint, device, receive):
         self._endpoint = endpoint
         self._device = device
-        self._show_leds = show_leds
+        self._receive = receive
 
     def send(self, report):
         """Send a report unless the call would block; return whether it was sent."""
-        if self._show_leds is not None:
-            leds = self._device.get_last_received_report()  # None if nothing is new
-            if leds:
-                self._show_leds(leds[0])
+        if self._receive is not None:
+            received = self._device.get_last_received_report()  # None if nothing is new
+            if received:
+                self._receive(received[0])
                 self._endpoint.heard()
         if not self._endpoint.free():
             if is_pressed(report) and self._endpoint.may_wake():

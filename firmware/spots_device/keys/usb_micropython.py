@@ -18,10 +18,11 @@ from machine import USBDevice
 from .. import const
 from .reports import (
     CONSUMER_DESCRIPTOR,
-    CONSUMER_SIZE,
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,
+    ONE_KEY_SIZE,
     REPORT_SIZE,
+    SYSTEM_DESCRIPTOR,
     is_pressed,
 )
 
@@ -33,6 +34,7 @@ _PACKET = const(8)  # largest size of a report in bytes
 _HID = const(0x21)  # types of descriptors, HID 1.11, section 7.1
 _REPORT = const(0x22)
 _REPORT_PROTOCOL = b"\x01"  # the host's choice after a connection, HID 1.11, section 7.2.6
+_INPUT = const(1)  # types of reports, HID 1.11, section 7.2.1
 _WAKE = "remote_wakeup"  # method of `USBDevice` since MicroPython 1.24
 _CAN_WAKE = const(0x20)  # bit of a configuration's bmAttributes, USB 2.0, section 9.6.3
 
@@ -55,7 +57,8 @@ _STEP_US = const(100)
 
 _INTERFACES = {
     "keyboard": (KEYBOARD_DESCRIPTOR, REPORT_SIZE, _BOOT_KEYBOARD),
-    "consumer": (CONSUMER_DESCRIPTOR, CONSUMER_SIZE, _NO_BOOT),
+    "consumer": (CONSUMER_DESCRIPTOR, ONE_KEY_SIZE, _NO_BOOT),
+    "system": (SYSTEM_DESCRIPTOR, ONE_KEY_SIZE, _NO_BOOT),
     "gamepad": (GAMEPAD_DESCRIPTOR, REPORT_SIZE, _NO_BOOT),
 }
 
@@ -66,16 +69,17 @@ class _Interface:
     The device's callbacks set the attributes; they run between two bytecodes of the main program.
     """
 
-    def __init__(self, device, number, endpoint, kind, show_leds):
+    def __init__(self, device, number, endpoint, kind, receive):
         self._device = device
-        self._show_leds = show_leds
+        self._receive = receive
         self._descriptor, size, boot = kind
+        self.state_size = size  # other bytes of a report are movements
         self.number = number
         self.endpoint = endpoint
         self.is_open = self.is_busy = False
         # The USB stack reads this buffer until the host has the report.
         self._report = bytearray(size)
-        self._leds = bytearray(1)
+        self._received = bytearray(1)  # the host's last output or feature report
         self._idle = bytearray(1)  # stored for the host only: an unchanged report is not repeated
         self._protocol = bytearray(_REPORT_PROTOCOL)
         self._offered = ticks_add(ticks_us(), -_AWAKE_US)
@@ -95,6 +99,9 @@ class _Interface:
         self.is_open = True
         self.is_busy = False
         self._protocol[:] = _REPORT_PROTOCOL
+        if self.state_size < len(self._report):
+            self._received[0] = 0  # another host may not know the multipliers of a mouse
+            self._receive(0)
 
     def answer(self, request, value):
         """Return the answer to a control request: a buffer to send or to fill, True or False."""
@@ -102,9 +109,9 @@ class _Interface:
             kind = value >> 8
             return self._descriptor if kind == _REPORT else self._hid if kind == _HID else False
         if request == _GET_REPORT:
-            return self._report
+            return self._report if value >> 8 == _INPUT else self._received
         if request == _SET_REPORT:  # hosts set LEDs, and some cannot handle a refusal
-            return self._leds
+            return self._received
         if request == _GET_IDLE:
             return self._idle
         if request == _GET_PROTOCOL:
@@ -114,7 +121,7 @@ class _Interface:
     def complete(self, request, value):
         """Carry out a control request, whose data have arrived."""
         if request == _SET_REPORT:
-            self._show_leds(self._leds[0])
+            self._receive(self._received[0])
         elif request == _SET_IDLE:
             self._idle[0] = value >> 8
         elif request == _SET_PROTOCOL:  # the boot report of the keyboard is its report
@@ -136,6 +143,12 @@ class _Interface:
         for i in range(len(report)):
             self._report[i] = report[i]
         return self._offer()
+
+    def fetched(self):
+        """Forget the movements of the report, which the host has fetched."""
+        self.is_busy = False
+        for i in range(self.state_size, len(self._report)):
+            self._report[i] = 0
 
     def _is_host_awake(self, began):
         if 0 <= ticks_diff(began, self._offered) < _AWAKE_US:
@@ -200,7 +213,7 @@ class _Callbacks:
     def transferred(self, endpoint, result, size):
         for one in self._interfaces:
             if one.endpoint == endpoint:
-                one.is_busy = False
+                one.fetched()
         return True
 
 
@@ -228,7 +241,14 @@ def open_interfaces(names, show_leds):
     configuration = bytearray(serial.desc_cfg)
     for i in range(len(names)):
         number, endpoint = serial.itf_max + i, serial.ep_max + i | _IN
-        one = _Interface(device, number, endpoint, _INTERFACES[names[i]], show_leds)
+        if names[i] == "mouse":
+            from . import mouse
+
+            kind = mouse.MOUSE_DESCRIPTOR, mouse.MOUSE_SIZE, _NO_BOOT
+            one = _Interface(device, number, endpoint, kind, mouse.set_multipliers)
+            one.state_size = mouse.STATE_SIZE
+        else:
+            one = _Interface(device, number, endpoint, _INTERFACES[names[i]], show_leds)
         interfaces.append(one)
         configuration += one.descriptors
     # wTotalLength and bNumInterfaces, USB 2.0, section 9.6.3

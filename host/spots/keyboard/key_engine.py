@@ -108,6 +108,9 @@ class KeyEngine:
     def has_room(self) -> bool:
         return True
 
+    def scroll(self, number: int, parts: int) -> None:
+        """Ignore a wheel: only a board is a mouse."""
+
     def stuck(self) -> None:
         self.rests += 1
 

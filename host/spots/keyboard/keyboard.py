@@ -22,6 +22,11 @@ _BY_CHARACTER = "us"  # host of the keyboard that `outputs.desktop` presses
 def keyboard_command(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
+    if layout.on_board:
+        raise SpotsError(
+            f"layout {options.layout}: only a board can press {layout.on_board[0]}: run "
+            f"'spots keys push {options.layout}'"
+        )
     host = layout.content.get("host", _BY_CHARACTER)
     if host != _BY_CHARACTER and not options.dry_run and not sys.platform.startswith("linux"):
         raise SpotsError(

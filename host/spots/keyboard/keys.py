@@ -16,7 +16,7 @@ from ..link.advice import stored_calibration, stored_layout
 from ..link.board import Board
 from ..link.connect import ensured, upload_lines
 from ..link.key_exposure import is_automatic, sentence, shortest_us
-from ..outputs.usages import ALIASES, KEYBOARD, MODIFIERS_FROM, USAGES, name_of
+from ..outputs.usages import ALIASES, KEYBOARD, MODIFIERS_FROM, ON_BOARDS, USAGES, name_of
 from ..terminal.view import framed
 from . import trial
 from .hosts import every as every_host
@@ -175,6 +175,7 @@ def names(word: str) -> list[str]:
         fits = word == types if len(word) == 1 else word.upper() in " ".join([one.name, *every])
         if fits or word.upper() == one.name:
             found.append(f"{one.name:<{_NAME}} {' '.join(filter(None, [types, *every]))}")
+    found += [one for one in ON_BOARDS if len(word) != 1 and word.upper() in one]
     for name, host in every_host().items() if len(word) == 1 else ():
         strokes = host.strokes(word)
         if strokes:

@@ -22,6 +22,7 @@ from ..outputs.usages import (
     CONSUMER,
     KEYBOARD,
     MODIFIERS_FROM,
+    ON_BOARDS,
     USAGES,
     is_modifier,
     name_of,
@@ -209,6 +210,15 @@ class KeyLayout:
     characters: dict[int, str]
     texts: dict[str, tuple[int, ...]]
     content: dict
+
+    @property
+    def on_board(self) -> list[str]:
+        """Names of the actions that only a board can press, see `usages.ON_BOARDS`."""
+        placed = [key.actions for row in self.layers.values() for key in row]
+        used = {one for by_slot in (*placed, *self.swipes.values()) for one in by_slot.values()}
+        used.update(one for behaviour in self.behaviours for one in behaviour.actions)
+        actions = {parts_of(one)[:2] for one in used}
+        return [name for name, action in ON_BOARDS.items() if action in actions]
 
 
 def load(name: str | Path) -> KeyLayout:

@@ -14,6 +14,10 @@ from ..errors import SpotsError, did_you_mean
 
 KEYBOARD = 0x07
 CONSUMER = 0x0C
+# Kinds of actions in the firmware, see `spots_device.keys.layout`.
+SYSTEM = 0x08
+MOUSE = 0x09
+WHEEL = 9
 # Bit i of the modifiers in a keyboard report stands for the key with this usage plus i.
 MODIFIERS_FROM = 0xE0
 MODIFIERS = 8
@@ -63,6 +67,22 @@ def _read(path: Path) -> Iterator[Usage]:
 
 USAGES: dict[tuple[int, int], Usage] = {(one.page, one.usage): one for one in _read(USAGES_FILE)}
 _BY_NAME = {one.name: one for one in USAGES.values()}
+# What only a board can press, as a USB device of its own: kind and number of the action.
+ON_BOARDS = {
+    "SYSTEM_POWER_DOWN": (SYSTEM, 0x81),
+    "SYSTEM_SLEEP": (SYSTEM, 0x82),
+    "SYSTEM_WAKE_UP": (SYSTEM, 0x83),
+    "MOUSE_LEFT": (MOUSE, 1),
+    "MOUSE_RIGHT": (MOUSE, 2),
+    "MOUSE_MIDDLE": (MOUSE, 3),
+    "MOUSE_BACK": (MOUSE, 4),
+    "MOUSE_FORWARD": (MOUSE, 5),
+    "WHEEL_UP": (MOUSE, WHEEL),
+    "WHEEL_DOWN": (MOUSE, WHEEL + 1),
+    "WHEEL_LEFT": (MOUSE, WHEEL + 2),
+    "WHEEL_RIGHT": (MOUSE, WHEEL + 3),
+}
+_BOARD_NAMES = {action: name for name, action in ON_BOARDS.items()}
 # Other names of each key, and Linux's, such as VOLUMEUP for VOLUME_INCREMENT.
 ALIASES: dict[str, list[str]] = {
     words[0]: words[1:]
@@ -82,7 +102,7 @@ _BY_CHARACTER = {
 
 
 def usage_of(name: str) -> tuple[int, int]:
-    """Return the HID usage page and the usage of a key.
+    """Return the HID usage page and the usage of a key; or kind and number of `ON_BOARDS`.
 
     Parameters
     ----------
@@ -105,6 +125,8 @@ def usage_of(name: str) -> tuple[int, int]:
                 "(1 to 0x3FF)"
             )
         return page, usage
+    if name.upper() in ON_BOARDS:
+        return ON_BOARDS[name.upper()]
     found = _named(name)
     for prefix in _PREFIXES:
         found = found or (_named(name[len(prefix) :]) if name.upper().startswith(prefix) else None)
@@ -134,7 +156,8 @@ def name_of(page: int, usage: int) -> str:
         Name of the key; if it has no name, page and usage as `usage_of` reads them.
     """
     found = USAGES.get((page, usage))
-    return found.name if found else f"usage {page}:0x{usage:02X}"
+    named = found.name if found else _BOARD_NAMES.get((page, usage))
+    return named or f"usage {page}:0x{usage:02X}"
 
 
 def is_modifier(page: int, usage: int) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 
+from spots_device.keys.mouse import MOUSE_SIZE, STATE_SIZE
+
 from .protocol import protocol
 
 
@@ -14,7 +16,8 @@ class UsbHost:
     ----------
     reports : list of (int, bytes)
         Received reports: number of the interface, and the report. Reports that change nothing are
-        left out; the firmware repeats reports, see `spots_device.keys.usb_micropython`.
+        left out; the firmware repeats reports, see `spots_device.keys.usb_micropython`. A report of
+        a mouse that moves is a change.
     """
 
     def __init__(self):
@@ -70,6 +73,7 @@ class UsbHost:
             self._waiting[interface] = report
 
     def _receive(self, interface: int, report: bytes) -> None:
-        if report != self._last.get(interface, bytes(len(report))):
+        moves = len(report) == MOUSE_SIZE and any(report[STATE_SIZE:])
+        if moves or report != self._last.get(interface, bytes(len(report))):
             self._last[interface] = report
             self.reports.append((interface, report))
