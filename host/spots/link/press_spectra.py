@@ -117,7 +117,7 @@ class PressSpectra:
         """
         if self._warm is None:
             return np.zeros(len(channels))
-        change = polynomial.polyval(x_um, self._warm)[channels]
+        change = np.asarray(polynomial.polyval(x_um, self._warm))[channels]
         # Another force or position is not a change of the temperature.
         causes = np.stack([change, self.slopes(x_um)[channels], np.ones(len(channels))], axis=1)
         weights = 1 / np.sqrt(variance)
