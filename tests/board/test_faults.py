@@ -19,6 +19,7 @@ class Cut:
         self.transfers = 0
         self.clock = bus.clock
         self.lines = bus.lines
+        self.chip = bus.chip
 
     def write(self, *arguments):
         self._fail()

@@ -94,6 +94,7 @@ class _Sensor:
         self.retries = self.complete = self.asked = self.waits = 0
         self.led = "ldr"
         self.gpio = lambda on: None
+        self.thermometer = None
         self.steady, self.saturated = True, False
 
     def start(self, plan, gain, exposure_us, led_mA, mains_hz):

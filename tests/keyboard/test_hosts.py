@@ -15,7 +15,7 @@ from spots.keyboard import hosts
 from spots.keyboard.keys import say
 from spots.keyboard.layout import compiled
 from spots.keyboard.writing import Writing
-from spots.outputs.usages import USAGES
+from spots.outputs.usages import ON_BOARDS, USAGES
 from spots_device.keys.layout import STEPS_MAX, TAP, action, parse
 
 TABLES, SEQUENCES = hosts.read(hosts.FILE.read_text("utf-8").splitlines())
@@ -298,7 +298,7 @@ def test_the_names_of_keys_are_listed(capsys):
     assert "host es SEMICOLON" in [" ".join(line.split()) for line in lines]
     assert "host be RIGHT_ALT+FORWARD_SLASH, N" in [" ".join(line.split()) for line in lines]
     assert cli.main(["keys", "names"]) == 0
-    assert len(capsys.readouterr().out.splitlines()) == len(USAGES)
+    assert len(capsys.readouterr().out.splitlines()) == len(USAGES) + len(ON_BOARDS)
     assert cli.main(["keys", "names", "zzz"]) == 2
     assert cli.main(["keys", "show"]) == 2
     assert "keys show needs a layout" in capsys.readouterr().err

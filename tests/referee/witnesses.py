@@ -152,6 +152,9 @@ class Labelled:
         share = (end_us - start_us) / self._integration_us / GAIN[GAIN_1X_OF_64]
         return {diode: label * share for diode, label in self.labels.items()}
 
+    def temperature_C(self, now_us):
+        return 25.0
+
 
 class Numbered:
     """Simulated light: sample n has n counts at gain 64x; the counts repeat after a while."""
@@ -165,6 +168,9 @@ class Numbered:
         number = self._samples % self.around + 1
         self._samples += 1
         return dict.fromkeys(DIODES, number / GAIN[GAIN_1X_OF_64])
+
+    def temperature_C(self, now_us):
+        return 25.0
 
 
 def silent_chip(light, quirks=None):
