@@ -62,15 +62,16 @@ class Publisher:
                 f"cannot publish the board on {board.port}: it has no valid id; flash its firmware "
                 "again"
             )
-        self._own = contextlib.ExitStack()
-        if session is None:
-            session = self._own.enter_context(open_session())
-        self._session = session
         self.place = f"spots/{self.board_id}"
-        if any(reply.ok for reply in session.liveliness().get(key(self.board_id, "alive"))):
-            raise SpotsError(
-                f"the board {self.board_id} is already published: stop the other publisher"
-            )
+        with contextlib.ExitStack() as own:  # ends the session if the board cannot be published
+            if session is None:
+                session = own.enter_context(open_session())
+            if any(reply.ok for reply in session.liveliness().get(key(self.board_id, "alive"))):
+                raise SpotsError(
+                    f"the board {self.board_id} is already published: stop the other publisher"
+                )
+            self._own = own.pop_all()
+        self._session = session
         self._copy = b""  # bytes that have arrived and are not published yet
         board.tap(self._keep)
         self._run = secrets.token_hex(4)
