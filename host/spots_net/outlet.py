@@ -15,7 +15,7 @@ from spots.recording.table import VALUES
 
 _FIRST = "sensor", "sequence", "t_us"
 # Fields of frames whose names differ from those of their columns, by column.
-FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
+_FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
 # Class of each outlet, the package it needs, and the extra that installs it.
 _OUTLETS = {
     "zenoh": ("spots_net.publish:Publisher", "Zenoh", "zenoh"),
@@ -150,7 +150,7 @@ def values(frame: Reading) -> dict[str, Any]:
         unknown number is NaN.
     """
     names = (*_FIRST, *VALUES[kind_of(frame)])
-    return {name: getattr(frame, FIELDS.get(name, name)) for name in names}
+    return {name: getattr(frame, _FIELDS.get(name, name)) for name in names}
 
 
 def row(frame: Reading, time_s: float, arrived_s: float, channels: list[str]) -> dict[str, Any]:

@@ -4,23 +4,12 @@ import pylsl
 
 from spots.link.board import Board
 from spots.link.frames import Reading
+from spots.recording.table import VALUES
 
 from .outlet import kind_of, plans, values
 
-# Columns of each stream, with their units. Unknown numbers are NaN.
-_TOUCH = {
-    "touching": "",
-    "trusted": "",
-    "position_um": "um",
-    "force_mN": "mN",
-    "contrast_log2": "",
-    "brightness_log2": "",
-    "flags": "",
-}
-_CONTACT = {"id": "", "state": "", "position_um": "um", "sigma_um": "um", "force_mN": "mN"}
-_KEY = {"page": "", "usage": "", "modifiers": "", "pressed": ""}
-_STREAMS = {"touch": _TOUCH, "contact": _CONTACT, "key": _KEY}
-_GAIN = {"flags": "", "gain_code": ""}
+_KINDS = "touch", "contact", "key", "spectrum"
+_UNITS = {"um": "um", "mN": "mN"}  # by the last part of a column's name
 
 
 class Lsl:
@@ -47,8 +36,8 @@ class Lsl:
         self.place = f"LSL streams SPOTS {board_id}"
         self._sources = {}
         for sensor, plan in enumerate(plans(board)):
-            counts = {f"counts_{channel}": "count" for channel in plan}
-            for kind, columns in (_STREAMS | {"spectrum": _GAIN | counts}).items():
+            for kind in _KINDS:
+                columns = _columns(kind, plan)
                 source = f"{board_id}/{sensor}/{kind}"
                 self._sources[sensor, kind] = source
                 self.outlets[source] = pylsl.StreamOutlet(_info(board, source, columns))
@@ -71,6 +60,14 @@ class Lsl:
     def close(self) -> None:
         """End all streams."""
         self.outlets.clear()
+
+
+def _columns(kind: str, plan: list[str]) -> dict[str, str]:
+    # Units of the values of a kind of frame, by name, in the order of `values`.
+    units = {name: _UNITS.get(name.rpartition("_")[2], "") for name in VALUES[kind]}
+    if units.pop("counts", None) is not None:
+        units |= {f"counts_{channel}": "count" for channel in plan}
+    return units
 
 
 def _info(board: Board, source: str, columns: dict[str, str]) -> pylsl.StreamInfo:

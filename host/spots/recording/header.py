@@ -88,6 +88,12 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         valid = isinstance(strips, list) and strips and all(isinstance(s, dict) for s in strips)
         return strips if valid else [self.info]
 
+    @property
+    def settings(self) -> list[dict]:
+        """For each sensor, the reply to ``hello``, and ``dark``: its dark frame or None."""
+        dark = self.dark or [None] * len(self.strips)
+        return [{**info, "dark": one} for info, one in zip(self.strips, dark)]
+
 
 def encoded(header: Header) -> bytes:
     """Encode a header as notes, which are pieces of metadata in a recording.

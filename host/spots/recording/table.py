@@ -93,8 +93,7 @@ class Description(NamedTuple):
 def described(recording: RecordingBlocks) -> Description:
     """Read a recording to its end, and return the description of its tables."""
     header = recording.header
-    dark = header.dark or [None] * len(header.strips)
-    settings = [{**info, "dark": one} for info, one in zip(header.strips, dark)]
+    settings = header.settings
     changes = []
     for block in recording:
         for at_s, text in block.texts:

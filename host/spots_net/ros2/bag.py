@@ -7,6 +7,7 @@ from spots.recording.export import Files, Format, Records
 from spots.recording.table import Description
 
 from .messages import UNKNOWN_DARK, Strip, messages, types
+from .naming import frame_id, node_name, topic_name
 from .optional import Writer
 from .types import store
 
@@ -29,7 +30,7 @@ def write(description: Description, records: Records, out: Path, files: Files) -
         New files that appear together.
     """
     header = description.header
-    name = f"spots_{header.info['id']}"
+    name = node_name(header.info["id"])
     writer = Writer(files.new(out))
     writer.start(profile="ros2", library=header.program)
 
@@ -41,7 +42,7 @@ def write(description: Description, records: Records, out: Path, files: Files) -
 
     changes = iter([*description.changes, {"arrived_s": float("inf"), "sensor": 0}])
     change = next(changes)
-    settings = [dict(one, dark=dark) for one, dark in zip(header.strips, _dark(description))]
+    settings = header.settings
     for table, row in records:
         time_s, arrived_s, sensor, sequence = row[:4]
         while change["arrived_s"] <= arrived_s:
@@ -51,21 +52,17 @@ def write(description: Description, records: Records, out: Path, files: Files) -
         values = dict(zip(table.dtype.names, known))
         values["counts"] = row[-_CHANNELS:]
         now = settings[sensor]
-        frame_id = f"{name}_strip{sensor}"
-        strip = Strip(frame_id, now["plan"], now["exposure_us"], now["dark"] or UNKNOWN_DARK)
+        strip = Strip(
+            frame_id(name, sensor), now["plan"], now["exposure_us"], now["dark"] or UNKNOWN_DARK
+        )
         utc_s = max(0.0, header.utc_s + time_s)
         for topic, message in messages(table.name, values, utc_s, strip):
             kind = types()[topic]
-            number = channel(f"/{name}/strip{sensor}/{topic}", kind)
+            number = channel(topic_name(name, sensor, topic), kind)
             data = bytes(store().serialize_cdr(message, kind))
             arrived_ns = round(1e9 * (header.utc_s + arrived_s))
             writer.add_message(number, arrived_ns, data, round(1e9 * utc_s), sequence)
     writer.finish()
-
-
-def _dark(description: Description) -> list:
-    header = description.header
-    return header.dark or [None] * len(header.strips)
 
 
 FORMAT = Format("mcap", write)

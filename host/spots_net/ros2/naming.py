@@ -1,4 +1,4 @@
-"""The conventions of rmw_zenoh: keys of topics, tokens of nodes and publishers, attachments.
+"""Names for ROS 2, and the conventions of rmw_zenoh: keys, tokens and attachments.
 
 See https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md.
 """
@@ -9,6 +9,21 @@ from typing import NamedTuple
 # Reliability, durability, history and depth, deadline, lifespan and liveliness; empty is the
 # default. 2: best effort, because a publisher never waits.
 QOS = "2::,10:,:,:,,"
+
+
+def node_name(board_id: str) -> str:
+    """Return the name of a board's node."""
+    return f"spots_{board_id}"
+
+
+def frame_id(node: str, sensor: int) -> str:
+    """Return the name of a strip's coordinate frame."""
+    return f"{node}_strip{sensor}"
+
+
+def topic_name(node: str, sensor: int, kind: str) -> str:
+    """Return the name of a strip's topic; `kind` is a key of `messages.types`."""
+    return f"/{node}/strip{sensor}/{kind}"
 
 
 class Node(NamedTuple):

@@ -15,7 +15,7 @@ from spots.link.lines import of_sensor
 from ..outlet import kind_of, values
 from ..zenoh_session import open_session
 from .messages import UNKNOWN_DARK, Strip, messages, types
-from .naming import Node, attachment
+from .naming import Node, attachment, frame_id, node_name, topic_name
 from .types import store
 
 _CDR = zenoh.Encoding.APPLICATION_CDR
@@ -40,7 +40,7 @@ class Ros2:
     """
 
     def __init__(self, board: Board, address: str = ""):
-        name = f"spots_{board.info['id']}"
+        name = node_name(board.info["id"])
         domain = _domain(address or os.environ.get("ROS_DOMAIN_ID") or "0")
         self._strips = [_strip(board, sensor, name) for sensor in board.sensors]
         self._stack = ExitStack()
@@ -50,7 +50,7 @@ class Ros2:
         number = count(1)
         for sensor in board.sensors:
             for kind, message_type in types().items():
-                topic = f"/{name}/strip{sensor}/{kind}"
+                topic = topic_name(name, sensor, kind)
                 self._topics[sensor, kind] = _Topic(
                     session, node, next(number), topic, message_type
                 )
@@ -108,4 +108,4 @@ def _strip(board: Board, sensor: int, name: str) -> Strip:
     info = board.command(of_sensor("hello", sensor))
     dark = board.command(of_sensor("get", sensor)).get("dark")
     exposure_us = info["exposure_us"]
-    return Strip(f"{name}_strip{sensor}", info["plan"], exposure_us, dark or UNKNOWN_DARK)
+    return Strip(frame_id(name, sensor), info["plan"], exposure_us, dark or UNKNOWN_DARK)
