@@ -44,7 +44,7 @@ test-fast: .venv/test
 	@$(BIN)/python -m pytest $(PARALLEL) $(FAST) $(ARGS)
 
 browser: .venv/test
-	@$(BIN)/python tests/web/bring_browser.py
+	@$(BIN)/python tests/support/bring_browser.py
 
 lint: .venv/test tests/wasm/node_modules
 	@$(BIN)/ruff check .

@@ -123,6 +123,15 @@ def test_the_host_package_names_no_package_beside_it():
     assert [path for path in files if named.search(path.read_text(encoding="utf-8"))] == []
 
 
+def test_tests_share_code_only_through_the_package_support():
+    files = [p for p in (ROOT / "tests").rglob("*.py") if "node_modules" not in p.parts]
+    tests = {path.stem for path in files if path.stem.startswith("test_")}
+    importing = re.compile(r"^\s*(?:from|import) (?:\w+\.)*(\w+)", re.MULTILINE)
+    found = {p.name: tests & {*importing.findall(p.read_text(encoding="utf-8"))} for p in files}
+    assert {name: imported for name, imported in found.items() if imported} == {}
+    assert len(tests) > 100  # the test finds them
+
+
 def test_no_import_lists_more_than_fifteen_names():
     folders = "boards", "docs", "examples", "firmware", "host", "tests"
     lengths = {

@@ -8,14 +8,13 @@ import importlib.metadata
 import re
 import shlex
 import subprocess
-from pathlib import Path
 
 import pytest
+from support.documents import ROOT, blocks, shell_lines
 
 from spots.cli import _parser
 from spots.common import toml
 
-ROOT = Path(__file__).parents[1]
 FILES = subprocess.run(
     ["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True
 ).stdout.split()
@@ -23,21 +22,9 @@ FILES = subprocess.run(
 PRESENT = [name for name in FILES if name != "CHANGELOG.md"]
 LINK = re.compile(r"\]\(([^)#\s]+)(?:#([^)]+))?\)")
 NAMED = re.compile(r"`((?:host|firmware|tests|docs|boards|examples)/[a-z0-9_./-]+)`")
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"`(spots [a-z][^`]*)`")
 # Placeholders such as FILE, and optional parts such as [--json].
 PLACEHOLDER = re.compile(r"…|\.\.\.|\[|\||\b[A-Z]{2,}\b(?![a-z])")
-
-
-def blocks(name):
-    return BLOCK.findall((ROOT / name).read_text(encoding="utf-8"))
-
-
-def shell_lines(name):
-    """Return the lines of a document's shell blocks, without their comments."""
-    lines = [line for kind, text in blocks(name) if kind == "sh" for line in text.splitlines()]
-    bare = [re.sub(r"\s+#.*$", "", line) for line in lines]
-    return [one.strip() for line in bare for one in line.split("&&") if one.strip()]
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -26,8 +26,8 @@ from spots_web.state import PageState
 from spots_web.twin_feed import driven_readers
 
 _HERE = Path(__file__).parents[1]
-sys.path.append(str(_HERE.parent / "tests" / "web"))
-from bring_browser import launch_options  # noqa: E402
+sys.path.append(str(_HERE.parent / "tests"))
+from support.bring_browser import launch_options  # noqa: E402
 
 # Before a screenshot: wait until the plots of ten seconds are full, and then until a finger presses
 # with this force.

@@ -14,7 +14,7 @@ from statistics import median
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-from touch_framer import TouchFramer
+from support.touch_framer import TouchFramer
 
 from spots.link.frames import Decoder
 from spots.recording.export import EXPORTS, export

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import time
 
-from touch_framer import TouchFramer
+from support.touch_framer import TouchFramer
 
 from spots_device import PROTOCOL
 from spots_device.reading.decode import HEAD_SIZE, TIME_HIGH, TIME_LOW

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from viper import need_viper
+from support.viper import need_viper
 
 from bench import firmware
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from touch_framer import TouchFramer
+from support.touch_framer import TouchFramer
 
 from bench import arrays, host
 from bench.report import _host, _text

@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from boards import store
+from support.boards import store
 
 from spots.deploy import flash
 from spots.link.board import Board

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from random_layouts import random_fingers, random_layout
+from support.random_layouts import random_fingers, random_layout
 
 from spots.keyboard.keys import push
 from spots.link.board import Board

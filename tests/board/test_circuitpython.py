@@ -3,8 +3,8 @@
 import contextlib
 
 import pytest
-from boards import DEADLINE_S, running, until
 from cobs import cobs
+from support.boards import DEADLINE_S, running, until
 
 import spots
 from spots.deploy.staging import stage

@@ -11,6 +11,7 @@ import time
 
 import numpy as np
 import pytest
+from support.taps import TAPS
 
 import spots
 from spots.cli import main
@@ -18,7 +19,6 @@ from spots.link.connect import upload
 from spots.link.frames import Touch
 from spots_sim.board import vm
 from spots_sim.board.cpython_realtime import SocketPort
-from test_realtime import TAPS
 
 TIMEOUT_S = 120
 PASSES = 5000

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from viper import need_viper
+from support.viper import need_viper
 
 import spots_device
 from spots.cli import main

@@ -5,8 +5,8 @@ import time
 from itertools import islice
 
 import pytest
-from boards import virtual_board
-from sensors import replaced
+from support.boards import virtual_board
+from support.sensors import replaced
 
 from spots.cli import main
 from spots.deploy.doctor import examine, examine_board

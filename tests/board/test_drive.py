@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import psutil
 import pytest
-from boards import refused
+from support.boards import refused
 
 from spots.cli import main
 from spots.deploy import drive, nofollow, place

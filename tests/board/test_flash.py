@@ -8,9 +8,9 @@ import sys
 from types import SimpleNamespace
 
 import pytest
-from boards import refused, virtual_board
 from mpremote.transport import TransportError
 from mpremote.transport_serial import SerialTransport
+from support.boards import refused, virtual_board
 
 import spots
 from spots.cli import main

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import pytest
-from boards import store
-from computer import Computer
-from hold_tap import SWITCHES, cases, log_of
-from zmk import cases as zmk_cases
-from zmk import played
+from support.boards import store
+from support.computer import Computer
+from support.hold_tap import SWITCHES, cases, log_of
+from support.zmk import cases as zmk_cases
+from support.zmk import played
 
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push

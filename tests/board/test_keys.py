@@ -1,7 +1,7 @@
 """Touches become USB reports and KEY frames in a real MicroPython, also with a faulty USB host."""
 
 import pytest
-from boards import store
+from support.boards import store
 
 import spots
 from spots.keyboard.keys import push

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sensors import replaced
+from support.sensors import replaced
 
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push

@@ -4,9 +4,9 @@ import os
 from pathlib import Path
 
 import numpy as np
-from boards import store
-from computer import Computer, text_of
-from pairs import ACTIONS, some
+from support.boards import store
+from support.computer import Computer, text_of
+from support.pairs import ACTIONS, some
 
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push

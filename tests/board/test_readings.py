@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from sensors import replaced
+from support.sensors import replaced
 
 from spots.link.board import Board
 from spots.link.connect import prepare

@@ -11,6 +11,7 @@ import time
 from itertools import islice
 
 import pytest
+from support.taps import TAPS
 
 import spots
 from spots.cli import main
@@ -107,15 +108,6 @@ def test_the_demo_off_a_terminal_prints_plain_lines():
     output = subprocess.run(run, capture_output=True, text=True, timeout=60, check=True).stdout
     assert len(output.splitlines()) >= 4
     assert any(" mm " in line and " N" in line for line in output.splitlines())
-
-
-# Taps twice a second, so that the start of the host does not matter. All taps are at one position,
-# because on a busy machine the time of a reading is uncertain.
-TAPS = """
-seconds = 0.5
-[[touch]]
-points = [[0.10, 42.5, 0], [0.15, 42.5, 3000], [0.30, 42.5, 3000], [0.35, 42.5, 0]]
-"""
 
 
 def test_the_demo_in_real_time_loses_nothing(capsys, tmp_path):

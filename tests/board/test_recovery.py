@@ -7,8 +7,8 @@ import sys
 from itertools import islice
 
 import pytest
-from boards import DEADLINE_S, refused, until, virtual_board
 from serial.tools.list_ports_common import ListPortInfo
+from support.boards import DEADLINE_S, refused, until, virtual_board
 
 import spots
 from spots.cli import main

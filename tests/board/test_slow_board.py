@@ -4,8 +4,8 @@ import contextlib
 
 import numpy as np
 import pytest
-from boards import store
-from sensors import replaced
+from support.boards import store
+from support.sensors import replaced
 
 from spots.deploy.staging import stage
 from spots.link.board import Board

@@ -4,8 +4,8 @@ import random
 from pathlib import Path
 
 import pytest
-from boards import store
-from computer import text_of
+from support.boards import store
+from support.computer import text_of
 
 from spots import cli
 from spots.keyboard.keys import new_texts, push

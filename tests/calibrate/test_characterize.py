@@ -5,7 +5,7 @@ import json
 import msgspec
 import numpy as np
 import pytest
-from sensors import replaced
+from support.sensors import replaced
 
 from spots.calibrate.presses import Noise, Presses
 from spots.cli import main

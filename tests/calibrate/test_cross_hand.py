@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from support.press_model import Strip, has_cross
 
 from spots.calibrate.decoded import Decoded
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, MARKS, Noise, Presses
 from spots.calibrate.surface import Sizes, Surface, fitted
 from spots_device.reading.calibration import Calibration
-from test_cross import Strip, has_cross
 
 PRESSES, SAMPLES = 39, 40
 FORCES_MN = 600.0, 1000.0, 3000.0, 9000.0

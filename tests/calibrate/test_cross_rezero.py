@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.press_model import Strip, has_cross
 
 from spots.calibrate.calibration_file import CalibrationFile, Marks, now
 from spots.calibrate.cross_lines import CrossLines
@@ -19,7 +20,6 @@ from spots_sim.measure.rezeroed import silent_bench
 from spots_sim.measure.rig import Rig
 from spots_sim.person.stage_presser import StagePresser
 from spots_sim.strip.change import Change
-from test_cross import Strip, has_cross
 
 PLACES = np.linspace(0.08, 0.92, 8)
 

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from sensors import replaced
+from support.sensors import replaced
 
 from spots.cli import main
 from spots_make import design

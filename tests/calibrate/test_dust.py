@@ -6,7 +6,7 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
-from sensors import replaced
+from support.sensors import replaced
 
 from spots import SpotsError
 from spots.calibrate import calibration_file as file

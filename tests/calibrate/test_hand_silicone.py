@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from msgspec import structs
+from support.hand_session import LONG, Room, calibrate, errors_um
 
 from spots.calibrate.bench import Bench, TooDarkError
 from spots.calibrate.hand import _LOADS, _LOADS_FROM, _load
@@ -15,7 +16,6 @@ from spots_sim.person.loading import record
 from spots_sim.person.person import Habits
 from spots_sim.person.stage import Stage
 from spots_sim.strip.silicone import Silicone
-from test_hand import LONG, Room, calibrate, errors_um
 
 FINE = COUNTS["fine"][0]
 LOOP = ((0.5, 9000.0, 4.0, 0.0),)

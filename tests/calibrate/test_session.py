@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
-from sensors import replaced
+from support.sensors import replaced
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sensors import replaced
+from support.sensors import replaced
 
 from spots_sim.person.stage import Stage
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from rich.console import Console
-from sensors import replaced
+from support.sensors import replaced
 
 from spots import SpotsError
 from spots.calibrate.bench import BadPressError, Bench

@@ -5,8 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-
-from environments import create
+from support.environments import create
 
 REPOSITORY = Path(__file__).parents[2]
 

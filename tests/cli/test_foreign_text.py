@@ -19,10 +19,10 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from rich.console import Console
+from support.fault_streams import encoded
+from support.net import Net, session
+from support.plugs import Hub, Plug
 
-from fault_streams import encoded
-from net import Net, session
-from plugs import Hub, Plug
 from spots.calibrate.guide import Guide
 from spots.calibrate.session import Point
 from spots.cli import main

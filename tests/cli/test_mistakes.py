@@ -11,6 +11,7 @@ from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
 import pytest
+from support.frames import encoded
 
 from spots import SpotsError
 from spots import open as open_board
@@ -20,7 +21,6 @@ from spots.link import connect, ports
 from spots.link import serial_link as link
 from spots_sim.board import vm
 from spots_sim.board.runtimes import headline
-from test_frames import encoded
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from support.environments import variables
+from support.readme import LINES, WALKED
 
-from environments import variables
 from spots.common import toml
-from test_readme import LINES, WALKED
 
 REPOSITORY = Path(__file__).parents[2]
 PYPROJECT = toml.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]

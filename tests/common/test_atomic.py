@@ -9,14 +9,14 @@ import time
 from pathlib import Path
 
 import pytest
+from support.frames import stream
+from support.reels import record
 
-from reels import record
 from spots import SpotsError
 from spots.cli import main
 from spots.common import atomic
 from spots.deploy import build
 from spots_sim.measure import figures
-from test_frames import stream
 
 # Script that waits in the middle of a write, at the sync to disk, where the test interrupts it.
 WRITER = """

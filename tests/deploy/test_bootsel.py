@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import psutil
 import pytest
+from support import runtimes
 
-import runtimes
 from spots.cli import main
 from spots.deploy import boot_drive, bootsel
 from spots_sim.demo import virtual

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 from littlefs import LittleFS, UserContext
+from support import runtimes
 
-import runtimes
 from spots import SpotsError
 from spots.cli import main
 from spots.deploy import uf2

@@ -11,8 +11,8 @@ import sys
 
 import numpy as np
 import pytest
+from support.fault_streams import damaged, frames
 
-from fault_streams import frames
 from spots.link.frames import Decoder
 
 COUNT = 50
@@ -108,29 +108,6 @@ def test_every_truncation(stream):
 
 def _pair(stream, i):
     return stream[0][i], stream[1][i]
-
-
-def damaged(piece, count, rng):
-    """Return `count` damaged variants of a frame in a row.
-
-    In each variant 2 to 8 bytes are changed, lost or repeated, or other bytes are inserted.
-    """
-    size = len(piece) - 1  # the delimiter stays
-    rows = np.tile(np.frombuffer(piece, np.uint8), (count, 1))
-    where = np.argsort(rng.random((count, size)), axis=1)[:, :8]
-    ways = rng.integers(0, 4, where.shape)
-    ways[np.arange(8) >= rng.integers(2, 9, count)[:, None]] = -1
-    way = np.full(rows.shape, -1)
-    np.put_along_axis(way, where, ways, axis=1)
-    times = np.select([way == 1, way >= 2], [0, 2], 1)
-    noise = rng.integers(1, 256, rows.shape, dtype=np.uint8)
-    rows[way == 0] ^= noise[way == 0]
-    out = np.repeat(rows.ravel(), times.ravel())
-    # An inserted byte follows a byte of the frame, and differs from it.
-    first = np.cumsum(times.ravel()) - times.ravel()
-    inserted = np.flatnonzero((way == 3).ravel())
-    out[first[inserted] + 1] ^= noise.ravel()[inserted]
-    return out.tobytes()
 
 
 def many_damages(stream, seed, multiple=MULTIPLE):

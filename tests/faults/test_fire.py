@@ -8,8 +8,8 @@ import pytest
 from soak.__main__ import main as soak_main
 from soak.audit import Audit, Keys, Recoveries, usages_of
 from soak.soak import broken_promises
+from support.fault_streams import encoded, frames
 
-from fault_streams import encoded, frames
 from spots.cli import main
 from spots.errors import SpotsError
 from spots_sim.demo.virtual import open_virtual

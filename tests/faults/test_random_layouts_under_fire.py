@@ -9,7 +9,7 @@ import os
 import msgspec
 import numpy as np
 import pytest
-from random_layouts import random_fingers, random_layout
+from support.random_layouts import random_fingers, random_layout
 
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push

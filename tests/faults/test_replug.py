@@ -10,9 +10,9 @@ from contextlib import suppress
 
 import pytest
 from serial.tools.list_ports_common import ListPortInfo
+from support.plugs import Hub
 
 import spots
-from plugs import Hub
 from spots.cli import main
 from spots.errors import PortLostError, RefusedError
 from spots.keyboard.keyboard import type_on

@@ -10,7 +10,7 @@ import random
 from types import SimpleNamespace
 
 import pytest
-from smallint import WRAP, SmallClock, SmallInt
+from support.smallint import WRAP, SmallClock, SmallInt
 
 from spots_device.board.aligned import AlignedPacing
 from spots_device.board.several import _AHEAD_US, SeveralApp

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from engine_bench import Bench
+from support.engine_bench import Bench
 
 from spots.keyboard.layout import compiled
 

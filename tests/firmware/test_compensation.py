@@ -3,7 +3,8 @@
 import math
 
 import pytest
-from smallint import SmallInt, small
+from support.calibration_lines import GOOD
+from support.smallint import SmallInt, small
 
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import CalibrationError
@@ -14,7 +15,6 @@ from spots_device.reading.decode import (
     POSITION_UM,
 )
 from spots_device.reading.silicone import Compensation
-from test_calibration import GOOD
 
 ONE = 4096
 

@@ -3,9 +3,9 @@
 import math
 
 import pytest
+from support import keys
+from support.keys import DECAY, LENGTH_UM, Desk, clicks, key, letter, limit, rolled
 
-import keys
-from keys import DECAY, LENGTH_UM, Desk, clicks, key, letter, limit, rolled
 from spots_device.fingers.contacts import (
     DOWN,
     NEVER_ALONE,

@@ -5,7 +5,7 @@ from array import array
 
 import pytest
 from bench import canned
-from smallint import SmallInt, small
+from support.smallint import SmallInt, small
 
 from spots_device.reading.dark import _WINDOW_SAMPLES, _WINDOWS, Baseline
 from spots_device.reading.dark import IDLE_US as IDLE_US_MIN

@@ -6,7 +6,7 @@ from fractions import Fraction
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from smallint import SmallInt, small
+from support.smallint import SmallInt, small
 
 from spots.calibrate.decoded import Decoded, segments_of
 from spots_device.reading import decode, kernel

@@ -5,7 +5,7 @@ from array import array
 from types import SimpleNamespace
 
 import pytest
-from smallint import small
+from support.smallint import small
 
 from spots_device.reading import decode as d
 from spots_device.reading.dark import Baseline, Dark

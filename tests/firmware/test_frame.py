@@ -8,8 +8,8 @@ import pytest
 from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
-from smallint import SmallInt
-from touch_framer import TouchFramer
+from support.smallint import SmallInt
+from support.touch_framer import TouchFramer
 
 from spots_device.reading import frame, kernel
 from spots_device.reading.decode import DROPPED, GAP

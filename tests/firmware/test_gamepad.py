@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from smallint import SmallInt
+from support.smallint import SmallInt
 
 from spots_device.fingers.tracker import TWO_FIT
 from spots_device.keys.gamepad import GamepadAxes

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from engine_bench import Bench
-from hold_tap import SWITCHES, cases
+from support.engine_bench import Bench
+from support.hold_tap import SWITCHES, cases
 
 from spots.keyboard.layout import compiled
 

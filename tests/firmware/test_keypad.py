@@ -3,10 +3,10 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from smallint import SmallInt
+from support import keys
+from support.keys import LENGTH_UM, Desk, clicks, key, letter, limit, rolled
+from support.smallint import SmallInt
 
-import keys
-from keys import LENGTH_UM, Desk, clicks, key, letter, limit, rolled
 from spots_device.fingers.state import TICKS
 from spots_device.keys.layout import (
     BALANCED,

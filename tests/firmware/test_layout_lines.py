@@ -3,8 +3,8 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.keys import key, letter
 
-from keys import key, letter
 from spots_device.fingers.tracker import elapsed
 from spots_device.keys.layout import (
     CONSUMER,

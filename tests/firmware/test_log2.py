@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from smallint import SmallInt, small
+from support.smallint import SmallInt, small
 
 from spots_device.reading import log2
 

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from computer import Computer, text_of
+from support.computer import Computer, text_of
 
 from spots.outputs.usages import chord_of
 from spots_device.keys.layout import action

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from smallint import WRAP, SmallClock, SmallInt
+from support.smallint import WRAP, SmallClock, SmallInt
 
 from spots_device.board.aligned import AlignedPacing
 from spots_device.sensor.pacing import Pacing

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from engine_bench import Bench, Keyboard
-from pairs import ACTIONS, some
+from support.engine_bench import Bench, Keyboard
+from support.pairs import ACTIONS, some
 
 from spots.outputs.usages import chord_of
 from spots_device.keys.layout import FULL, action

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-from smallint import SmallInt
+from support.keys import DECAY
+from support.smallint import SmallInt
 
-from keys import DECAY
 from spots.calibrate.decoded import Decoded
 from spots_device.fingers import locate as locate_module
 from spots_device.fingers import state as contact_state

@@ -4,7 +4,7 @@ import random
 from pathlib import Path
 
 import pytest
-from engine_bench import Bench
+from support.engine_bench import Bench
 
 from spots.keyboard.layout import compiled
 from spots_device.keys import layout as y

@@ -6,7 +6,7 @@ from pathlib import Path
 from zlib import crc32
 
 import pytest
-from smallint import SmallInt
+from support.smallint import SmallInt
 
 import spots_device
 

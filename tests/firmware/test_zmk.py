@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from zmk import DIFFERS, cases, outcome_of, played, tables
+from support.zmk import DIFFERS, cases, outcome_of, played, tables
 
 
 @pytest.mark.parametrize("case", cases(), ids=lambda case: case.name)

@@ -9,7 +9,7 @@ from array import array
 from pathlib import Path
 from types import SimpleNamespace
 
-from smallint import small
+from support.smallint import small
 
 from spots.link.frames import Decoder, Touch
 from spots_device.board.settings import checksum

@@ -18,8 +18,9 @@ from types import SimpleNamespace
 from aiohttp import web
 from aiohttp.test_utils import make_mocked_request
 from rich.console import Console
-from same_arrays import check, recording_of
-from smallint import small
+from support.frames import encoded
+from support.same_arrays import check, recording_of
+from support.smallint import small
 
 import desk
 import spots
@@ -54,7 +55,6 @@ from spots_web.app import _ACK_MAX, _NUMBER, _add_headers
 from spots_web.feel import layout_shown
 from spots_web.guard import Guard
 from spots_web.pace import PagePace
-from test_frames import encoded
 
 _TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 FOLDER = Path(_TEMPORARY.name)

@@ -7,7 +7,7 @@ import unicodedata
 import numpy as np
 import pytest
 import xkb
-from engine_bench import Bench
+from support.engine_bench import Bench
 
 from spots import cli
 from spots.errors import SpotsError

@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from support.frames import encoded
+from support.stand_in_link import StandIn
 
 import spots
 import spots_linkage
@@ -30,8 +32,6 @@ from spots_device.reading.decode import (
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
-from test_frames import encoded
-from test_restart import StandIn
 
 GIVE_UP_S = 60.0
 ROOT = Path(__file__).parents[2]

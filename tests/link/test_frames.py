@@ -3,29 +3,14 @@
 import json
 import random
 import struct
-import zlib
 
 import pytest
-from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
+from support.frames import encoded, stream, touch
 
 from spots.link.frames import Decoder, Key, Note, Spectrum, Text, Touch
 from spots_device.reading.frame import TEXT_MAX
-
-
-def encoded(payload):
-    crc = struct.pack("<I", zlib.crc32(payload))
-    return cobs.encode(payload + crc) + b"\0"
-
-
-def touch(sequence, position_um=42_000, kind=0x01):
-    fields = (kind, sequence & 0xFFFF, 1000 * sequence, 0x09, -5, 7, position_um, 1500)
-    return encoded(struct.pack("<BHIBiiiH", *fields))
-
-
-def stream(count, start=0):
-    return [touch(i, position_um=1000 + i) for i in range(start, start + count)]
 
 
 def test_a_touch_frame_becomes_a_touch():

@@ -7,11 +7,11 @@ import json
 import struct
 
 import pytest
+from support.frames import encoded
 
 from spots.errors import SpotsError
 from spots.link.board import Board
 from spots_device import PROTOCOL
-from test_frames import encoded
 
 _TEXT = 3
 GOOD = {

@@ -7,31 +7,13 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from support.joints import JOINT, PERIOD_S, touch
 
 from spots import SpotsError
-from spots.calibrate.calibration_file import Joint
 from spots.calibrate.joint import fit_joint
-from spots.link.frames import Touch
 from spots_device.reading import decode
 from spots_linkage import Encoder
 from spots_sim.measure.simulated_linkage import Turned
-
-JOINT = Joint(
-    zero_deg=-20.0,
-    deg_per_um=0.002,
-    r2=0.9999,
-    resolution_deg=0.03,
-    accuracy_deg=0.0,
-    backlash_deg=0.0,
-    low=(0.0, 0.03),
-    high=(85_000.0, 0.03),
-)
-PERIOD_S = 0.03
-
-
-def touch(position_um, i=0, flags=decode.TOUCHING, time_s=None, start_us=0):
-    t_us = (start_us + round(1e6 * PERIOD_S * i)) % 2**32
-    return Touch(0, i % 65536, t_us, flags, 0, 0, round(position_um), 4000, time_s)
 
 
 def played(joint, angles_deg, noise_deg=0.0, seed=0, encoder=None, **options):

@@ -10,6 +10,8 @@ from types import SimpleNamespace
 import msgspec
 import numpy as np
 import pytest
+from support.joints import JOINT
+from support.joints import touch as reading
 
 from spots import SpotsError
 from spots.calibrate import calibration_file as file
@@ -23,8 +25,6 @@ from spots_sim.person.mechanism import Mechanism, guided
 from spots_sim.strip.files import LinkageFile, PathFile, load
 from spots_web import twin_feed
 from spots_web.state import PageState
-from test_encoder import JOINT
-from test_encoder import touch as reading
 
 EXPOSURE_US = 30_000
 

@@ -8,6 +8,8 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from support.joints import JOINT
+from support.joints import touch as reading
 
 from spots import SpotsError, cli
 from spots_linkage import Encoder, Linkage, Twin
@@ -23,8 +25,6 @@ from spots_sim.strip.files import (
     SensorFile,
     load,
 )
-from test_encoder import JOINT
-from test_encoder import touch as reading
 
 LINKAGE = Linkage(100, 80)
 

@@ -15,6 +15,9 @@ import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
+from support.joints import JOINT
+from support.joints import touch as reading
+from support.linkage_machine import Machine
 
 import spots
 from spots import SpotsError, cli
@@ -25,63 +28,16 @@ from spots_linkage import Encoder, Linkage, Twin, mounted, twin_source
 from spots_linkage import twin as twin_command
 from spots_linkage.mounted import Mounted, Mounting
 from spots_linkage.twin_view import TwinView
-from spots_sim.board.faults import Faults
-from spots_sim.board.lockstep import LockstepLink
 from spots_sim.demo import linkage_demo
-from spots_sim.measure.simulated_linkage import START_S, calibrated
-from spots_sim.person.mechanism import Mechanism, guided
+from spots_sim.measure.simulated_linkage import START_S
 from spots_sim.strip.files import (
     FaultsFile,
-    LinkageFile,
     Moments,
-    PathFile,
     PowerFaults,
-    load,
 )
-from test_encoder import JOINT
-from test_encoder import touch as reading
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-EXPOSURE_US = 30_000
 BROWN_OUT = FaultsFile(power=PowerFaults(brown_outs=Moments(at_s=[4.0], last_ms=200)))
-
-
-class Machine:
-    """A simulated linkage that moves along a path; its boards are on the ports ``0`` and ``1``.
-
-    Attributes
-    ----------
-    arm : Path
-        Linkage file with the true lengths.
-    """
-
-    def __init__(self, sensor, folder):
-        linkage = load(LinkageFile, "default")
-        self._sensor = sensor
-        self.strip = calibrated(sensor, 0, EXPOSURE_US)
-        self.mechanism = mechanism = Mechanism(linkage, sensor)
-        self.motion = guided(load(PathFile, "sust"), START_S)
-        self._scenarios = mechanism.drive(self.motion)
-        file.save(self.strip, folder / "strip.toml", None)
-        self.arm = folder / "arm.toml"
-        joints = [
-            Mounting(calibration="strip.toml", offset_deg=math.degrees(zero))
-            for zero in mechanism.zero_rad
-        ]
-        arm = Mounted(bar_mm=mechanism.bar_mm, base_mm=mechanism.base_mm, joint=joints)
-        mounted.save(arm, self.arm, None)
-        self.faults = {}
-
-    def link(self, port):
-        number = int(port)
-        faults = self.faults.get(number)
-        faults = Faults(faults, 3600.0) if faults else None
-        return LockstepLink(
-            self._sensor, self._scenarios[number], number, started_s=0.012 * number, faults=faults
-        )
-
-    def open(self, port):
-        return Board(self.link(port))
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.joints import JOINT
+from support.joints import touch as reading
+from support.linkage_places import FOUND, places
 
 from spots import SpotsError, cli
 from spots.keyboard.layout import FOLDER as LAYOUTS
 from spots_linkage import Encoder, Linkage, Twin, mounted, twin_points
-from test_encoder import JOINT
-from test_encoder import touch as reading
-from test_kinematics import FOUND, places
 
 DRAWN = """bar_mm = [100, 100, 100, 100]
 base_mm = 80

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 from bench import canned
-from viper import need_viper
+from support.viper import need_viper
 
 import spots_device
 from spots.deploy.build import mpy_cross_command

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import matplotlib
 import pytest
+from support.reels import replayed
 
 import spots
-from reels import replayed
 from spots.link.frames import Touch
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from same_arrays import check, recording_of
+from support.fault_streams import damaged
+from support.fault_streams import frames as made
+from support.frames import encoded, stream, touch
+from support.reels import clock, record
+from support.same_arrays import check, recording_of
 
 import spots
-from fault_streams import frames as made
-from reels import clock, record
 from spots.link.clockmap import ClockMap
 from spots.link.frames import ENCODED_MAX, checked, note
 from spots.recording import arrays
 from spots.recording.columns import SIZE_MAX, payloads
 from spots_device.reading import frame
-from test_decoder_proof import damaged
-from test_frames import encoded, stream, touch
 
 _SIZES = [arrays._BLOCK_BYTES, 1000, 90]
 

@@ -8,16 +8,16 @@ import subprocess
 import sys
 
 import pytest
+from support.frames import stream
+from support.reels import record, recorder, replayed
 
 import spots
-from reels import record, recorder, replayed
 from spots import cli
 from spots.calibrate import calibration_file as file
 from spots.link.frames import Spectrum, Touch, note
 from spots.recording.header import Clock, Header, encoded
 from spots.terminal.view import plain
 from spots_device.reading.calibration import Conditions
-from test_frames import stream
 
 
 @pytest.fixture

@@ -14,14 +14,14 @@ import time
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from support import kills
+from support.frames import encoded, touch
+from support.reels import INFO, clock, record, recorder, replayed
 
-import kills
 import spots
-from reels import INFO, clock, record, recorder, replayed
 from spots.link.frames import Decoder, note
 from spots.recording.recording import Recording
 from spots.recording.writer import Writer
-from test_frames import encoded, touch
 
 _FRAMES = 60
 _KILLS = 200
@@ -138,7 +138,7 @@ def test_a_killed_recorder_keeps_all_that_it_handed_on(tmp_path, monkeypatch):
     # finds the modules only by PYTHONPATH.
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["kills"])
+    context.set_forkserver_preload(["support.kills"])
     rng = random.Random(0)
     inside = told_of = 0
     for i in range(_KILLS):

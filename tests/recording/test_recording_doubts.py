@@ -4,11 +4,11 @@ import math
 import warnings
 
 import pytest
+from support.recording_pieces import at, spread
 
 from spots import Recording, RecordingBlocks, SpotsError, cli, open_recording, read_arrays
 from spots.link.frames import Decoder, Note, Touch
 from spots.recording import replay
-from test_recording_sets import at, spread
 
 
 @pytest.fixture(scope="module")

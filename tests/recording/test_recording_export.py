@@ -11,16 +11,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from mcap.reader import make_reader
+from support.frames import encoded, stream
+from support.reels import INFO, clock, record
 
 import spots
-from reels import INFO, clock, record
 from spots.cli import main
 from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import export as exports
 from spots.recording.table import described as described_by
 from spots.recording.writer import Writer
 from spots_device.reading.frame import TEXT_MAX
-from test_frames import encoded, stream
 
 KINDS = {"touch": Touch, "spectrum": Spectrum, "key": Key, "contact": Contact, "text": Text}
 

@@ -7,9 +7,8 @@ import subprocess
 import sys
 
 import pytest
-
-from reels import record
-from test_frames import encoded, touch
+from support.frames import encoded, touch
+from support.reels import record
 
 SHORT, TIMES = 3000, 3
 PAIRS = 3  # pairs of a reading and a spectrum between two texts

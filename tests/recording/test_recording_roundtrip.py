@@ -6,9 +6,10 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.frames import encoded, stream, touch
+from support.reels import AS_FAST_AS_POSSIBLE, cut, record, recorder, replayed
 
 import spots
-from reels import AS_FAST_AS_POSSIBLE, cut, record, recorder, replayed
 from spots.cli import main
 from spots.controller import controller as play
 from spots.controller.controller_settings import load as load_settings
@@ -19,7 +20,6 @@ from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.recording import replay
 from spots.recording.writer import ARRIVAL_STEP_S
 from spots.wearable import wearable
-from test_frames import encoded, stream, touch
 
 
 def test_every_frame_comes_back_with_its_times(seen):

@@ -1,21 +1,16 @@
 """Rotation of recordings: each file of a set is readable alone; all files are one recording."""
 
-import struct
 import time
 
 import msgspec
 import pytest
+from support.frames import stream
+from support.recording_pieces import at, spread
+from support.reels import INFO, record, recorder, replayed
 
 import spots
-from reels import INFO, record, recorder, replayed
 from spots.recording.recording import Recording
 from spots.recording.writer import Writer
-from test_frames import encoded, stream
-
-
-def at(seconds, sequence):
-    t_us = 1_000_000 * seconds & 0xFFFFFFFF
-    return encoded(struct.pack("<BHIBHBB", 4, sequence, t_us, 7, 30, 0, 1))
 
 
 @pytest.fixture
@@ -24,10 +19,6 @@ def rotated(tmp_path):
     path = tmp_path / "run.spots"
     seen, _ = spread(path, [at(1000 * i, i) for i in range(200)])
     return path, seen
-
-
-def spread(path, pieces):
-    return record(path, pieces, rotate_bytes=2500, step_s=1000.0)
 
 
 def test_a_set_gives_every_frame_once_and_in_order(rotated):

@@ -7,11 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from bench.adafruit import driver_on
-
-from spots_sim.chip import as7341
-from spots_sim.chip.bus import I2CBus, SimulatedClock
-from spots_sim.strip.scenario import Press
-from witnesses import (
+from support.witnesses import (
     GAIN_1X_OF_64,
     HIGH,
     LOW,
@@ -26,6 +22,10 @@ from witnesses import (
     their_counts,
     varied,
 )
+
+from spots_sim.chip import as7341
+from spots_sim.chip.bus import I2CBus, SimulatedClock
+from spots_sim.strip.scenario import Press
 
 PRESSES = (
     Press(position_mm=5.0, force_mN=900.0, width_mm=4.0),

@@ -5,13 +5,7 @@ from __future__ import annotations
 import itertools
 
 import pytest
-
-from spots.link.board import Board
-from spots.link.frames import Spectrum
-from spots_sim.board.lockstep import LockstepLink
-from spots_sim.chip.as7341 import Quirks
-from spots_sim.strip.scenario import Held, Press
-from witnesses import (
+from support.witnesses import (
     GAIN_1X_OF_64,
     LED_OFF,
     Numbered,
@@ -20,6 +14,12 @@ from witnesses import (
     silent_chip,
     varied,
 )
+
+from spots.link.board import Board
+from spots.link.frames import Spectrum
+from spots_sim.board.lockstep import LockstepLink
+from spots_sim.chip.as7341 import Quirks
+from spots_sim.strip.scenario import Held, Press
 
 BOTH = (True, False)
 CORNERS = [

@@ -5,6 +5,7 @@ from __future__ import annotations
 import adafruit_as7341
 import pytest
 from bench.adafruit import driver_on
+from support.witnesses import HIGH, LOW, silent_chip
 
 from spots.link.board import Board
 from spots_device.sensor.smux import smux_map
@@ -13,7 +14,6 @@ from spots_sim.chip.as7341 import DIODES, GAIN
 from spots_sim.chip.bus import I2CBus, SimulatedClock
 from spots_sim.strip.scenario import Held
 from spots_sim.strip.world import chip
-from witnesses import HIGH, LOW, silent_chip
 
 ADDRESS = 0x39
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import random
 
 import pytest
+from support.witnesses import GAIN_1X_OF_64, LED_OFF, Labelled, silent_chip
 
 from spots.link.board import Board
 from spots.link.frames import Spectrum
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held
-from witnesses import GAIN_1X_OF_64, LED_OFF, Labelled, silent_chip
 
 EXPOSURE_US = 10_000
 BOARDS = ["virtual", "virtual_circuitpython"]

@@ -1,8 +1,8 @@
 """Fixture: a Zenoh network for each test, which ``spots.open("zenoh:…")`` uses."""
 
 import pytest
+from support.net import DEADLINE_S, Net
 
-from net import DEADLINE_S, Net
 from spots_net import zenoh_session as session
 
 

@@ -10,9 +10,9 @@ from itertools import pairwise
 
 import pytest
 import zenoh
+from support.net import DEADLINE_S, publishing, session, stand_in, wait_until
 
 import spots
-from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import SpotsError
 from spots.link import reconnect as reconnect_module
 from spots_net import mailbox, subscribe

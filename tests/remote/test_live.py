@@ -14,9 +14,9 @@ import aiohttp
 import pytest
 from pythonosc.dispatcher import Dispatcher
 from pythonosc.osc_server import BlockingOSCUDPServer
+from support.net import stand_in, wait_until
 
 import spots
-from net import stand_in, wait_until
 from spots import Board
 from spots.link.frames import Contact, Key, Spectrum, Touch
 from spots_net import outlet

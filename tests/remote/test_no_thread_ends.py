@@ -17,9 +17,9 @@ from types import SimpleNamespace
 import aiohttp
 import pytest
 from bench import remote as bench
+from support.net import publishing, session, stand_in, wait_until
 
 import spots
-from net import publishing, session, stand_in, wait_until
 from spots import Board
 from spots.keyboard.layout import load
 from spots.link.channel import Channel

@@ -8,10 +8,10 @@ from types import SimpleNamespace
 
 import pytest
 from bench.standin import StandIn
-from boards import refused
+from support.boards import refused
+from support.net import DEADLINE_S, Restarting, publishing, session, stand_in, wait_until
 
 import spots
-from net import DEADLINE_S, Restarting, publishing, session, stand_in, wait_until
 from spots import Board, Key, Spectrum, SpotsError, Touch
 from spots.cli import main
 from spots.errors import CommandError, PortLostError

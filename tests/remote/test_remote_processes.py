@@ -13,10 +13,10 @@ from types import SimpleNamespace
 
 import pytest
 from bench import remote as bench
-from boards import running
+from support.boards import running
+from support.net import DEADLINE_S, publishing, session, stand_in, wait_until
 
 import spots
-from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Board
 from spots.link import reconnect as reconnect_module
 from spots_net import publish

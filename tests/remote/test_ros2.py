@@ -12,11 +12,11 @@ from mcap.reader import make_reader
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
+from support.net import DEADLINE_S, session, stand_in, wait_until
 from zenoh_ros2_sdk.utils import compute_type_hash_from_msg
 
 import spots
 import spots_sim
-from net import DEADLINE_S, session, stand_in, wait_until
 from spots import Board
 from spots.recording.export import export
 from spots_net.publishing import publish, stream

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 import trustme
+from support.net import DEADLINE_S, publishing, session, stand_in, wait_until
 
 import spots
-from net import DEADLINE_S, publishing, session, stand_in, wait_until
 from spots import Key, Spectrum, Touch
 from spots_net import zenoh_session as session_module
 from spots_net.outlet import values

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from sensors import replaced
+from support.sensors import replaced
 
 from spots.calibrate.spectra import SpectrumReader
 from spots.cli import main

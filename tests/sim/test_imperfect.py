@@ -6,7 +6,7 @@ from importlib import import_module
 import msgspec
 import numpy as np
 import pytest
-from sensors import replaced
+from support.sensors import replaced
 
 from spots.errors import SpotsError
 from spots_sim.board.identity import board_id

@@ -40,13 +40,12 @@ from spots_sim.person.typist import Typist
 from spots_sim.strip.files import ScenarioFile, SensorFile, load
 from spots_sim.strip.scenario import Held, Scenario
 
-_TESTS = Path(__file__).parents[1]
-sys.path[:0] = [str(_TESTS / name) for name in ("calibrate", "web")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import person as web  # noqa: E402
-from bring_browser import launch_options  # noqa: E402
-from serving import Bench, Serving  # noqa: E402
-from test_hand_terminal import calibrate_in_terminal  # noqa: E402
+from support import person as web
+from support.bring_browser import launch_options
+from support.serving import Bench, Serving
+from support.terminal_session import calibrate_in_terminal
 
 _STRIPS = "default,short_30mm,long_200mm,weak_dye,strong_dye"
 _EXACT = Habits(place_mm=0.0, force_share=0.0, decimals=3)

@@ -21,9 +21,9 @@ from unittest import mock
 
 import msgspec
 import numpy as np
-from link.test_frames import stream, touch
 from msgspec.structs import replace
-from recording.reels import INFO, clock, record
+from support.frames import stream, touch
+from support.reels import INFO, clock, record
 
 from spots.calibrate import calibration_file
 from spots.calibrate.session import Point, Session

@@ -24,12 +24,11 @@ import time
 from collections import Counter
 from pathlib import Path
 
-TESTS = Path(__file__).parents[1]
-sys.path[:0] = [str(TESTS / room) for room in ("faults", "fuzz")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fault_streams import encoded, frames  # noqa: E402
-from kept import kept  # noqa: E402
-from plugs import Plug  # noqa: E402
+from fuzz.kept import kept
+from support.fault_streams import encoded, frames
+from support.plugs import Plug
 
 MOOD_S = 4.0
 OFF_S = 1.0

@@ -26,9 +26,9 @@ from spots.keyboard.layout import load
 from spots_device.board.settings import checksum
 from spots_web.editors import KINDS
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "web"))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fuzzing import mutated
+from support.fuzzing import mutated
 
 _CLIENTS = 8
 _GROWTH_MAX_KB = 20_000

@@ -24,15 +24,15 @@ from pathlib import Path
 import aiohttp
 import zenoh
 
-sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "remote")]
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from boards import running  # noqa: E402
+from support.boards import running
+from support.net import Net, session
 
-import spots  # noqa: E402
-from net import Net, session  # noqa: E402
-from spots.link.connect import prepare  # noqa: E402
-from spots_sim.person.stage import calibrate, set_as_calibrated  # noqa: E402
-from spots_sim.strip.files import SensorFile, load  # noqa: E402
+import spots
+from spots.link.connect import prepare
+from spots_sim.person.stage import calibrate, set_as_calibrated
+from spots_sim.strip.files import SensorFile, load
 
 SAMPLE_EVERY_S = 5.0
 WARM_UP_SHARE = 0.25  # share of the duration after which growth of memory is counted

@@ -8,9 +8,9 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 from playwright.sync_api import expect, sync_playwright
+from support.bring_browser import launch_options
+from support.serving import Bench, Serving
 
-from bring_browser import launch_options
-from serving import Bench, Serving
 from spots.keyboard.layout import load
 from spots_sim.demo.linkage_demo import endless
 from spots_web.state import PageState

@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import pytest
 from playwright.sync_api import expect
+from support.serving import Bench, eventually, until
 
-from serving import Bench, eventually, until
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.frames import Touch

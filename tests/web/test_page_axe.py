@@ -5,15 +5,15 @@ from __future__ import annotations
 import pytest
 from axe_playwright_python.base import AXE_SCRIPT
 from playwright.sync_api import expect
+from support.screens import SCREENS
+from support.serving import Bench, until
 
-from serving import Bench, until
 from spots.link.board import Board
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held, Press
 from spots_web.board_feed import _NEXT
 from spots_web.editors import KINDS
 from spots_web.state import PageState
-from test_page_states import SCREENS
 
 LONG_MS = 60_000
 ALL = {"resultTypes": ["violations"]}

@@ -9,9 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from playwright.sync_api import expect
+from support.person import Person, look
+from support.serving import (
+    Bench,
+    Serving,
+    apart,
+    eventually,
+    post,
+    send_from_other_site,
+    token_of,
+    until,
+)
 
-from person import Person, look
-from serving import Bench, Serving, apart, eventually, send_from_other_site, until
 from spots.calibrate import calibration_file
 from spots.calibrate.session import Session
 from spots.cli import main
@@ -24,7 +33,6 @@ from spots_sim.strip.scenario import Held, Press
 from spots_web import calibration as page_calibration
 from spots_web.calibration import PageCalibration
 from spots_web.state import PageState
-from test_page_recording import post, token_of
 
 LONG_MS = 60_000
 SPEED = 4.0  # of the board's time, relative to real time

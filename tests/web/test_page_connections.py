@@ -9,8 +9,8 @@ import time
 
 import aiohttp
 import pytest
+from support.serving import run, until
 
-from serving import run, until
 from spots_web import connections
 from spots_web.state import PageState
 

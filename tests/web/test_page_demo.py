@@ -7,9 +7,9 @@ import webbrowser
 from types import SimpleNamespace
 
 import pytest
+from support.serving import apart
 
 import spots_sim.demo.demo
-from serving import apart
 from spots.cli import main
 from spots.errors import SpotsError
 from spots.keyboard.layout import load

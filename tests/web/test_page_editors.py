@@ -10,8 +10,8 @@ import re
 
 import pytest
 from playwright.sync_api import expect
+from support.serving import Bench, apart, eventually, post, token_of
 
-from serving import Bench, apart, eventually
 from spots.cli import main
 from spots.controller import controller_settings
 from spots.errors import CommandError, NoReplyError, SpotsError
@@ -23,7 +23,6 @@ from spots_sim.strip.scenario import Held
 from spots_web import user_file
 from spots_web.editors import LayoutEditor, SettingsEditor
 from spots_web.state import PageState
-from test_page_recording import post, token_of
 
 LONG_MS = 60_000
 DIGITS, MINI = load("digits"), load("mini")

@@ -13,9 +13,9 @@ from pathlib import Path
 import aiohttp
 import pytest
 from playwright.sync_api import expect
+from support.serving import Serving, apart, run
 from yarl import URL
 
-from serving import Serving, apart, run
 from spots.cli import main
 from spots.errors import SpotsError
 from spots.keyboard.layout import FOLDER as LAYOUTS

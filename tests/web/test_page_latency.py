@@ -12,8 +12,8 @@ import time
 
 import numpy as np
 import pytest
+from support.serving import until
 
-from serving import until
 from spots.keyboard.layout import load
 from spots.recording.replay import open_recording
 from spots_sim.demo.demo import open_fast

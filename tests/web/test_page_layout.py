@@ -8,16 +8,24 @@ import time
 
 import pytest
 from playwright.sync_api import expect
+from support.fuzzing import fuzz_change_nothing
+from support.serving import (
+    Bench,
+    Serving,
+    apart,
+    eventually,
+    post,
+    send_from_other_site,
+    token_of,
+    until,
+)
 
-from fuzzing import fuzz_change_nothing
-from serving import Bench, Serving, apart, eventually, send_from_other_site, until
 from spots.errors import SpotsError
 from spots.keyboard.layout import compiled, load
 from spots_device.board.settings import checksum
 from spots_sim.strip.scenario import Held, Press
 from spots_web.editors import LayoutEditor
 from spots_web.state import PageState
-from test_page_recording import post, token_of
 
 LONG_MS = 60_000
 SPEED = 0.3  # of the board's time, so slow that a tap on a slow machine does not become a hold

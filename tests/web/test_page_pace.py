@@ -11,8 +11,8 @@ import aiohttp
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.serving import Serving, run
 
-from serving import Serving, run
 from spots.errors import RefusedError, SpotsError
 from spots_web import app
 from spots_web import board_feed as reading

@@ -6,9 +6,9 @@ import re
 
 import pytest
 from playwright.sync_api import expect
+from support.person import Person
+from support.serving import Bench
 
-from person import Person
-from serving import Bench
 from spots.cli import main
 from spots_sim.strip.scenario import Held
 

@@ -10,11 +10,10 @@ import threading
 import time
 from types import SimpleNamespace
 
-import aiohttp
 import pytest
 from playwright.sync_api import expect
+from support.serving import apart, eventually, post, token_of, until
 
-from serving import apart, eventually, run, until
 from spots.cli import main
 from spots.errors import SpotsError
 from spots.link.board import Board
@@ -27,25 +26,6 @@ from spots_web.recordings import Recordings
 from spots_web.state import PageState
 
 LONG_MS = 60_000
-
-
-def post(server, word, path="recording", token=None, **headers):
-    """Send a POST request with the body `word`; return HTTP status and text of the answer."""
-
-    async def ask():
-        cookies = {f"spots-token-{server.port}": token} if token else {}
-        url = f"http://127.0.0.1:{server.port}/{path}"
-        async with (
-            aiohttp.ClientSession(cookies=cookies) as session,
-            session.post(url, data=word, headers=headers) as answer,
-        ):
-            return answer.status, await answer.text()
-
-    return run(ask())
-
-
-def token_of(server):
-    return server.url.split("?token=")[1]
 
 
 def ready(one):

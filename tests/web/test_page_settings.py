@@ -10,9 +10,9 @@ import time
 
 import pytest
 from playwright.sync_api import expect
+from support.fuzzing import fuzz_change_nothing
+from support.serving import Bench, Serving, eventually, post, send_from_other_site, token_of, until
 
-from fuzzing import fuzz_change_nothing
-from serving import Bench, Serving, eventually, send_from_other_site, until
 from spots.controller import controller_settings
 from spots.controller.controller_settings import load
 from spots.controller.one_euro import OneEuro
@@ -21,7 +21,6 @@ from spots.wearable import wearable
 from spots_sim.strip.scenario import Held, Press
 from spots_web.editors import KINDS, SettingsEditor
 from spots_web.state import PageState
-from test_page_recording import post, token_of
 
 LONG_MS = 60_000
 DESK = {"viewport": {"width": 1440, "height": 900}}

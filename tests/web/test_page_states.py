@@ -6,8 +6,9 @@ import re
 
 import pytest
 from playwright.sync_api import expect
+from support.screens import SCREENS
+from support.serving import apart, until
 
-from serving import apart, until
 from spots_sim.demo.demo import show_page
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Held, Press, Scenario
@@ -15,7 +16,6 @@ from spots_web.state import PageState
 
 LONG_MS = 60_000
 LENGTH_MM = 85.0
-SCREENS = {"desk": (1440, 900), "phone": (390, 844), "lying phone": (844, 390)}
 IN_SIGHT = """(name) => {
   const { top, bottom, left, right } = document.querySelector(name).getBoundingClientRect();
   return top >= 0 && left >= 0 && bottom <= innerHeight && right <= innerWidth;

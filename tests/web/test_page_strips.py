@@ -9,9 +9,10 @@ import time
 
 import pytest
 from playwright.sync_api import expect
+from support.person import Person
+from support.screens import SCREENS
+from support.serving import Bench, apart, eventually, post, token_of
 
-from person import Person
-from serving import Bench, apart, eventually
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
@@ -22,8 +23,6 @@ from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Held, Press, Scenario
 from spots_web.one_strip import OneStrip
 from spots_web.state import PageState
-from test_page_recording import post, token_of
-from test_page_states import SCREENS
 
 LONG_MS = 60_000
 DESK = {"viewport": {"width": 1440, "height": 900}}

@@ -8,8 +8,11 @@ import time
 
 import pytest
 from playwright.sync_api import expect
+from support.joints import JOINT
+from support.joints import touch as reading
+from support.linkage_machine import Machine
+from support.serving import apart, until
 
-from serving import apart, until
 from spots import SpotsError, cli
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
@@ -18,9 +21,6 @@ from spots_sim.board.paced import PacedLink
 from spots_sim.demo.linkage_demo import endless
 from spots_web import twin_feed
 from spots_web.state import PageState
-from test_encoder import JOINT
-from test_encoder import touch as reading
-from test_twin_live import Machine
 
 LONG_MS = 60_000
 LINKAGE = Linkage(100, 80)

@@ -4,8 +4,9 @@ import io
 import sys
 import time
 
-import machine
 import micropython
+
+import machine
 
 from ..keys.reports import CAPS_LOCK
 from ..runtime.common import rp2_mC

@@ -17,7 +17,7 @@ from pathlib import Path
 from playwright.sync_api import sync_playwright
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-_HERE = Path(__file__).parent / "browser"
+_HERE = Path(__file__).parents[1] / "web" / "browser"
 _UNPACKED = _HERE / "node_modules" / ".unpacked"
 _PACKAGED = sys.platform == "linux" and platform.machine() == "x86_64"
 

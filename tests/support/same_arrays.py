@@ -9,13 +9,13 @@ from unittest import mock
 
 import pytest
 
-from reels import INFO, clock
 from spots.errors import SpotsError
 from spots.link.frames import Contact, Key, Spectrum, Text, Touch
 from spots.recording import arrays
 from spots.recording.header import Clock, Header, encoded
 from spots.recording.recording import Recording
 from spots_device.reading import decode
+from support.reels import INFO, clock
 
 _TABLES = {Touch: "touches", Spectrum: "spectra", Key: "keys", Contact: "contacts"}
 _COUNTS = ("stats", "notes", "restarts", "cut_bytes", "read_bytes", "end_s", "complete", "joined")

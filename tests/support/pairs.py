@@ -2,9 +2,8 @@
 
 from typing import NamedTuple
 
-from computer import typed
-
 from spots.outputs.usages import MODIFIERS_FROM, chord_of, is_modifier
+from support.computer import typed
 
 ACTIONS = [
     "A", "B", "Z", "1", "=", "/", "BACKSLASH", "SPACEBAR", "ENTER", "TAB", "BACKSPACE", "F5",

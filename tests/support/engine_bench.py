@@ -1,12 +1,11 @@
 """Runs the firmware's key engine with switches instead of fingers; a computer gets its keys."""
 
-from computer import Computer, text_of
-
 from spots_device.fingers.state import TICKS
 from spots_device.keys.engine import Engine
 from spots_device.keys.layout import parse
 from spots_device.keys.merge import Merger
 from spots_device.keys.reports import KeyboardReports, OneKeyReports
+from support.computer import Computer, text_of
 
 LENGTH_UM = 100_000
 _START_MS = TICKS * 1024 // 1000 - 300  # the ticks wrap after 300 ms

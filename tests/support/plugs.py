@@ -14,8 +14,8 @@ import tty
 
 from serial.tools.list_ports_common import ListPortInfo
 
-from fault_streams import encoded
 from spots_device import PROTOCOL
+from support.fault_streams import encoded
 
 _READING_S = 0.004
 _FINGER = 6  # number of readings with a finger, and then of readings without a finger

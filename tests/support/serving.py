@@ -10,6 +10,8 @@ from argparse import Namespace
 from concurrent.futures import Future
 from contextlib import contextmanager
 
+import aiohttp
+
 from spots.errors import PortLostError, SpotsError
 from spots.keyboard.layout import load
 from spots.link.board import Board
@@ -282,3 +284,22 @@ def send_from_other_site(browser, server, other_port, path, *messages):
 def run(coroutine):
     """Run a coroutine in another thread and return its result."""
     return apart(asyncio.run, coroutine)
+
+
+def post(server, word, path="recording", token=None, **headers):
+    """Send a POST request with the body `word`; return HTTP status and text of the answer."""
+
+    async def ask():
+        cookies = {f"spots-token-{server.port}": token} if token else {}
+        url = f"http://127.0.0.1:{server.port}/{path}"
+        async with (
+            aiohttp.ClientSession(cookies=cookies) as session,
+            session.post(url, data=word, headers=headers) as answer,
+        ):
+            return answer.status, await answer.text()
+
+    return run(ask())
+
+
+def token_of(server):
+    return server.url.split("?token=")[1]

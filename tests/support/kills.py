@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from reels import recorder
-from test_frames import touch
+from support.frames import touch
+from support.reels import recorder
 
 FRAMES = 1 << 16
 

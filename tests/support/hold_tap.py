@@ -38,7 +38,7 @@ class Case(NamedTuple):
 def cases():
     """Return all cases of the file."""
     found = []
-    lines = Path(__file__).with_name("data").joinpath("hold_tap.tsv").read_text().splitlines()
+    lines = (Path(__file__).parents[1] / "data" / "hold_tap.tsv").read_text().splitlines()
     for line in lines[3:]:
         name, flavor, term_ms, quick_ms, switches, times, outcome = line.split("\t")
         terms = int(term_ms), int(quick_ms)

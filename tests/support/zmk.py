@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from engine_bench import Bench
-from hold_tap import cases as hold_tap_cases
-from hold_tap import events_of
 
 from spots.keyboard.layout import compiled
 from spots.outputs.usages import MODIFIERS_FROM, USAGES
+from support.engine_bench import Bench
+from support.hold_tap import cases as hold_tap_cases
+from support.hold_tap import events_of
 
-_FILE = msgspec.toml.decode(Path(__file__).with_name("data").joinpath("zmk.toml").read_text())
+_FILE = msgspec.toml.decode((Path(__file__).parents[1] / "data" / "zmk.toml").read_text())
 DIFFERS = _FILE["differs"]
 
 

@@ -1,0 +1,1 @@
+"""What tests of several folders share: substitutes, streams of frames, boards and pages."""
