@@ -23,7 +23,7 @@ import spots_device
 from spots.deploy.build import build, files_of
 from spots.deploy.image import image
 from spots.deploy.runtime_files import form_of
-from spots.deploy.staging import LIBRARIES, board_names, device_of, stage
+from spots.deploy.staging import LIBRARIES, board_names, device_of
 
 ROOT = Path(__file__).resolve().parents[1]
 VERSION = spots_device.__version__
@@ -93,16 +93,18 @@ def mip(folder: Path, date_s: int) -> None:
 
 
 def bundle(folder: Path, date_s: int) -> None:
-    """Pack the firmware's package for CircuitPython's circup."""
+    """Pack the firmware's package for CircuitPython's circup, with the libraries that it needs."""
     day = "{:04}{:02}{:02}".format(*gmtime(date_s)[:3])
     top = f"{BUNDLE}-{day}"
     with tempfile.TemporaryDirectory() as root:
-        stage(next(name for name in board_names() if device_of(name).board_id), Path(root))
+        built = build(next(name for name in board_names() if device_of(name).board_id), Path(root))
         files = {
             f"{top}/lib/{path}": data
-            for path, data in files_of(Path(root)).items()
+            for path, data in files_of(built).items()
             if path.startswith("spots_device/")
         }
+    needed = sorted(owner(library) for library in LIBRARIES["circuitpython"])
+    files[f"{top}/requirements/spots_device/requirements.txt"] = "\n".join(needed).encode()
     files |= {f"{top}/{path}": data for path, data in licences(()).items()}
     pack(folder / f"{top}.zip", files, date_s)
 
@@ -110,12 +112,17 @@ def bundle(folder: Path, date_s: int) -> None:
 def licences(libraries: tuple[str, ...]) -> dict[str, bytes]:
     """Return the licence of this project, and of libraries in packages of this Python."""
     found = {"licenses/LICENSE": (ROOT / "LICENSE").read_bytes()}
-    owners = metadata.packages_distributions()
     for library in libraries:
-        (owner,) = set(owners[library])
-        for path in metadata.files(owner) or ():
+        package = owner(library)
+        for path in metadata.files(package) or ():
             if "LICENSE" in path.name.upper():
-                found[f"licenses/{owner}-{path.name}"] = path.read_binary()
+                found[f"licenses/{package}-{path.name}"] = path.read_binary()
+    return found
+
+
+def owner(library: str) -> str:
+    """Return the name of the package that brings a library to this Python."""
+    (found,) = set(metadata.packages_distributions()[library])
     return found
 
 

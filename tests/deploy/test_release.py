@@ -2,8 +2,10 @@
 
 import csv
 import hashlib
+import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -13,6 +15,8 @@ from pathlib import Path
 import pytest
 
 from spots.common.toml import tomllib
+from spots.deploy.build import build, files_of
+from spots_device import __version__
 
 ROOT = Path(__file__).parents[2]
 DATE_S = 1_800_000_000
@@ -70,9 +74,38 @@ def test_a_release_has_each_real_board_and_the_licences(releases):
     assert "spots/_device/boards/pico/board.toml" in rows
 
 
-def test_the_version_is_the_same_everywhere(releases):
-    from spots_device import __version__
+@pytest.mark.skipif(sys.platform != "linux", reason="circup keeps its data elsewhere")
+def test_circup_installs_the_firmware_and_its_libraries(releases, tmp_path):
+    (packed,) = releases[0].glob("*-bundle-py-*.zip")
+    tag = packed.stem[-8:]
+    data, drive = tmp_path / "circup", tmp_path / "CIRCUITPY"
+    # The second bundle stands for Adafruit's: these libraries, as this Python has them.
+    built = build("qtpy_rp2040", tmp_path / "built")
+    bundles = {"spots": packed.name[: -len(f"-py-{tag}.zip")], "adafruit": "adafruit-bundle"}
+    for owner, name in bundles.items():
+        folder = data / owner / f"{name}-py"
+        if owner == "spots":
+            zipfile.ZipFile(packed).extractall(folder)
+        else:
+            shutil.copytree(built / "lib", folder / f"{name}-py-{tag}" / "lib")
+    keys = {owner: f"{owner}/{name}" for owner, name in bundles.items()}
+    (data / "bundle_config.json").write_text(json.dumps(keys))
+    (data / "circup.json").write_text(json.dumps({key: [tag] for key in keys.values()}))
+    (drive / "lib").mkdir(parents=True)
+    about = "Adafruit CircuitPython 10.2.1 on 2026-01-01; QT Py with rp2040\nBoard ID:x\n"
+    (drive / "boot_out.txt").write_text(about)
+    circup = [Path(sys.executable).with_name("circup"), "--offline", "--path", drive]
+    environment = os.environ | {"XDG_DATA_HOME": str(tmp_path)}
+    subprocess.run([*circup, "install", "spots_device"], env=environment, check=True)
+    listed = subprocess.run([*circup, "freeze"], env=environment, check=True, capture_output=True)
+    assert f"spots_device=={__version__}" in listed.stdout.decode().split()
+    for path, content in files_of(built).items():
+        if "/" in path:
+            there = path if path.startswith("lib/") else f"lib/{path}"
+            assert (drive / there).read_bytes() == content, path
 
+
+def test_the_version_is_the_same_everywhere(releases):
     cited = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[1]
     logged = re.search(r"^## \[?([\d.]+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1]
     assert {cited, logged} == {__version__}
