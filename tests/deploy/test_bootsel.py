@@ -56,10 +56,11 @@ def answers(monkeypatch):
 @pytest.mark.usefixtures("answers")
 def test_flash_copies_the_image_and_waits_for_hello(mount, runtime, capsys, tmp_path):
     folder = mount()
-    assert main(["flash", "pico", "--runtime", str(runtime), "--yes"]) == 0
+    words = ["pico", "--runtime", str(runtime), "--layout", "mini", "--led", "gpio"]
+    assert main(["flash", *words, "--yes"]) == 0
     assert capsys.readouterr().out.startswith("virtual, firmware ")
     copied = (folder / "spots.uf2").read_bytes()
-    assert main(["image", "pico", "--runtime", str(runtime), "--out", str(tmp_path / "x.uf2")]) == 0
+    assert main(["image", *words, "--out", str(tmp_path / "x.uf2")]) == 0
     assert copied == (tmp_path / "x.uf2").read_bytes()
 
 

@@ -8,6 +8,7 @@ import struct
 import subprocess
 from binascii import crc32
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from littlefs import LittleFS, UserContext
@@ -19,6 +20,7 @@ from spots.deploy import uf2
 from spots.deploy.build import files_of
 from spots.deploy.image import image
 from spots.keyboard.layout import load
+from spots_device.board.settings import BoardSettings
 from spots_device.board.store import Store
 from spots_sim.board.vm import micropython_command
 
@@ -180,17 +182,39 @@ def test_a_circuitpython_image_has_a_drive_with_the_build(make, built, tmp_path)
     assert {path: int(found[path]) for path in found.keys() - extra} == wanted
 
 
-def test_a_layout_makes_a_board_that_starts_as_a_keyboard(make, tmp_path, monkeypatch):
-    at, size, _ = runtimes.PICO
+@pytest.fixture
+def stored(make, tmp_path, monkeypatch):
+    """Return a function that makes an image and returns what its board finds stored."""
+
+    def stored(**more):
+        at, size, _ = runtimes.PICO
+        out = make(runtimes.micropython(*runtimes.PICO), **more)
+        for path, data in files_on(disk_of(read(out), at, size)).items():
+            if path.endswith(".txt"):
+                (tmp_path / path).write_bytes(data)
+        monkeypatch.chdir(tmp_path)
+        store = Store()
+        assert store.fault is None
+        return store.load
+
+    return stored
+
+
+def test_a_layout_makes_a_board_that_starts_as_a_keyboard(stored):
     layout = load("mini").lines
-    out = make(runtimes.micropython(*runtimes.PICO), layout=layout)
-    for path, data in files_on(disk_of(read(out), at, size)).items():
-        if path.endswith(".txt"):
-            (tmp_path / path).write_bytes(data)
-    monkeypatch.chdir(tmp_path)
-    store = Store()
-    assert (store.fault, store.load("layout")) == (None, layout)
-    assert "keys=1" in store.load("settings")
+    load_part = stored(layout=layout)
+    assert load_part("layout") == layout
+    assert load_part("settings") == ["keys=1"]
+
+
+def test_an_image_has_the_connection_of_each_strip_s_led(stored):
+    load_part = stored(led="gpio", layout=load("mini").lines, strips=2)
+    assert load_part("settings") == ["led=gpio", "keys=1"]
+    assert load_part("settings1") == ["led=gpio"]
+    assert load_part("layout1") == []
+    settings = BoardSettings(SimpleNamespace(LED_MAX_MA=50, STRIP_LED_PIN=6))
+    settings.restore(load_part("settings"))
+    assert (settings.values["led"], settings.values["keys"]) == ("gpio", 1)
 
 
 FAMILIES = [0xE48BFF57, 0xE48BFF58, 0xE48BFF59, 0xE48BFF5A, 0, 0xADA52840]

@@ -3,6 +3,8 @@
 import argparse
 import json
 
+from spots_device.board.light import LEDS
+
 from ..errors import printable
 from ..link.ports import known
 from . import arguments
@@ -49,6 +51,7 @@ def flash(parser: Parser):
       spots flash pico
       spots flash pico --dry-run
       spots flash pico --runtime RPI_PICO.uf2
+      spots flash pico --runtime RPI_PICO.uf2 --layout mini --led gpio
     """
     _add_board(parser)
     parser.flag("--dry-run", "print which files would change, but copy nothing")
@@ -59,7 +62,10 @@ def flash(parser: Parser):
         "firmware; erases the board",
     )
     parser.flag("--yes", "with --runtime: do not ask for a confirmation")
-    parser.needs(["--yes"], lambda options: options.runtime, "add --runtime FILE.uf2")
+    _add_first_start(parser, "with --runtime: ")
+    parser.needs(
+        ["--yes", "--layout", "--led"], lambda options: options.runtime, "add --runtime FILE.uf2"
+    )
     parser.needs(
         ["--dry-run"],
         lambda options: not options.runtime,
@@ -87,11 +93,7 @@ def image(parser: Parser):
         required=True,
     )
     parser.option("--out", "FILE", "file to write, of the same kind", required=True)
-    parser.option(
-        "--layout",
-        "LAYOUT",
-        "key layout: the board is then a keyboard as soon as it has a calibration",
-    )
+    _add_first_start(parser)
     _add_strips(parser)
     return _image
 
@@ -257,6 +259,17 @@ def _add_strips(parser: Parser) -> None:
     )
 
 
+def _add_first_start(parser: Parser, when: str = "") -> None:
+    parser.option(
+        "--layout",
+        "LAYOUT",
+        f"{when}key layout: the board is then a keyboard as soon as it has a calibration",
+    )
+    parser.option(
+        "--led", "KIND", f"{when}connection of the strip's LED: {', '.join(LEDS)}", choices=LEDS
+    )
+
+
 def _add_board(parser: Parser) -> None:
     parser.option("board", "BOARD", "a name that 'spots boards' lists")
     parser.add_argument(
@@ -304,15 +317,27 @@ def _flash(options: argparse.Namespace) -> None:
         return
     from ..deploy.bootsel import install
 
-    install(options.board, options.runtime, options.port, options.strips, options.yes)
+    install(
+        options.board,
+        options.runtime,
+        options.port,
+        options.strips,
+        _layout(options),
+        options.led,
+        options.yes,
+    )
 
 
 def _image(options: argparse.Namespace) -> None:
     from ..deploy.image import image
 
-    layout = []
-    if options.layout is not None:
-        from ..keyboard.layout import load
+    layout = _layout(options)
+    image(options.board, options.runtime, options.out, options.strips, layout, options.led)
 
-        layout = load(options.layout).lines
-    image(options.board, options.runtime, options.out, options.strips, layout)
+
+def _layout(options: argparse.Namespace) -> list[str]:
+    if options.layout is None:
+        return []
+    from ..keyboard.layout import load
+
+    return load(options.layout).lines

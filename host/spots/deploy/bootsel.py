@@ -25,7 +25,13 @@ _CHUNK = 64 << 10
 
 
 def install(
-    board: str, runtime: str, folder: str | None = None, strips: int = 1, yes: bool = False
+    board: str,
+    runtime: str,
+    folder: str | None = None,
+    strips: int = 1,
+    layout: list[str] = (),
+    led: str | None = None,
+    yes: bool = False,
 ) -> None:
     """Copy an image to a board in its boot loader, and wait until the firmware answers.
 
@@ -39,6 +45,10 @@ def install(
         Folder where the board's drive is mounted. If not given, find the drive.
     strips : int
         Number of strips on the board.
+    layout : list of str
+        Lines of a key layout, see `image.image`.
+    led : str, optional
+        Connection of each strip's LED, see `image.image`.
     yes : bool
         Whether to skip the confirmation.
 
@@ -52,7 +62,7 @@ def install(
     device = device_of(board, strips)
     if form_of(device).suffix != ".uf2":
         raise SpotsError(f"the boot loader of {board} is not a drive: 'spots image' writes a file")
-    data = compose(device, Path(runtime), strips, [])
+    data = compose(device, Path(runtime), strips, layout, led)
     drive = _the_drive(folder)
     if uf2.read(data, runtime).family != drive.family:
         raise SpotsError(

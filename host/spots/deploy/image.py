@@ -1,4 +1,4 @@
-"""``spots image``: one file with a runtime, the firmware and a layout, for a board without either.
+"""``spots image``: one file with a runtime, the firmware and a layout, for a bare board.
 
 The file contains the whole file system of the board, so the board loses what was stored on it.
 """
@@ -30,7 +30,12 @@ Store().save(json.load(sys.stdin))
 
 
 def image(
-    board: str, runtime: str | Path, out: str | Path, strips: int = 1, layout: list[str] = ()
+    board: str,
+    runtime: str | Path,
+    out: str | Path,
+    strips: int = 1,
+    layout: list[str] = (),
+    led: str | None = None,
 ) -> None:
     """Write one file that makes a board with a boot loader into a board with SPOTS.
 
@@ -48,6 +53,9 @@ def image(
     layout : list of str
         Lines of a key layout. If given, the board starts as a keyboard as soon as it has a
         calibration.
+    led : str, optional
+        Connection of each strip's LED, one of `spots_device.board.light.LEDS`; that of
+        ``board.toml`` if not given.
 
     Raises
     ------
@@ -63,12 +71,14 @@ def image(
     atomic.distinct({"--runtime": Path(runtime), "--out": out})
     kind = atomic.begins(f"a {form.suffix} file", *form.heads)
     atomic.check_writable(out, kind)
-    data = compose(device, Path(runtime), strips, layout)
+    data = compose(device, Path(runtime), strips, layout, led)
     with atomic.replacing(out, kind) as file:
         file.write(data)
 
 
-def compose(device: Device, runtime: Path, strips: int, layout: list[str]) -> bytes:
+def compose(
+    device: Device, runtime: Path, strips: int, layout: list[str], led: str | None
+) -> bytes:
     """Return the content of an image.
 
     Parameters
@@ -81,6 +91,8 @@ def compose(device: Device, runtime: Path, strips: int, layout: list[str]) -> by
         Number of strips on the board.
     layout : list of str
         Lines of a key layout; empty for none.
+    led : str or None
+        Connection of each strip's LED; None for that of ``board.toml``.
 
     Returns
     -------
@@ -104,11 +116,26 @@ def compose(device: Device, runtime: Path, strips: int, layout: list[str]) -> by
 
         def built() -> Path:
             files = build(device.name, Path(folder), strips)
-            if layout:
-                _save(files, [("settings", KEYBOARD_SETTINGS), ("layout", layout)])
+            if stored := _stored(strips, layout, led):
+                _save(files, stored)
             return files
 
         return form.compose(device, data, str(runtime), built)
+
+
+def _stored(strips: int, layout: list[str], led: str | None) -> list[tuple[str, list[str]]]:
+    """Return name and lines of each part that the first start finds stored on the board."""
+    stored = []
+    for strip in range(strips):
+        # As in the names of the board's files, see `flash.USER_FILES`.
+        name = f"settings{strip or ''}"
+        lines = [f"led={led}"] if led else []
+        if layout and strip == 0:
+            lines += KEYBOARD_SETTINGS
+            stored.append(("layout", layout))
+        if lines:
+            stored.append((name, lines))
+    return stored
 
 
 def _save(folder: Path, parts: list[tuple[str, list[str]]]) -> None:
