@@ -15,8 +15,8 @@ import time
 from array import array
 
 import board_config
-
 import machine
+
 from spots_device.board import app as app_module
 from spots_device.board import command as command_module
 from spots_device.board.settings import checksum

@@ -4,9 +4,8 @@ import io
 import sys
 import time
 
-import micropython
-
 import machine
+import micropython
 
 from ..keys.reports import CAPS_LOCK
 from ..runtime.common import rp2_mC
