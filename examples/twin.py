@@ -1,6 +1,6 @@
 """Print the position of a five-bar linkage's end point.
 
-docs/fivebar.md shows how to write or measure the linkage file.
+docs/evidence/linkage.md shows how to write or measure the linkage file.
 """
 
 import argparse

@@ -19,7 +19,11 @@ import spots_linkage
 
 ROOT = Path(__file__).parents[1]
 HOST = ROOT / "host"
-DOCUMENTS = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").rglob("*.py")]
+DOCUMENTS = [
+    ROOT / "README.md",
+    *(ROOT / "docs").rglob("*.md"),
+    *(ROOT / "examples").rglob("*.py"),
+]
 NAME = re.compile(r"\bspots(?:_\w+)?(?:\.\w+)+")
 IMPORT = re.compile(r"^from (spots\S*) import ([\w, ]+)$", re.MULTILINE)
 SECTION = re.compile(r"^(\w[\w ]*)\n-{3,}\n", re.MULTILINE)

@@ -4,7 +4,6 @@ tests/calibrate/test_figures.py runs the one for paper.md.
 """
 
 import asyncio
-import shutil
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from make import applications_page, linkage_page, pictures, screenshots
 from spots_sim.measure import survey
 from spots_sim.strip.files import load
 
-DOCS = Path(__file__).parents[1] / "docs"
+PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 
 
 def test_the_page_of_the_linkage(tmp_path, monkeypatch):
@@ -32,9 +31,9 @@ def test_the_page_of_the_linkage(tmp_path, monkeypatch):
     monkeypatch.setattr(survey, "CALIBRATION_PLACES", 12)
     linkage_page.main(tmp_path)
     assert {path.name for path in tmp_path.rglob("*.*")} == {
-        "fivebar.md", "angles.png", "deviation.png", "sust.png"
+        "linkage.md", "angles.png", "deviation.png", "sust.png"
     }  # fmt: skip
-    text = (tmp_path / "fivebar.md").read_text(encoding="utf-8")
+    text = (tmp_path / "evidence" / "linkage.md").read_text(encoding="utf-8")
     assert "places, mean of a stop | 0." in text
 
 
@@ -48,17 +47,15 @@ def test_the_page_of_the_applications(tmp_path, monkeypatch):
     ):
         monkeypatch.setattr(applications_page, name, value)
     applications_page.main(tmp_path)
-    text = (tmp_path / "applications.md").read_text(encoding="utf-8")
+    text = (tmp_path / "evidence" / "applications.md").read_text(encoding="utf-8")
     assert "| 100 words a minute: errors, no finger | " in text
     assert "| controller: states sent | " in text
 
 
 def test_the_pictures(tmp_path, monkeypatch, capsys):
-    for path in DOCS.glob("*.svg.in"):
-        shutil.copy(path, tmp_path)
-    (tmp_path / "fivebar").mkdir()
+    (tmp_path / "linkage").mkdir()
     for name, value in (
-        ("_HERE", tmp_path),
+        ("_PICTURES", tmp_path),
         ("MOMENT_S", 0.2),
         ("HARD_S", 0.2),
         ("WORN_S", 0.2),
@@ -71,13 +68,13 @@ def test_the_pictures(tmp_path, monkeypatch, capsys):
     printed = {Path(line) for line in capsys.readouterr().out.splitlines()}
     assert printed == {*tmp_path.rglob("*.svg")}
     assert {path.relative_to(tmp_path) for path in printed} == {
-        path.relative_to(DOCS) for path in DOCS.rglob("*.svg")
+        path.relative_to(PICTURES) for path in PICTURES.rglob("*.svg")
     }
 
 
 def test_the_screenshots(tmp_path, monkeypatch):
-    for name, value in (("_HERE", tmp_path), ("_AFTER_S", 0), ("_HARD_N", 0), ("_SIGNAL_S", 0)):
+    for name, value in (("_FOLDER", tmp_path), ("_AFTER_S", 0), ("_HARD_N", 0), ("_SIGNAL_S", 0)):
         monkeypatch.setattr(screenshots, name, value)
     asyncio.run(screenshots.main())
     made = {path.name for path in tmp_path.iterdir()}
-    assert made == {path.name for path in DOCS.glob("page-*.png")}
+    assert made == {path.name for path in PICTURES.glob("page-*.png")}

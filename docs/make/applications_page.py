@@ -1,4 +1,4 @@
-"""Writes docs/applications.md: errors of keyboard and controller, on three simulated strips."""
+"""Writes docs/evidence/applications.md: errors of keyboard and controller, on three strips."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from spots.common import atomic
 from spots_sim.demo.demo import demo
 from spots_sim.demo.typing_speed import added, typed
+from spots_sim.measure.figures import folder
 from spots_sim.person.stage import calibrate
 from spots_sim.strip.files import SensorFile, load
 
@@ -54,23 +55,23 @@ This document compares the errors of typing and of the game controller on three 
 `make paper` writes this document, and measures all numbers. The ideal strip (sensor file `default`)
 has not changed since its calibration. The imperfect strip (sensor file `real`) has the faults of a
 physical strip: it has aged and warmed up since its calibration, and is under a lamp. These changes
-cause drift: wrong positions ([drift.md](drift.md)). A re-zero corrects the drift with presses at
-known positions (the marks). For this table each mark was pressed one time, after the LED had warmed
-up. The column "LED cold" is measured after power-on, while the LED warms up. The strip made at home
-(sensor file `first`) has the effects that such a strip probably has, such as dust and uneven dye,
-at assumed sizes ([simulation.md](simulation.md)).
+cause drift: wrong positions ([drift.md](../calibrate/drift.md)). A re-zero corrects the drift with
+presses at known positions (the marks). For this table each mark was pressed one time, after the LED
+had warmed up. The column "LED cold" is measured after power-on, while the LED warms up. The strip
+made at home (sensor file `first`) has the effects that such a strip probably has, such as dust and
+uneven dye, at assumed sizes ([simulation.md](../science/simulation.md)).
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
-10 ms: {all} touches. Their times are those of real people on usual keyboards, and their forces
-are from a publication ([times.py](../host/spots_sim/person/times.py),
-[hands.py](../host/spots_sim/person/hands.py)). "Errors" are wrong, missed and extra keys; "no
-finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The
-95 % confidence interval (Wilson) follows in brackets. It contains the chance of these touches only:
-a real person or strip may differ by more. The latency is the time from the start of a touch to the
+10 ms: {all} touches. Their times are those of real people on usual keyboards, and their forces are
+from a publication ([times.py](../../host/spots_sim/person/times.py),
+[hands.py](../../host/spots_sim/person/hands.py)). "Errors" are wrong, missed and extra keys; "no
+finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The 95
+% confidence interval (Wilson) follows in brackets. It contains the chance of these touches only: a
+real person or strip may differ by more. The latency is the time from the start of a touch to the
 report of the correct key; its percentiles are those of all touches together. In the rows
-`controller`, the simulated fingers of the demo move the axes of the game controller for
-{seconds:g} s; [controller.md](controller.md#untrusted-and-missing-readings) explains the values.
-These commands measure the column "imperfect strip, re-zeroed":
+`controller`, the simulated fingers of the demo move the axes of the game controller for {seconds:g}
+s; [controller.md](../play/controller.md#untrusted-and-missing-readings) explains the values. These
+commands measure the column "imperfect strip, re-zeroed":
 
 ```sh
 python -m spots_sim.demo.typing_speed {speeds} {same_seeds} --sensor real --rezero --warm
@@ -85,7 +86,7 @@ _FINGERS = """
 
 This table shows the ideal strip, with the same number of touches and the same seeds. The sizes of
 the behaviours are *assumed*: nobody has measured fingers on a strip. In each row, all fingers
-behave so; [typist.py](../host/spots_sim/person/typist.py) describes the pairs of two fingers.
+behave so; [typist.py](../../host/spots_sim/person/typist.py) describes the pairs of two fingers.
 
 A finger that rolls or slides is one key, because a position within 4.5 mm of a finger is taken for
 this finger. Most of the remaining errors occur when a finger moves or changes its force while the
@@ -133,8 +134,8 @@ def fingers() -> list[tuple[str, list[str]]]:
     """Return the rows of the table of fingers: name, errors, keys without a finger, latency."""
     rows = []
     lines = calibrate(load(SensorFile, "default"), EXPOSURE_US)
-    with TemporaryDirectory() as folder:
-        five = Path(folder) / "five.toml"
+    with TemporaryDirectory() as scratch:
+        five = Path(scratch) / "five.toml"
         five.write_text(FIVE_KEYS)
         for name, speed, how in FINGERS:
             print(f"{name} ...", file=sys.stderr)
@@ -149,7 +150,7 @@ def fingers() -> list[tuple[str, list[str]]]:
 
 
 def document(rows: list[tuple[str, list[str]]], others: list[tuple[str, list[str]]]) -> str:
-    """Return the text of docs/applications.md, with the rows from `measured` and `fingers`."""
+    """Return the text of applications.md, with the rows from `measured` and `fingers`."""
     text = _TEXT.format(
         seeds=len(SEEDS),
         touches=TOUCHES,
@@ -187,7 +188,7 @@ def _latency(run: dict) -> str:
 
 def main(docs: Path) -> None:
     """Measure, then write applications.md into the folder of the documents."""
-    page = docs / "applications.md"
+    page = folder(docs / "evidence") / "applications.md"
     atomic.write_text(document(measured(), fingers()), page, atomic.begins("a page", b"# "))
     print(page)
 

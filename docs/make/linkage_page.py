@@ -1,4 +1,4 @@
-"""Writes docs/fivebar.md: measurements of the simulated five-bar linkage, with pictures."""
+"""Writes docs/evidence/linkage.md: measurements of a simulated five-bar linkage, and pictures."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ joint's angle: it is an encoder. The position of the end point follows from both
 computer, which follows the readings of both strips. `make paper` writes this document, and measures
 all numbers except the one from the paper (row "paper, Fig. 7C").
 
-![The bars, and the position of the end point for constant angles of each joint](fivebar/angles.png)
+![The bars, and the end point for constant angles of each joint](../pictures/linkage/angles.png)
 
 ```python
 from spots_linkage import Linkage
@@ -84,12 +84,12 @@ spots twin --port virtual                            # no hardware: a simulation
 spots twin --json --picture sust.png                 # the same, faster, with the true errors
 ```
 
-![The twin in a terminal: bars, path, and position of the end point](fivebar/twin.svg)
+![The twin in a terminal: bars, path, and position of the end point](../pictures/linkage/twin.svg)
 
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
 and singularities (positions where the outer bars are in line). If the output is a file or pipe, it
 prints lines. With `--json` it prints an object for each position, with `time_s`; `x_mm`, `y_mm`,
-`theta1_rad`, `theta2_rad` and `cov` as in [page.md](page.md#messages); and `velocity_mm_s`,
+`theta1_rad`, `theta2_rad` and `cov` as in [page.md](../try/web.md#messages); and `velocity_mm_s`,
 `sigma_mm`, `limit`, `singular` (within 10° of a singularity, or no position) and `within` (whether
 both joints are in their calibrated range). The web UI shows this picture, too:
 `spots serve --linkage arm.toml`, or without hardware `spots demo --use fivebar --page`.
@@ -135,8 +135,9 @@ offset_deg = -108.0
 ```
 
 Each calibration stores the id of its strip, so `spots twin` finds the board and the strip of each
-joint. Both strips can be on one board ([hardware.md](hardware.md#two-strips-on-one-board)); then
-calibrate each joint with `--port PORT#0` or `--port PORT#1`.
+joint. Both strips can be on one board
+([hardware.md](../build/hardware.md#two-strips-on-one-board)); then calibrate each joint with
+`--port PORT#0` or `--port PORT#1`.
 """
 
 _CALIBRATION = """
@@ -179,7 +180,7 @@ def document(
     linkage: LinkageFile,
     mechanism: Mechanism,
 ) -> str:
-    """Return the text of docs/fivebar.md.
+    """Return the text of docs/evidence/linkage.md.
 
     Parameters
     ----------
@@ -272,13 +273,13 @@ mechanism has only backlash and wrong lengths.
 
 Ideal strips are those of the sensor file `default`; imperfect strips are those of `real`, which
 [applications.md](applications.md) describes, and strips made at home are those of `first`. All LEDs
-have warmed up. A re-zero
-(`spots rezero --joint`, [drift.md](drift.md#joints)) corrects the calibration of an imperfect strip
-at three angles of the joint. Without a re-zero, many readings do not fit the calibration. An
-encoder normally ignores these readings; for this table it used them. A kinematic calibration also
-corrects the strips' errors, until the strips change further.
+have warmed up. A re-zero (`spots rezero --joint`, [drift.md](../calibrate/drift.md#joints))
+corrects the calibration of an imperfect strip at three angles of the joint. Without a re-zero, many
+readings do not fit the calibration. An encoder normally ignores these readings; for this table it
+used them. A kinematic calibration also corrects the strips' errors, until the strips change
+further.
 
-![Deviation over the workspace, before and after calibration](fivebar/deviation.png)
+![Deviation over the workspace, before and after calibration](../pictures/linkage/deviation.png)
 """
     )
 
@@ -348,13 +349,13 @@ does not include movements between two readings, or the error of the dark frame 
 the LED's light). After the start, the board takes dark frames only while the strip is untouched. In
 a joint, the indenter always presses, so the dark frame of the start stays.
 
-![SUST: the end point's path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](fivebar/sust.png)
+![SUST: the path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](../pictures/linkage/sust.png)
 """
     )
 
 
 def main(docs: Path) -> None:
-    """Measure, then write fivebar.md and its pictures into the folder of the documents."""
+    """Measure, then write linkage.md and its pictures into the folder of the documents."""
     require()
     linkage, path = load(LinkageFile, "default"), load(PathFile, "sust")
     surveys: dict[str, list[Survey]] = {}
@@ -375,14 +376,14 @@ def main(docs: Path) -> None:
         one_board[strips] = [
             survey(*files, seed, _SURVEY_US, one_board=True, **condition) for seed in seeds
         ]
-    out = folder(docs / "fivebar")
+    out = folder(docs / "pictures" / "linkage")
     drawn = Linkage(linkage.bar_mm, linkage.base_mm)
     mechanism = Mechanism(linkage, load(SensorFile, "default"))
     ideal, *_ = STRIPS
     print(maps.angles(drawn, out / "angles.png", mechanism=mechanism))
     print(maps.deviation(surveys[ideal][0], out / "deviation.png"))
     print(maps.trajectory(runs[ideal][_FOLLOW_US][0], out / "sust.png"))
-    page = docs / "fivebar.md"
+    page = folder(docs / "evidence") / "linkage.md"
     atomic.write_text(
         document(surveys, one_board, runs, linkage, mechanism), page, atomic.begins("a page", b"# ")
     )

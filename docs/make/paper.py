@@ -1,4 +1,4 @@
-"""Writes docs/paper.md: published results beside those of the simulated default sensor."""
+"""Writes docs/evidence/paper.md: published results beside those of the simulated default sensor."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ _HEAD = """# The paper's figures, and those of the simulated sensor
 numbers are from Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile
 Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sections. The columns
 "ours" show the default sensor, {length_mm:g} mm long, **simulated** with seed {seed} and read
-through the firmware. [calibration.md](calibration.md) defines the quantities. The column titles
-contain the duration of a reading, which the paper does not state. The **imperfect strip** (sensor
-file `real`) is simulated, too: it has aged and warmed up since its calibration, and is under a
-lamp. Then it was re-zeroed: its calibration was corrected with one press at each of three marks,
-while the strip was on a kitchen scale ([drift.md](drift.md)). The board compensates the creep and
-the hysteresis of this strip's silicone ([calibration.md](calibration.md#silicone)). The **strip
-made at home** (sensor file `first`) is simulated, too. It has the effects that such a strip
-probably has, such as dust and uneven dye, at assumed sizes ([simulation.md](simulation.md)). An
-indenter calibrated it; then a finger re-zeroed it and pressed it. In the tests of the force, the
-force rises from 0.6 to 9.5 N and falls again.
+through the firmware. [calibration.md](../calibrate/calibration.md) defines the quantities. The
+column titles contain the duration of a reading, which the paper does not state. The **imperfect
+strip** (sensor file `real`) is simulated, too: it has aged and warmed up since its calibration, and
+is under a lamp. Then it was re-zeroed: its calibration was corrected with one press at each of
+three marks, while the strip was on a kitchen scale ([drift.md](../calibrate/drift.md)). The board
+compensates the creep and the hysteresis of this strip's silicone
+([calibration.md](../calibrate/calibration.md#silicone)). The **strip made at home** (sensor file
+`first`) is simulated, too. It has the effects that such a strip probably has, such as dust and
+uneven dye, at assumed sizes ([simulation.md](../science/simulation.md)). An indenter calibrated it;
+then a finger re-zeroed it and pressed it. In the tests of the force, the force rises from 0.6 to
+9.5 N and falls again.
 
 """
 # Name of the columns of each sensor file.
@@ -196,7 +197,7 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
 
 
 def document(runs: list[Run], departures_um: list[float], length_mm: float) -> str:
-    """Return the text of docs/paper.md.
+    """Return the text of docs/evidence/paper.md.
 
     Parameters
     ----------
@@ -220,7 +221,7 @@ def document(runs: list[Run], departures_um: list[float], length_mm: float) -> s
     lines.append("\n## Figures\n\nAll figures show the simulated default sensor ")
     lines.append(f"at {shown:.3g} ms a reading.\n\n")
     for name, text in _PICTURES.items():
-        lines.append(f"![{text}](paper/{name}.png)\n\n{text}\n\n")
+        lines.append(f"![{text}](../pictures/paper/{name}.png)\n\n{text}\n\n")
     return "".join(lines).rstrip() + "\n"
 
 
@@ -265,7 +266,7 @@ def main(docs: Path) -> None:
         responses = family(sensor, run.series["position"]["channels"], _SEED, exposure_us)
         departures_um.append(departure_um(responses["length"]))
         runs.append(run)
-    for path in figures.draw(runs[-1], responses, figures.folder(docs / "paper")):
+    for path in figures.draw(runs[-1], responses, figures.folder(docs / "pictures" / "paper")):
         print(path)
     _, *others = _STRIPS
     for name in others:
@@ -273,7 +274,7 @@ def main(docs: Path) -> None:
         for exposure_us in EXPOSURES_US:
             print(f"{name}, {exposure_us} us ...", file=sys.stderr)
             runs.append(characterize(load(SensorFile, name), _SEED, exposure_us, hand=hand))
-    page = docs / "paper.md"
+    page = figures.folder(docs / "evidence") / "paper.md"
     atomic.write_text(
         document(runs, departures_um, sensor.length_mm), page, atomic.begins("a page", b"# ")
     )

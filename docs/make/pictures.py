@@ -43,7 +43,8 @@ from spots_sim.strip.files import (
 )
 from spots_sim.strip.scenario import Scenario
 
-_HERE = Path(__file__).parents[1]
+_TEMPLATES = Path(__file__).parent
+_PICTURES = _TEMPLATES.parent / "pictures"
 
 
 class Wire(NamedTuple):
@@ -90,7 +91,7 @@ def main() -> None:
         print(path)
 
 
-def wirings(folder: Path = _HERE) -> list[Path]:
+def wirings(folder: Path = _PICTURES) -> list[Path]:
     """Draw the wiring of every real board, for each wiring of the LED; return the files' paths.
 
     The names are wiring-BOARD.svg for an LED on the chip's pin LDR, and wiring-BOARD-LED.svg for
@@ -125,7 +126,7 @@ def wirings(folder: Path = _HERE) -> list[Path]:
 
 
 def _template(name: str) -> Template:
-    return Template((_HERE / f"{name}.svg.in").read_text(encoding="utf-8"))
+    return Template((_TEMPLATES / f"{name}.svg.in").read_text(encoding="utf-8"))
 
 
 def _height(row: int, pitch: float) -> float:
@@ -162,7 +163,7 @@ def _wire(wire: Wire, drawn: tuple[str, int], pitch: float) -> str:
 
 
 def demo() -> Path:
-    """Run the demo up to `MOMENT_S` and draw docs/demo.svg; return its path."""
+    """Run the demo up to `MOMENT_S` and draw demo.svg; return its path."""
     truth = Scenario(load(ScenarioFile, "demo"))
     board, _ = open_fast("default", truth, seed=0)
     score = Score(truth, 0.0)
@@ -180,7 +181,7 @@ def demo() -> Path:
 
 
 def twin() -> Path:
-    """Run a simulated linkage up to `WROTE_S` and draw docs/fivebar/twin.svg; return its path."""
+    """Run a simulated linkage up to `WROTE_S` and draw linkage/twin.svg; return its path."""
     files = load(SensorFile, "default"), load(LinkageFile, "default")
     motion = guided(load(PathFile, "sust"), START_S)
     with Simulation(*files, motion, 0, 30_000) as simulation:
@@ -193,11 +194,11 @@ def twin() -> Path:
         stats = [board.stats for board in simulation.boards]
         view = TwinView(one, [board.port for board in simulation.boards])
         picture = view.picture(stats, WROTE_S)
-    return _drawn(picture, "fivebar/twin.svg", "spots twin --port virtual")
+    return _drawn(picture, "linkage/twin.svg", "spots twin --port virtual")
 
 
 def controller() -> Path:
-    """Run the controller up to `HARD_S` and draw docs/controller.svg; return its path."""
+    """Run the controller up to `HARD_S` and draw controller.svg; return its path."""
     truth = Scenario(load(ScenarioFile, "demo"))
     board, _ = open_fast("default", truth, seed=0)
     settings = load_controller()
@@ -210,7 +211,7 @@ def controller() -> Path:
 
 
 def keyboard() -> Path:
-    """Run the keyboard until it has typed `TYPED` and draw docs/keyboard.svg; return its path."""
+    """Run the keyboard until it has typed `TYPED` and draw keyboard.svg; return its path."""
     truth = Scenario(load(ScenarioFile, "typing"))
     layout = load_layout("mini")
     typed, touch = TypedText(), None
@@ -231,14 +232,14 @@ def keyboard() -> Path:
 
 
 def flavors() -> Path:
-    """Draw when a key is a tap and when a hold, docs/flavors.svg; return its path."""
-    path = _HERE / "flavors.svg"
+    """Draw when a key is a tap and when a hold, flavors.svg; return its path."""
+    path = _PICTURES / "flavors.svg"
     atomic.write_text(timing_picture.document(), path, SVG)
     return path
 
 
 def wearable() -> Path:
-    """Run a strip on an arm up to `WORN_S` and draw docs/wearable.svg; return its path."""
+    """Run a strip on an arm up to `WORN_S` and draw wearable.svg; return its path."""
     truth = Scenario(load(ScenarioFile, "worn"))
     mapping, found, touch = Mapping(), [], None
     gestures = Gestures()
@@ -259,7 +260,7 @@ def _drawn(picture, name: str, title: str) -> Path:
         file=io.StringIO(), record=True, width=82, force_terminal=True, color_system="truecolor"
     )
     console.print(picture)
-    path = _HERE / name
+    path = _PICTURES / name
     atomic.write_text(console.export_svg(title=title), path, SVG)
     return path
 

@@ -25,8 +25,8 @@ from spots_web.serve import Server
 from spots_web.state import PageState
 from spots_web.twin_feed import driven_readers
 
-_HERE = Path(__file__).parents[1]
-sys.path.append(str(_HERE.parent / "tests"))
+_FOLDER = Path(__file__).parents[1] / "pictures"
+sys.path.append(str(_FOLDER.parents[1] / "tests"))
 from support.bring_browser import launch_options  # noqa: E402
 
 # Before a screenshot: wait until the plots of ten seconds are full, and then until a finger presses
@@ -68,9 +68,9 @@ async def strip(browser: Browser) -> None:
             await asyncio.sleep(_AFTER_S)
             while await page.evaluate(_FORCE_N) < _HARD_N:
                 await asyncio.sleep(0.05)
-            await page.screenshot(path=_HERE / name, full_page=True)
+            await page.screenshot(path=_FOLDER / name, full_page=True)
             await context.close()
-            print(_HERE / name)
+            print(_FOLDER / name)
     reader.stop()
 
 
@@ -88,9 +88,9 @@ async def linkage(browser: Browser) -> None:
         page = await context.new_page()
         await page.goto(server.url)
         await asyncio.sleep(_AFTER_S)
-        await page.locator("#twin").screenshot(path=_HERE / "page-twin.png")
+        await page.locator("#twin").screenshot(path=_FOLDER / "page-twin.png")
         await context.close()
-        print(_HERE / "page-twin.png")
+        print(_FOLDER / "page-twin.png")
     for reader in readers:
         reader.stop()
 
@@ -129,9 +129,9 @@ async def calibration(browser: Browser) -> None:
             await page.locator("#calibration .finger.on").wait_for()
             while "\n0\n" in await page.locator("#spectrum").inner_text():
                 await asyncio.sleep(0.05)
-            await page.screenshot(path=_HERE / "page-calibration.png")
+            await page.screenshot(path=_FOLDER / "page-calibration.png")
             await context.close()
-            print(_HERE / "page-calibration.png")
+            print(_FOLDER / "page-calibration.png")
         reader.stop()
 
 
@@ -157,14 +157,14 @@ async def editor(browser: Browser) -> None:
             await page.get_by_role("combobox", name="double tap").fill("ctrl+z")
             while await page.evaluate(_FORCE_N) < _HARD_N:
                 await asyncio.sleep(0.05)
-            await page.screenshot(path=_HERE / "page-editor.png")
-            print(_HERE / "page-editor.png")
+            await page.screenshot(path=_FOLDER / "page-editor.png")
+            print(_FOLDER / "page-editor.png")
             await page.locator("#edit-controller").click()
             await asyncio.sleep(_SIGNAL_S)
             await page.locator("#controller").evaluate("panel => panel.scrollIntoView()")
-            await page.screenshot(path=_HERE / "page-controller.png")
+            await page.screenshot(path=_FOLDER / "page-controller.png")
             await context.close()
-            print(_HERE / "page-controller.png")
+            print(_FOLDER / "page-controller.png")
         reader.stop()
 
 

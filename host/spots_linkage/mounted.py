@@ -174,7 +174,7 @@ def load(path: str | Path) -> Mounted:
     except FileNotFoundError:
         raise SpotsError(
             f"cannot read the linkage file {path}, because there is no such file: name another "
-            "file; docs/fivebar.md shows how to write one"
+            "file; docs/evidence/linkage.md shows how to write one"
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise kinds.not_read(path, error, "a linkage file") from None
@@ -204,7 +204,7 @@ def save(mounted: Mounted, path: Path, before: Mounted | None, comment: str = ""
         If the file cannot be written, or has another content than `before`.
     """
     rows = [
-        "# A five-bar linkage and the strips in its joints, see docs/fivebar.md.",
+        "# A five-bar linkage and the strips in its joints, see docs/evidence/linkage.md.",
         *(f"# {line}" for line in comment.splitlines()),
         "",
         "# Joint 1 is at (0, 0), joint 2 at (base, 0).",

@@ -1,1 +1,1 @@
-"""Publishes boards over Zenoh, and reads boards on other machines; see docs/zenoh.md."""
+"""Publishes boards over Zenoh, and reads boards on other machines; see docs/lab/zenoh.md."""

@@ -70,7 +70,7 @@ class BoardReader:
         Key layout to show until a request changes the layout.
     state : PageState
         State of the web UI; its parts ``board``, ``touch``, ``spectrum``, ``keys``, ``stick``,
-        ``untrusted``, ``beside`` and ``link`` are set, see docs/page.md.
+        ``untrusted``, ``beside`` and ``link`` are set, see docs/try/web.md.
     search_every_s : float
         Time between two searches for a board, in seconds.
     on_touch : callable

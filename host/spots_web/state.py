@@ -29,7 +29,7 @@ class Cursor(NamedTuple):
 
 
 class PageState:
-    """State of the web UI: values by name, called parts (see docs/page.md), and a list of events.
+    """State of the web UI: values by name, called parts (docs/try/web.md), and a list of events.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class PageState:
         Parameters
         ----------
         name : str
-            Name of the part, see docs/page.md.
+            Name of the part, see docs/try/web.md.
         value : object
             New value, of JSON types; None removes the part from the web UI.
         """

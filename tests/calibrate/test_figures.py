@@ -128,7 +128,7 @@ def test_the_document_has_what_was_measured_and_what_cannot_be(run):
         assert number in page
     assert all(len(row[3]) == 2 and row[4].endswith(".") for row in rows([run, run], [42.0, 6.0]))
     for name in NAMES:
-        assert f"(paper/{name}.png)" in page
+        assert f"(../pictures/paper/{name}.png)" in page
 
 
 def test_the_program_of_the_page_writes_it_and_its_figures(run, responses, tmp_path, monkeypatch):
@@ -136,5 +136,5 @@ def test_the_program_of_the_page_writes_it_and_its_figures(run, responses, tmp_p
         stub = create_autospec(getattr(paper, name), return_value=result)
         monkeypatch.setattr(paper, name, stub)
     paper.main(tmp_path)
-    assert "| 7 µm |" in (tmp_path / "paper.md").read_text(encoding="utf-8")
-    assert {path.stem for path in (tmp_path / "paper").glob("*.png")} == NAMES
+    assert "| 7 µm |" in (tmp_path / "evidence" / "paper.md").read_text(encoding="utf-8")
+    assert {path.stem for path in (tmp_path / "pictures" / "paper").glob("*.png")} == NAMES

@@ -9,7 +9,7 @@ import pytest
 from spots import cli
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^ *```sh\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 # cmd.exe knows no single quotes, no variables before a command, and takes # for a word.
 NOT_IN_CMD = re.compile(r"^'|[ =]'|^[A-Z_]+=|\$[A-Z{(]")

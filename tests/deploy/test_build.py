@@ -21,7 +21,7 @@ from spots_sim.board.vm import micropython_command
 
 VIPER = ("reading/kernel", "fingers/locate")
 MACHINE_CODE = {f"spots_device/{name}.mpy" for name in (*VIPER, "reading/sticking", "sensor/burst")}
-DOCS = Path(__file__).parents[2] / "docs"
+PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 
 
 @pytest.mark.parametrize("board", board_names())
@@ -206,7 +206,7 @@ def test_every_board_with_pins_has_a_picture_of_its_wiring():
     wired = [device for device in devices if not device.name.startswith("virtual")]
     assert all(device.wiring for device in wired)
     for device in wired:
-        picture = (DOCS / f"wiring-{device.name}.svg").read_text(encoding="utf-8")
+        picture = (PICTURES / f"wiring-{device.name}.svg").read_text(encoding="utf-8")
         pins = [device.wiring[name] for name in ("power", "ground", "sda", "scl")]
         assert all(f">{pin}</text>" in picture for pin in pins)
 
@@ -216,7 +216,7 @@ def test_every_picture_of_a_wiring_is_as_its_board_file_says(tmp_path):
 
     drawn = {path.name: path.read_text(encoding="utf-8") for path in wirings(tmp_path)}
     assert drawn == {
-        path.name: path.read_text(encoding="utf-8") for path in DOCS.glob("wiring-*.svg")
+        path.name: path.read_text(encoding="utf-8") for path in PICTURES.glob("wiring-*.svg")
     }
 
 
@@ -228,7 +228,7 @@ def test_a_pin_of_a_pico_is_drawn_on_the_side_where_it_is():
             number = int(wiring[pin].rpartition("pin ")[2])
             drawn = ["left", number] if number <= 20 else ["right", 41 - number]
             assert wiring["drawn"][pin] == drawn
-        picture = (DOCS / f"wiring-{name}.svg").read_text(encoding="utf-8")
+        picture = (PICTURES / f"wiring-{name}.svg").read_text(encoding="utf-8")
         for pin, x in (("6", 72), ("7", 72), ("36", 218), ("38", 218)):
             assert re.search(rf'<text x="{x}"[^>]*>[^<]*pin {pin}<', picture)
 
@@ -237,12 +237,12 @@ def test_a_pin_of_a_pico_is_drawn_on_the_side_where_it_is():
 def test_the_wiring_of_other_leds_is_drawn_with_their_pins(led, more):
     for name in set(board_names()) - {"virtual", "virtual_circuitpython"}:
         wiring = device_of(name).wiring
-        picture = (DOCS / f"wiring-{name}-{led}.svg").read_text(encoding="utf-8")
+        picture = (PICTURES / f"wiring-{name}-{led}.svg").read_text(encoding="utf-8")
         for pin in ("power", "ground", "sda", "scl", *more):
             x = {"left": 72, "right": 218}[wiring["drawn"][pin][0]]
             assert re.search(rf'<text x="{x}"[^>]*>{re.escape(wiring[pin])}<', picture)
         assert "LDR" not in picture
-        assert "LDR" in (DOCS / f"wiring-{name}.svg").read_text(encoding="utf-8")
+        assert "LDR" in (PICTURES / f"wiring-{name}.svg").read_text(encoding="utf-8")
 
 
 def test_every_board_names_the_pin_of_a_strips_led():

@@ -1,4 +1,4 @@
-"""Frames of the firmware: compared with other encoders, and with the bytes in docs/protocol.md."""
+"""Frames of the firmware: compared with other encoders, and the bytes in extend/protocol.md."""
 
 import struct
 import zlib

@@ -1,4 +1,4 @@
-"""The picture of tap and hold is that of the engine, and so is the table in docs/keyboard.md."""
+"""Picture and table of tap and hold in docs/type/keyboard.md are those of the engine."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ def first(flavor, gesture):
 
 
 def test_the_table_of_the_flavors_is_that_of_the_engine():
-    text = (DOCS / "keyboard.md").read_text(encoding="utf-8")
+    text = (DOCS / "type" / "keyboard.md").read_text(encoding="utf-8")
     rows = dict(
         re.findall(r"^\| `([\w-]+)`(?: \(default\))? (\|(?:[^|]*\|){4})$", text, re.MULTILINE)
     )
@@ -52,4 +52,5 @@ def test_the_picture_shows_each_finger_and_each_key():
 
 
 def test_the_picture_of_the_document_is_the_present_one():
-    assert (DOCS / "flavors.svg").read_text(encoding="utf-8") == timing_picture.document()
+    picture = (DOCS / "pictures" / "flavors.svg").read_text(encoding="utf-8")
+    assert picture == timing_picture.document()

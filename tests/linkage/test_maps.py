@@ -1,4 +1,4 @@
-"""Figures of a simulated linkage, and the figures and numbers in docs/fivebar.md."""
+"""Figures of a simulated linkage, and the figures and numbers in docs/evidence/linkage.md."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_the_page_tells_what_was_measured(files, found, run):
     one_board = {"ideal": [found]}
     text = page.document(surveys, one_board, runs, linkage, Mechanism(linkage, sensor))
     for name in ("angles", "deviation", "sust"):
-        assert f"(fivebar/{name}.png)" in text
+        assert f"(../pictures/linkage/{name}.png)" in text
     for part in (found.given, found.calibrated, found.rested):
         assert f"{part.max_mm:.3f} to {part.max_mm:.3f}" in text
     figures = run.summary()

@@ -1,4 +1,4 @@
-"""docs/recording.md: its statements about the file format are correct."""
+"""docs/program/recordings.md: its statements about the file format are correct."""
 
 import configparser
 import re
@@ -17,7 +17,9 @@ from spots.link.frames import Decoder, Note, note
 from spots.recording.arrays import _TABLES
 from spots.recording.header import Header
 
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "recording.md").read_text(encoding="utf-8")
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "program" / "recordings.md").read_text(
+    encoding="utf-8"
+)
 
 
 def test_the_note_that_is_taken_apart_is_one():

@@ -1,4 +1,4 @@
-"""The program and the configurations in docs/zenoh.md."""
+"""The program and the configurations in docs/lab/zenoh.md."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spots_net import zenoh_session as session_module
 from spots_net.outlet import values
 from spots_net.zenoh_session import open_session
 
-TEXT = (Path(__file__).parents[2] / "docs" / "zenoh.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[2] / "docs" / "lab" / "zenoh.md").read_text(encoding="utf-8")
 
 
 def blocks(language):

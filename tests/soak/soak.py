@@ -116,7 +116,7 @@ class Watch:
 
     def _take(self, frame) -> None:
         gaps = self._told_gaps()
-        if gaps != self._gaps:  # see docs/protocol.md: a dropped KEY frame is not sent again
+        if gaps != self._gaps:  # see docs/extend/protocol.md: a dropped KEY frame is not sent again
             self._gaps = gaps
             for strip in self.strips:
                 strip["frames"].release()

@@ -43,8 +43,8 @@ LINES = [one for one in shell_lines("README.md") if one.startswith("spots ")]
 
 
 def steps():
-    """Return the text of the section `From bare board to key press` in docs/hardware.md."""
-    text = (ROOT / "docs/hardware.md").read_text(encoding="utf-8")
+    """Return the text of the section `From bare board to key press` in docs/build/hardware.md."""
+    text = (ROOT / "docs/build/hardware.md").read_text(encoding="utf-8")
     return text.split("## From bare board to key press\n")[1].split("\n## ")[0]
 
 

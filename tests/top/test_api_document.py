@@ -1,4 +1,4 @@
-"""The examples of docs/api.md and of the public docstrings, on a board in simulated time."""
+"""The examples of docs/program/api.md and of public docstrings, on a board in simulated time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
 
-TEXT = (Path(__file__).parents[2] / "docs/api.md").read_text(encoding="utf-8")
+TEXT = (Path(__file__).parents[2] / "docs/program/api.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
 FILES = Path(__file__).parents[1] / "data"  # run.spots and joint.toml of the examples
 matplotlib.use("Agg")

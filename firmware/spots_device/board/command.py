@@ -1,8 +1,8 @@
 """Text commands from the host: one ASCII line each; the reply is one JSON object.
 
-docs/protocol.md describes the commands. An invalid line changes no settings, calibration or layout;
-the reply to it contains an error sentence. Commands allocate memory, which is acceptable because
-they are rare.
+docs/extend/protocol.md describes the commands. An invalid line changes no settings, calibration or
+layout; the reply to it contains an error sentence. Commands allocate memory, which is acceptable
+because they are rare.
 """
 
 import gc

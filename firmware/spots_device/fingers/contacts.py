@@ -1,4 +1,4 @@
-"""Sends CONTACT frames of the fingers that `tracker.ContactTracker` finds; see docs/protocol.md.
+"""Sends CONTACT frames of the fingers of `tracker.ContactTracker`; see docs/extend/protocol.md.
 
 The tracker is not that of the keys: a key decides whether a second finger counts, and the frames
 must not depend on the keys. Imported only while contacts are streamed. Integers only; allocates

@@ -19,7 +19,7 @@ from array import array
 
 from .log2 import log2_q20
 
-# Flags of a reading, see docs/protocol.md.
+# Flags of a reading, see docs/extend/protocol.md.
 TOUCHING = 1 << 0
 SATURATED = 1 << 1
 TOO_DARK_BIT = 2

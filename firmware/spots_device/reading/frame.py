@@ -1,4 +1,4 @@
-"""Frames from board to host: COBS(payload, CRC-32) and a zero byte. See docs/protocol.md.
+"""Frames from board to host: COBS(payload, CRC-32) and a zero byte. See docs/extend/protocol.md.
 
 Board and host both use the formats in this module. The board's 32-bit time is written as two
 halves, because a small int has 31 bits. Packing and sending allocate nothing.
@@ -123,7 +123,7 @@ class Framer:
         return self._send_body(KEY | sensor << 4, d.HEADER_SIZE + _KEY)
 
     def contact(self, sensor, finger, state, position_um, sigma_um, force_mN):
-        """Send a finger as a CONTACT frame; docs/protocol.md describes the arguments."""
+        """Send a finger as a CONTACT frame; docs/extend/protocol.md describes the arguments."""
         pack_into(
             CONTACT_BODY,
             self.payload,

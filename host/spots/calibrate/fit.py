@@ -1,6 +1,6 @@
 """Fits a calibration to presses at known positions and with known forces.
 
-L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper (docs/paper.md), L_i
+L_i is log2 of the dark-subtracted counts of channel i. By Eq. 1 of the paper, L_i
 is locally linear in the position and in the logarithm of the coupled light. Generalised least
 squares with the noise of each channel gives the best linear estimates of these two quantities. In
 each segment of the strip, the estimate of each quantity is a weighted sum of the L_i. The misfit is

@@ -1,7 +1,7 @@
 """Fits a model of a strip's light to presses whose positions and forces have errors.
 
 For a press at the position x with the force F, the model of log2 of the counts of channel c is
-``s_c(x) + g(F) + t_c(x, F)``. By Eq. 1 of the paper (docs/paper.md), position and force act on the
+``s_c(x) + g(F) + t_c(x, F)``. By Eq. 1 of the paper, position and force act on the
 logarithm separately, so t_c is 0 unless the colour of a press depends on its force. `s_c` and `g`
 are Chebyshev series whose coefficients have a Gaussian prior. The prior is narrower for higher
 degrees, and has a different width for each channel. `t_c` is a sum of products of polynomials in

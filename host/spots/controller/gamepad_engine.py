@@ -228,7 +228,7 @@ def usable(touch: Touch) -> bool:
     """Return whether a reading is accurate enough for a controller.
 
     Such a reading is trusted, or has both flags of `TWO_FIT`: the spectrum fits one press well
-    enough, although the strip has drifted or two fingers may touch. See docs/drift.md.
+    enough, although the strip has drifted or two fingers may touch. See docs/calibrate/drift.md.
     """
     return touch.touching and touch.flags & DOUBTFUL in (0, TWO_FIT)
 

@@ -43,7 +43,8 @@ class Cause(NamedTuple):
     words : str
         Its name for the user.
     sizes : tuple of (str, float)
-        Changes of the spectrum, as keys of a change file (docs/drift.md), and their usual sizes.
+        Changes of the spectrum, as keys of a change file (docs/calibrate/drift.md), and their
+        usual sizes.
     """
 
     words: str
@@ -53,7 +54,8 @@ class Cause(NamedTuple):
 _BLUE = "the blue light of the LED"
 _RED = "the phosphor of the LED, or the light at the glued ends"
 _WARM = "the temperature, or the sensor's filters"
-# Changes within some months are assumed. Changes per kelvin are those of docs/drift.md, for 10 K.
+# Changes within some months are assumed. Changes per kelvin are those of docs/calibrate/drift.md,
+# for 10 K.
 CAUSES = (
     Cause(_BLUE, (("die_nm", 0.3),)),
     Cause(_BLUE, (("blue_share_percent", 1.0),)),

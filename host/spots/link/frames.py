@@ -1,4 +1,4 @@
-"""Decodes the bytes of a board into frames; see docs/protocol.md.
+"""Decodes the bytes of a board into frames; see docs/extend/protocol.md.
 
 A recording also contains notes: frames that the recorder adds. They are encoded and decoded here.
 
@@ -288,7 +288,7 @@ class Text(NamedTuple):
     sensor, sequence, t_us
         See `Touch`; in a reply, `t_us` is the time at which it was sent.
     content : dict
-        The JSON object of the reply or log line, see docs/protocol.md.
+        The JSON object of the reply or log line, see docs/extend/protocol.md.
 
     Examples
     --------
@@ -303,7 +303,7 @@ class Text(NamedTuple):
 
 
 class Note(NamedTuple):
-    """An entry that a recorder adds between the frames of a board; see docs/recording.md.
+    """An entry that a recorder adds between the frames of a board; see docs/program/recordings.md.
 
     Attributes
     ----------

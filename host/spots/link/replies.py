@@ -21,7 +21,7 @@ _Dark = Annotated[list[_Number], msgspec.Meta(min_length=CHANNELS, max_length=CH
 
 
 class Settings(TypedDict):
-    """Settings of a board, see docs/protocol.md.
+    """Settings of a board, see docs/extend/protocol.md.
 
     ``led`` is the way in which the LED is connected, such as "ldr".
     """
@@ -71,7 +71,7 @@ class Hello(Settings):
 
 
 class Get(Settings):
-    """The reply to ``get``: the board's settings and state, see docs/protocol.md.
+    """The reply to ``get``: the board's settings and state, see docs/extend/protocol.md.
 
     ``full_scale`` is the largest possible count. ``dark`` is the dark frame, see `DarkFrame`.
     ``missed`` is the number of missed samples. ``fault`` is the reason why the sensor does not

@@ -1,1 +1,1 @@
-"""Records the bytes of a link, and reads recordings; see docs/recording.md."""
+"""Records the bytes of a link, and reads recordings; see docs/program/recordings.md."""

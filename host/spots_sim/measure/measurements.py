@@ -1,7 +1,7 @@
 """Measures a simulated sensor as section III of the paper does, through the firmware.
 
-docs/calibration.md defines resolution, accuracy, bias and noise. All readings come from the real
-firmware; the simulated stage gives the true position and force.
+docs/calibrate/calibration.md defines resolution, accuracy, bias and noise. All readings come from
+the real firmware; the simulated stage gives the true position and force.
 """
 
 from __future__ import annotations
