@@ -1,4 +1,23 @@
-"""Errors that a user can correct, and helpers for their messages."""
+"""Errors that a user can correct, and helpers for their messages.
+
+All of them are a `SpotsError`. A program catches the class; the sentence is for people::
+
+    SpotsError
+    ├── SettingError        an argument, an option or a setting is invalid
+    ├── FileError           a file is missing, damaged, or cannot be written (path, place)
+    │   ├── InUseError      another program uses the file
+    │   └── ChangedError    another program has changed the file
+    ├── RequirementError    this computer lacks a package, a device or a permission
+    ├── StateError          the action is not possible now
+    ├── CalibrationError    presses give no valid calibration, or the calibration does not fit
+    ├── BoardError          the board refuses a command, or cannot do what was asked (why)
+    └── PortError           no board can be reached
+        ├── PortLostError   the port disappeared: unplugged, or restarting
+        ├── RefusedError    another board or another device is on the port
+        ├── AtPromptError   the board is at its Python prompt
+        ├── NoReplyError    no reply to a command arrived in time
+        └── ClosedError     the program has closed the board
+"""
 
 import difflib
 import json
@@ -63,16 +82,16 @@ def path_text(value: object, what: str) -> str:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the value is neither a text nor a path, or the text is empty or has a zero.
     """
     text: Any = (
         os.fspath(cast("os.PathLike[str]", value)) if hasattr(value, "__fspath__") else value
     )
     if not isinstance(text, str):
-        raise SpotsError(f"{what} must be a text or a pathlib.Path, not {value!r}")
+        raise SettingError(f"{what} must be a text or a pathlib.Path, not {value!r}")
     if not text or "\0" in text:
-        raise SpotsError(f"{what} must be a name, not {text!r}")
+        raise SettingError(f"{what} must be a name, not {text!r}")
     return text
 
 
@@ -93,7 +112,102 @@ class SpotsError(Exception):
         super().__init__(text if len(text) <= _LONGEST else f"{text[:half]} ... {text[-half:]}")
 
 
-def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsError:
+class SettingError(SpotsError):
+    """Raised if an argument, an option or a setting is invalid, or does not fit to the others."""
+
+
+class FileError(SpotsError):
+    """Raised if a file or folder is missing, is invalid, or cannot be read or written.
+
+    Parameters
+    ----------
+    text : str
+        The sentence.
+    path : str or Path, optional
+        The file or folder.
+    place : str, optional
+        Where in the file: a line such as "line 3", or a TOML key such as "layer.key.tap".
+
+    Attributes
+    ----------
+    path : str
+        The file or folder; empty if it has no path, such as a text that is not stored yet.
+    place : str
+        Where in the file; empty if the whole file is meant.
+    """
+
+    def __init__(self, text: str, path: "str | os.PathLike[str]" = "", place: str = ""):
+        super().__init__(text)
+        self.path, self.place = os.fspath(path), place
+
+
+class InUseError(FileError):
+    """Raised if another program, or another part of this program, uses the same file."""
+
+
+class ChangedError(FileError):
+    """Raised if a file is not what its writer read before: another program has changed it."""
+
+
+class RequirementError(SpotsError):
+    """Raised if this computer lacks a package, a device, a permission or a free network port."""
+
+
+class StateError(SpotsError):
+    """Raised if an action is not possible now: it runs already, has ended, or was not confirmed."""
+
+
+class CalibrationError(SpotsError):
+    """Raised if presses give no valid calibration, or if a calibration does not fit the strip."""
+
+
+class BoardError(SpotsError):
+    """Raised if the board refuses a command, or cannot do what was asked in its present state.
+
+    Parameters
+    ----------
+    text : str
+        The sentence.
+    why : str, optional
+        The code of the reason.
+
+    Attributes
+    ----------
+    why : str
+        Code of the reason, such as "busy": one of `link.board_errors.REASONS`. Empty if it is
+        unknown, because the firmware is older than the codes.
+    """
+
+    def __init__(self, text: str, why: str = ""):
+        super().__init__(text)
+        self.why = why
+
+
+class PortError(SpotsError):
+    """Raised if no board can be reached: there is no port, or no SPOTS board answers on it."""
+
+
+class PortLostError(PortError):
+    """Raised if the port disappeared: the board was unplugged, or restarted and closed its port."""
+
+
+class RefusedError(PortError):
+    """Raised if another board or another device is on the port of the board that is meant."""
+
+
+class AtPromptError(PortError):
+    """Raised if a board is at its Python prompt (REPL), so that its firmware does not run."""
+
+
+class NoReplyError(PortError):
+    """Raised if no reply to a command arrived: the board may have executed the command, or not."""
+
+
+class ClosedError(PortError):
+    """Raised if the board is used after the program has closed it."""
+
+
+def missing(what: str, package: str, extra: str, instead: str = "") -> RequirementError:
     """Return the error for an optional package that is not installed.
 
     Parameters
@@ -109,10 +223,10 @@ def missing(what: str, package: str, extra: str, instead: str = "") -> SpotsErro
 
     Returns
     -------
-    SpotsError
+    RequirementError
         Error whose text has the command that installs the package.
     """
-    return SpotsError(f"{what} {package}: {_install(extra)}{instead}")
+    return RequirementError(f"{what} {package}: {_install(extra)}{instead}")
 
 
 def _install(extra: str) -> str:
@@ -134,27 +248,3 @@ def _install(extra: str) -> str:
         if path and os.path.exists(path):
             source, option = path, "-e " * origin.get("dir_info", {}).get("editable", False)
     return f'pip install {option}"{source}[{extra}]"'
-
-
-class PortLostError(SpotsError):
-    """Raised if the port disappeared: the board was unplugged, or restarted and closed its port."""
-
-
-class ClosedError(SpotsError):
-    """Raised if the board is used after the program has closed it."""
-
-
-class CommandError(SpotsError):
-    """Raised if the board refuses a command."""
-
-
-class NoReplyError(SpotsError):
-    """Raised if no reply to a command arrived: the board may have executed the command, or not."""
-
-
-class RefusedError(SpotsError):
-    """Raised if another board or another device is now on the port of a lost board."""
-
-
-class AtPromptError(SpotsError):
-    """Raised if a board is at its Python prompt (REPL), so that its firmware does not run."""

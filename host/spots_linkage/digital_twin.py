@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise, takewhile
 from typing import NamedTuple
 
-from spots.errors import SpotsError
+from spots.errors import SettingError, SpotsError
 from spots.link.board import Board
 from spots.link.frames import Touch
 from spots.link.lines import of_sensor
@@ -143,7 +143,7 @@ class Twin:
     def __init__(self, linkage: Linkage, encoders: tuple[Encoder, Encoder]):
         if not isinstance(encoders, Sequence) or len(encoders) != 2:
             count = len(encoders) if isinstance(encoders, Sequence) else repr(encoders)
-            raise SpotsError(
+            raise SettingError(
                 f"a linkage needs two encoders, not {count}: give one encoder per joint"
             )
         self.linkage = linkage
@@ -169,11 +169,11 @@ class Twin:
 
         Raises
         ------
-        SpotsError
+        SettingError
             If `joint` is neither 0 nor 1.
         """
         if joint not in (0, 1):
-            raise SpotsError(
+            raise SettingError(
                 f"the index of a joint must be 0 or 1, not {joint}: pass only the readings of the "
                 "linkage's two strips"
             )

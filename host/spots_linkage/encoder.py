@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from spots.calibrate.calibration_file import Joint, load
-from spots.errors import SpotsError
+from spots.errors import CalibrationError, SettingError
 from spots.link.clockmap import ClockMap
 from spots.link.frames import Touch
 
@@ -78,7 +78,7 @@ class Encoder:
 
     Raises
     ------
-    SpotsError
+    CalibrationError, SettingError
         If the calibration file cannot be read or is not that of a joint, or `offset_rad` or `gain`
         is invalid.
 
@@ -105,12 +105,12 @@ class Encoder:
         if isinstance(joint, (str, PathLike)):
             source, joint = joint, load(Path(joint)).joint
         if not isinstance(joint, Joint):
-            raise SpotsError(
+            raise CalibrationError(
                 f"{source} is not the calibration of a joint: run 'spots calibrate joint'"
             )
         numbers = all(isinstance(one, (int, float)) for one in (offset_rad, gain))
         if not (numbers and math.isfinite(offset_rad) and math.isfinite(gain) and gain):
-            raise SpotsError(
+            raise SettingError(
                 "offset and gain of an encoder must be finite numbers, and the gain must not be 0"
             )
         self.joint = joint

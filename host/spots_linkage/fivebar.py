@@ -10,7 +10,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from spots.errors import SpotsError
+from spots.errors import SettingError, SpotsError
 
 # Rounding errors may exceed a limit by this share of the lengths: 0.1 nm on 100 mm.
 _ROUNDING = 1e-12
@@ -92,7 +92,7 @@ class Linkage:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If an argument is invalid, or the lengths cannot form a linkage.
 
     Notes
@@ -116,18 +116,20 @@ class Linkage:
             bars = np.broadcast_to(np.asarray(bar_mm, dtype=float), 4)
             lengths = np.append(bars, float(base_mm))
         except (TypeError, ValueError):
-            raise SpotsError(
+            raise SettingError(
                 "a linkage needs one bar length or four, and one base length, all numbers in mm"
             ) from None
         if not (np.isfinite(lengths).all() and (lengths > 0).all()):
-            raise SpotsError("each length of a linkage must be a positive number of mm")
+            raise SettingError("each length of a linkage must be a positive number of mm")
         if 2 * lengths.max() >= lengths.sum():
-            raise SpotsError(
+            raise SettingError(
                 f"the length {lengths.max():g} mm must be below the sum of the other lengths: "
                 "check the four bars and the base"
             )
         if assembly not in ("far", "near"):
-            raise SpotsError(f"the assembly of a linkage must be 'far' or 'near', not '{assembly}'")
+            raise SettingError(
+                f"the assembly of a linkage must be 'far' or 'near', not '{assembly}'"
+            )
         self.bar_mm = tuple(bars.tolist())
         self.base_mm = float(base_mm)
         self.assembly = assembly
@@ -247,7 +249,7 @@ class Linkage:
         ------
         LimitError
             Under the same conditions as in `jacobian`.
-        SpotsError
+        SettingError
             If an argument is wrong.
         """
         jacobian = self.jacobian(theta1_rad, theta2_rad)
@@ -255,7 +257,7 @@ class Linkage:
         try:
             found = slopes @ np.asarray(angles_rad2, dtype=float) @ np.swapaxes(slopes, -1, -2)
         except (TypeError, ValueError):
-            raise SpotsError(
+            raise SettingError(
                 "the covariance of the angles must be an array of numbers, shape (..., 2, 2)"
             ) from None
         return np.ma.masked_invalid(found) if np.ma.isMaskedArray(jacobian) else found
@@ -429,11 +431,11 @@ def _arrays(what, first, second):
             *(np.ma.filled(np.ma.asarray(v, dtype=float), np.nan) for v in (first, second))
         )
     except (TypeError, ValueError):
-        raise SpotsError(
+        raise SettingError(
             "angles in rad and positions in mm must be numbers, or arrays whose shapes broadcast"
         ) from None
     if what == _ANGLES and max(np.abs(one).max(initial=0.0) for one in found) > _MOST_RAD:
-        raise SpotsError(
+        raise SettingError(
             f"an angle of a linkage is in rad, at most {_MOST_RAD:.4g}: convert degrees with "
             "numpy.radians"
         )

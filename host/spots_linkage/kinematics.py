@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from spots.errors import SpotsError, missing
+from spots.errors import CalibrationError, SettingError, missing
 
 from .fivebar import Linkage, assembled
 
@@ -187,7 +187,7 @@ def calibrate(
 
     Raises
     ------
-    SpotsError
+    CalibrationError, SettingError
         If scipy is missing, an argument has a wrong shape or value, there are too few points, or no
         linkage near the nominal one fits the points.
     """
@@ -195,18 +195,18 @@ def calibrate(
         raise missing("kinematic calibration needs", "scipy", "kinematics")
     angles, x_mm, y_mm = (np.asarray(one, dtype=float) for one in (angles_rad, x_mm, y_mm))
     if not (x_mm.ndim == 1 and x_mm.shape == y_mm.shape and angles.shape == (2, len(x_mm))):
-        raise SpotsError("angles_rad must have shape (2, n), and x_mm and y_mm shape (n,)")
+        raise SettingError("angles_rad must have shape (2, n), and x_mm and y_mm shape (n,)")
     places = np.stack([x_mm, y_mm], axis=-1)
     if not (np.isfinite(angles).all() and np.isfinite(places).all()):
-        raise SpotsError(
+        raise SettingError(
             "angles and positions of a kinematic calibration must be finite numbers: remove the "
             "points with other values"
         )
     angle_sigma_rad = np.broadcast_to(np.asarray(angle_sigma_rad, dtype=float), angles.shape)
     if not ((angle_sigma_rad > 0).all() and place_sigma_mm > 0):
-        raise SpotsError("the standard errors of angles and positions must be more than 0")
+        raise SettingError("the standard errors of angles and positions must be more than 0")
     if not free or set(free) - set(NAMES):
-        raise SpotsError(f"free must name one or more of these parameters: {', '.join(NAMES)}")
+        raise SettingError(f"free must name one or more of these parameters: {', '.join(NAMES)}")
     _check_enough(len(places), set(free))
     values = dict(zip(NAMES, (*start.bar_mm, start.base_mm, *offset_rad, *gain, 0, 0, 0, 1)))
     names = tuple(name for name in NAMES if name in free)
@@ -222,7 +222,7 @@ def calibrate(
         misfit = float(np.median(distance) / np.sqrt(np.log(2)))  # Rayleigh's median
         outlier = distance > _OUTLIER * max(misfit, 1)
     if not np.median(np.hypot(*residual_mm.T)) < _NONSENSE * np.mean(start.bar_mm):
-        raise SpotsError(
+        raise CalibrationError(
             "no linkage near the nominal one fits the points: check its lengths, assembly, offsets "
             "and gains; measure angles and position at the same moment; give positions in mm, and "
             "angles in the unit of the argument or column (_rad or _deg)"
@@ -377,7 +377,7 @@ def _identified(jacobian, names, misfit):
 
 def _check_enough(places, free, where=""):
     if 2 * places < len(free):
-        raise SpotsError(
+        raise CalibrationError(
             f"{where}{places} points give {2 * places} numbers, too few for {len(free)} free "
             "parameters: measure more points"
         )

@@ -10,7 +10,7 @@ from spots.calibrate import calibration_file as calibrations
 from spots.calibrate.calibration_file import CalibrationFile
 from spots.common import atomic, kinds, toml
 from spots.common.bounded import read_text
-from spots.errors import SpotsError
+from spots.errors import FileError, SpotsError
 
 from .encoder import Encoder
 from .fivebar import Linkage
@@ -102,7 +102,7 @@ class Mounted(toml.Strict, kw_only=True):
 
         Raises
         ------
-        SpotsError
+        FileError
             If a calibration file cannot be read, or contains no calibration of a joint.
         """
         found = []
@@ -112,7 +112,9 @@ class Mounted(toml.Strict, kw_only=True):
                 found.append(calibrations.load(file))
                 Encoder(file)
             except SpotsError as error:
-                raise SpotsError(f"linkage file {path}, joint {number}: {error}") from None
+                raise FileError(
+                    f"linkage file {path}, joint {number}: {error}", path, f"joint {number}"
+                ) from None
         return found
 
     def encoders(self, strips: list[CalibrationFile]) -> tuple[Encoder, Encoder]:
@@ -166,19 +168,20 @@ def load(path: str | Path) -> Mounted:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the file cannot be read, or a key in it is unknown, missing or out of range.
     """
     try:
         text = read_text(path)
     except FileNotFoundError:
-        raise SpotsError(
+        raise FileError(
             f"cannot read the linkage file {path}, because there is no such file: name another "
-            "file; docs/evidence/linkage.md shows how to write one"
+            "file; docs/evidence/linkage.md shows how to write one",
+            path,
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise kinds.not_read(path, error, "a linkage file") from None
-    return toml.checked(text, Mounted, f"linkage file {path}")
+    return toml.checked(text, Mounted, "linkage", path)
 
 
 KIND = atomic.Kind("a linkage file", load)

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from spots.common.atomic import check_writable, write_text
-from spots.errors import SpotsError, printable
+from spots.errors import CalibrationError, SettingError, printable
 from spots.link.ports import offered
 from spots.terminal.opening import doubted
 from spots.terminal.view import Pace, drawn
@@ -27,7 +27,7 @@ def twin_command(options: argparse.Namespace) -> None:
 
     Raises
     ------
-    SpotsError
+    CalibrationError, SettingError
         If a file is wrong, or two options exclude each other.
     """
     ports = options.port
@@ -36,12 +36,12 @@ def twin_command(options: argparse.Namespace) -> None:
     if not boards and options.linkage.endswith(".toml") and not Path(options.linkage).exists():
         mounted.load(options.linkage)  # raises the error about the file, before others follow
     if options.measure and (played or not boards):
-        raise SpotsError(
+        raise SettingError(
             "--measure needs real boards, because you move the end point by hand: name the boards "
             "with --port"
         )
     if options.picture and (ports or boards):
-        raise SpotsError(
+        raise SettingError(
             "--picture shows a simulated linkage: leave out --port, and name no linkage file of "
             "real boards"
         )
@@ -49,11 +49,11 @@ def twin_command(options: argparse.Namespace) -> None:
         _export(options)
         return
     if options.out and not options.calibrate:
-        raise SpotsError("--out writes what --calibrate finds: add --calibrate POINTS.csv")
+        raise SettingError("--out writes what --calibrate finds: add --calibrate POINTS.csv")
     if options.calibrate:
         others = "port", "seconds", "json", "record", "measure", "picture"
         if any(getattr(options, name) for name in others):
-            raise SpotsError(
+            raise SettingError(
                 "--calibrate reads a file of points and no board: leave out all options except "
                 "--linkage, --place-sigma-mm and --out"
             )
@@ -71,14 +71,14 @@ def twin_command(options: argparse.Namespace) -> None:
                 doubted(board)
             count = show(source, options.seconds, options.json, played)
             if not count and all(board.ended for board in source.boards):
-                raise SpotsError(
+                raise CalibrationError(
                     "the recordings give no position: name recordings in which both strips are "
                     "pressed at the same time"
                 )
     else:
         run = offered("virtual", "run_linkage")
         if run is None:
-            raise SpotsError(
+            raise SettingError(
                 "there is no simulator for a linkage: name the linkage file of real boards with "
                 "--linkage"
             )
@@ -130,7 +130,7 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
 def _export(options: argparse.Namespace) -> None:
     others = "port", "seconds", "json", "record", "measure", "picture", "calibrate", "out"
     if any(getattr(options, name) for name in others):
-        raise SpotsError(
+        raise SettingError(
             "--mjcf writes the linkage of a linkage file: leave out all options except --linkage"
         )
     linkage = mounted.load(options.linkage).linkage

@@ -23,7 +23,7 @@ from spots.common.bounded import (
     read_text,
 )
 from spots.common.toml import finite
-from spots.errors import SpotsError, printable
+from spots.errors import CalibrationError, FileError, SpotsError, printable
 
 from . import mounted
 from .encoder import Angle, Encoder
@@ -63,7 +63,7 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
 
     Raises
     ------
-    SpotsError
+    CalibrationError, FileError
         If a file is wrong, `out` would replace a file of another kind, there are too few points,
         or no linkage near the nominal one fits them.
     """
@@ -74,9 +74,10 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
     x_mm, y_mm, *angles_deg = rows.T
     far_mm = np.abs(rows[:, :2]).max(initial=0.0)
     if 0 < far_mm < _METRES * max(drawn.bar_mm):
-        raise SpotsError(
+        raise FileError(
             f"{points}: x_mm and y_mm are at most {far_mm:.3g} mm, but the longest bar has "
-            f"{max(drawn.bar_mm):g} mm: give the positions in mm, not in metres"
+            f"{max(drawn.bar_mm):g} mm: give the positions in mm, not in metres",
+            points,
         )
     angles, sigmas = np.radians(angles_deg[:2]), np.radians(angles_deg[2:])
     names = [_relative(path, (out or linkage).parent) for path in calibrations]
@@ -93,18 +94,18 @@ def fit(points: Path, linkage: Path, place_sigma_mm: float, out: Path | None) ->
         )
         known = drawn.found(found, names)
     except SpotsError as error:
-        raise SpotsError(f"{points}: {error}") from None
+        raise FileError(f"{points}: {error}", points) from None
     check = (
         "nothing was written: check the lengths and gains in the linkage file and the positions of "
         "the points, or give their error with --place-sigma-mm"
     )
     if found.misfit > _MISFIT_MAX:
-        raise SpotsError(
+        raise CalibrationError(
             f"{points}: the fitted linkage misses the points by {found.residual_rms_mm:.3g} mm "
             f"rms, {found.misfit:.0f} times the error that is expected; {check}"
         )
     if len(found.outliers) > _OUTLIERS_MAX * len(lines):
-        raise SpotsError(
+        raise CalibrationError(
             f"{points}: {len(found.outliers)} of {len(lines)} points do not fit, the first in line "
             f"{lines[found.outliers[0]]}; {check}"
         )
@@ -182,7 +183,7 @@ def _angles(source: Source) -> list[list[Angle]]:
             angles[joint].append(angle)
     for number, found in enumerate(angles, 1):
         if len(found) < _LEAST:
-            raise SpotsError(
+            raise CalibrationError(
                 f"joint {number} gave {len(found)} angles in {LASTS_S:g} s, but {_LEAST} are "
                 "needed: check that its indenter presses the strip, and that the board is fast "
                 "enough"
@@ -222,16 +223,18 @@ def _append(path: Path, row: Iterable[float]) -> None:
             atomic.append(path, added.getvalue().encode(encoding))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or error
-        raise SpotsError(
+        raise FileError(
             f"cannot write the file of points {path} ({reason}): the last point is not stored, all "
-            "points before it are; make room, or name another file"
+            "points before it are; make room, or name another file",
+            path,
         ) from None
 
 
 def _no_columns(path: Path, missing: list[str]) -> SpotsError:
-    return SpotsError(
+    return FileError(
         f"{path} has no column {', '.join(missing)}: its first line must name the columns "
-        f"{','.join(COLUMNS)}"
+        f"{','.join(COLUMNS)}",
+        path,
     )
 
 
@@ -249,15 +252,16 @@ def _read(path: Path) -> tuple[np.ndarray, list[int]]:
             rows.append([_number(path, table.line_num, name, row[name]) for name in COLUMNS])
             lines.append(table.line_num)
     except FileNotFoundError:
-        raise SpotsError(
+        raise FileError(
             f"there is no file {path}: make it with 'spots twin --linkage ARM.toml --measure "
-            f"{path}'"
+            f"{path}'",
+            path,
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise kinds.not_read(path, error, "a table of points") from None
     except csv.Error as error:
-        raise SpotsError(
-            f"cannot read {path} as a CSV table ({error}): name another file"
+        raise FileError(
+            f"cannot read {path} as a CSV table ({error}): name another file", path
         ) from None
     return np.array(rows, dtype=float).reshape(-1, len(COLUMNS)), lines
 
@@ -266,11 +270,17 @@ def _number(path: Path, line: int, name: str, text: str | None) -> float:
     try:
         value = finite(text or "")
     except ValueError:
-        raise SpotsError(
-            f"{path}, line {line}: {name} must be a number, not '{text or ''}'"
+        raise FileError(
+            f"{path}, line {line}: {name} must be a number, not '{text or ''}'",
+            path,
+            f"line {line}",
         ) from None
     if name.startswith("sigma") and value <= 0:
-        raise SpotsError(f"{path}, line {line}: {name}, a standard error, must be more than 0")
+        raise FileError(
+            f"{path}, line {line}: {name}, a standard error, must be more than 0",
+            path,
+            f"line {line}",
+        )
     return value
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from spots.calibrate.calibration_file import CalibrationFile
-from spots.errors import SpotsError, path_text
+from spots.errors import CalibrationError, RefusedError, SettingError, path_text
 from spots.link.board import Board
 from spots.link.connect import (
     find,
@@ -82,13 +82,13 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
 
     Raises
     ------
-    SpotsError
+    CalibrationError, SettingError
         If a file is invalid, a board is missing, or a calibration was made on another board.
     """
     twin, strips = loaded(linkage, ports)
     played = [is_recording(port) for port in ports]
     if any(played) and not all(played):
-        raise SpotsError("only one --port is a recording: name two recordings, or two boards")
+        raise SettingError("only one --port is a recording: name two recordings, or two boards")
     with ExitStack() as stack:
         if any(played):
             boards = [
@@ -110,7 +110,7 @@ def opened(linkage: str | Path, ports: list[str] = (), record: list[str] = ()) -
 
         sensors = give_all(boards)
         if boards[0] is boards[1] and sensors[0] == sensors[1]:
-            raise SpotsError(
+            raise CalibrationError(
                 f"both joints have the calibration of strip {sensors[0]} of the board on "
                 f"{boards[0].port}: name the calibrations of two strips in the linkage file"
             )
@@ -137,14 +137,14 @@ def loaded(linkage: str | Path, ports: list[str]) -> tuple[Twin, list[Calibratio
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a file is invalid, or there are more than two ports.
     """
     path = Path(path_text(linkage, "the path of a linkage file"))
     arm = mounted.load(path)
     strips = arm.strips(path)
     if len(ports) > 2:
-        raise SpotsError(
+        raise SettingError(
             f"a linkage has two joints, but --port was given {len(ports)} times: name the port of "
             "joint 1, then the port of joint 2, or one port of a board with both strips"
         )
@@ -240,14 +240,14 @@ def give(board: Board, strip: CalibrationFile, number: int) -> int:
 
     Raises
     ------
-    SpotsError
+    CalibrationError, RefusedError
         If the calibration was made on another board, the board refuses the calibration, or a
         read-only board uses another calibration.
     """
     infos: list[Hello] = [board.command(of_sensor("hello", sensor)) for sensor in board.sensors]
     ids = [str(info["id"]) for info in infos]
     if strip.board not in ids:
-        raise SpotsError(
+        raise RefusedError(
             f"joint {number}, {board.port}: this is board {' and '.join(ids)}, but the calibration "
             f"of the joint was made on board {strip.board}: name the port of that board, in the "
             "order of the joints"
@@ -259,12 +259,12 @@ def give(board: Board, strip: CalibrationFile, number: int) -> int:
         return sensor
     used, needed = info.get("calibration"), checksum(list(strip.lines))
     if used is None:
-        raise SpotsError(
+        raise CalibrationError(
             f"joint {number}, {board.port}: the board has no calibration: save calibration "
             f"{needed} on the board before you record or publish its readings"
         )
     if used != needed:
-        raise SpotsError(
+        raise CalibrationError(
             f"joint {number}, {board.port}: the board uses calibration {used}, but the linkage "
             f"file names calibration {needed}: name the file of calibration {used} in the linkage "
             "file"
@@ -276,7 +276,7 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     """Find and open the boards of two calibrated strips on USB; `stack` closes the boards."""
     wanted = [strip.board for strip in strips]
     if wanted[0] == wanted[1]:
-        raise SpotsError(
+        raise CalibrationError(
             f"both joints have a calibration of the same strip ({wanted[0]}): name the "
             "calibrations of two strips in the linkage file"
         )
@@ -285,7 +285,7 @@ def _found(stack: ExitStack, strips: list[CalibrationFile]) -> list[Board]:
     there = {board.info["id"]: board for board in found}
     missing = [name for name in wanted if name not in there]
     if missing:
-        raise SpotsError(
+        raise CalibrationError(
             f"the joints were calibrated with boards that are missing ({', '.join(missing)}): plug "
             "in each missing board, or name ports with --port; found: "
             f"{', '.join(there) or 'no board'}"
@@ -309,10 +309,10 @@ def record_all(stack: ExitStack, boards: list[Board], paths: list[str]) -> None:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If there are not as many paths as boards, or a file cannot be written.
     """
     if paths and len(paths) != len(boards):
-        raise SpotsError(f"--record was given {len(paths)} times: give it once for each board")
+        raise SettingError(f"--record was given {len(paths)} times: give it once for each board")
     for board, path in zip(boards, paths):
         stack.enter_context(board.record(path))

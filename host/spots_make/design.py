@@ -21,7 +21,7 @@ import numpy as np
 
 from spots.calibrate.presses import FULL_MN
 from spots.common import atomic
-from spots.errors import SpotsError, printable
+from spots.errors import SettingError, printable
 from spots_device.board.settings import DEFAULT_PLAN
 from spots_device.reading.decode import AVERAGE_MAX
 from spots_device.sensor.exposure import (
@@ -152,7 +152,7 @@ def best(length_mm: float, rate_hz: float) -> Design:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the far end is too dark with every dye.
     """
     base = load(SensorFile, "default")
@@ -167,7 +167,7 @@ def best(length_mm: float, rate_hz: float) -> Design:
     while True:
         found = [(design.resolution_um, i, design) for i, d in enumerate(dyes) if (design := at(d))]
         if not found:
-            raise SpotsError(
+            raise SettingError(
                 f"the end of a {length_mm:g} mm strip is too dark at {rate_hz:g} Hz with any dye: "
                 "choose a shorter strip or a lower rate"
             )
@@ -225,7 +225,7 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a value is out of range, the strip is too dark, or the resolution cannot be reached. In
         the last case, the message has the best resolution at this rate.
     """
@@ -236,11 +236,11 @@ def design(length_mm: float, resolution_um: float, rate_hz: float) -> Design:
     ):
         if not low <= value <= high:
             unit = name.rpartition("-")[2].replace("hz", "Hz")
-            raise SpotsError(f"--{name} must be from {low:.3g} to {high:g} {unit}, not {value:g}")
+            raise SettingError(f"--{name} must be from {low:.3g} to {high:g} {unit}, not {value:g}")
     found = best(length_mm, rate_hz)
     if found.resolution_um <= resolution_um:
         return found
-    raise SpotsError(
+    raise SettingError(
         f"a resolution of {resolution_um:g} um over {length_mm:g} mm cannot be reached at "
         f"{rate_hz:g} Hz: the best resolution is {found.resolution_um:.3g} um, with a dye strength "
         f"of {found.dye_per_mm:.3g} per mm; {_slower(length_mm, resolution_um, rate_hz)}"

@@ -25,7 +25,7 @@ import numpy as np
 from spots.calibrate.dark import take_dark
 from spots.calibrate.guide import Guide
 from spots.calibrate.spectra import SpectrumReader
-from spots.errors import SpotsError
+from spots.errors import CalibrationError
 from spots.link.connect import open_named
 from spots_sim.demo.virtual import VIRTUAL
 from spots_sim.person.stage import Stage
@@ -92,7 +92,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If a channel is dark, the pieces differ too little or were swapped, or the dye is not red.
     """
     clear, dyed = np.asarray(clear, dtype=float), np.asarray(dyed, dtype=float)
@@ -100,14 +100,14 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
         if counts.min() < 1:
             dark = plan[int(counts.argmin())]
             less_dye = ", or cast it with a smaller dose" if name == "dyed" else ""
-            raise SpotsError(
+            raise CalibrationError(
                 f"channel {dark} is dark through the {name} test piece: push the piece against LED "
                 f"and chip, or cast both pieces shorter{less_dye}"
             )
     columns = [Optics.names.index(name) for name in plan]
     seen = _even(np.log(dyed / clear))
     if np.ptp(seen) < _LEAST_DECAY:
-        raise SpotsError(
+        raise CalibrationError(
             "both test pieces have the same colour: insert the dyed piece when asked, or cast it "
             "with more dye"
         )
@@ -119,7 +119,7 @@ def strength(sensor: SensorFile, length_mm: float, plan, clear, dyed) -> Measure
 
     without = decay(0.0)
     if (_even(decay(_USUAL_PER_MM) - without) * seen).sum() < 0:
-        raise SpotsError(
+        raise CalibrationError(
             "the dyed test piece is bluer than the clear one: the dyed piece was put in first, or "
             "its dye is not red; start again"
         )
@@ -157,14 +157,14 @@ def dose(test_dose: float, measured_per_mm: float, wanted_per_mm: float) -> floa
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the dose is out of range. Then a tint with more or less pigment is needed.
     """
     found = test_dose * wanted_per_mm / measured_per_mm
     low, high = _DOSES
     if not low <= found <= high:
         change = "more" if found > high else "less"
-        raise SpotsError(
+        raise CalibrationError(
             f"the dose would be {found:.3g} g of tint in 100 g of rubber, but it must be "
             f"{low:g} to {high:g} g: make a tint with {change} pigment "
             f"(the present tint has {TINT_SHARE:.1%}), and cast another test piece"
@@ -195,7 +195,7 @@ def read_pieces(
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If a piece saturates the sensor, or the board is disconnected.
     """
     counts = []
@@ -208,7 +208,7 @@ def read_pieces(
             reader.set_up()
         reading = reader.read(_SAMPLES)
         if reading.saturated:
-            raise SpotsError(
+            raise CalibrationError(
                 f"the {piece} test piece saturates the sensor: start again with the clear piece, "
                 "and push each piece against LED and chip before you press Enter"
             )

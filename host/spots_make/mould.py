@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from spots.common import atomic
-from spots.errors import SpotsError, missing
+from spots.errors import FileError, missing
 
 from . import shape as dims
 from .shape import StripShape
@@ -106,7 +106,7 @@ def _read(path: Path) -> None:
         head = file.read(_HEAD.size)
         size = file.seek(0, os.SEEK_END)
     if len(head) < _HEAD.size or size != _HEAD.size + _TRIANGLE * _HEAD.unpack(head)[0]:
-        raise SpotsError(f"{path} is not a binary STL file: name another file")
+        raise FileError(f"{path} is not a binary STL file: name another file", path)
 
 
 _STL = atomic.Kind("a binary STL file", _read)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spots.common import atomic
-from spots.errors import SpotsError
+from spots.errors import SettingError
 
 from .shape import (
     BEYOND,
@@ -103,9 +103,9 @@ class Batch:
 
 
 def checked(strips: int) -> int:
-    """Return the number of strips to cast; raise SpotsError if the number is out of range."""
+    """Return the number of strips to cast; raise SettingError if the number is out of range."""
     if not 1 <= strips <= STRIPS_MAX:
-        raise SpotsError(f"--strips must be from 1 to {STRIPS_MAX}, not {strips}")
+        raise SettingError(f"--strips must be from 1 to {STRIPS_MAX}, not {strips}")
     return strips
 
 

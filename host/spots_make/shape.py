@@ -20,7 +20,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from spots.errors import SpotsError, did_you_mean
+from spots.errors import SettingError, did_you_mean
 
 # From the paper, section II.B and III.B.
 STRIP_WIDTH, STRIP_THICKNESS = 12.0, 3.0
@@ -112,11 +112,11 @@ class StripShape:
     def __post_init__(self):
         if not has_moulds(self.length_mm):
             low, high = LENGTHS_MM
-            raise SpotsError(
+            raise SettingError(
                 f"moulds are for strips of {low:g} to {high:g} mm, not {self.length_mm:g} mm"
             )
         if self.breakout not in BREAKOUTS:
-            raise SpotsError(
+            raise SettingError(
                 f"--breakout: there is no '{self.breakout}': "
                 f"{did_you_mean(self.breakout, BREAKOUTS)}"
             )

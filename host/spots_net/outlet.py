@@ -7,7 +7,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any, Protocol
 
-from spots.errors import SpotsError, missing
+from spots.errors import SettingError, missing
 from spots.link.board import Board
 from spots.link.frames import Contact, Reading, Spectrum, Touch
 from spots.link.lines import of_sensor
@@ -126,12 +126,12 @@ def host_and_port(address: str, default: tuple[str, int], what: str) -> tuple[st
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the port is not a number from 0 to 65535.
     """
     host, colon, port = address.rpartition(":") if ":" in address else (address, "", "")
     if colon and not (port.isdecimal() and int(port) < 65536):
-        raise SpotsError(f"{address!r} is not an address for {what}: give HOST:PORT")
+        raise SettingError(f"{address!r} is not an address for {what}: give HOST:PORT")
     return host or default[0], int(port) if port else default[1]
 
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 
 from msgspec.json import encode  # NaN becomes null
 
-from spots.errors import SpotsError
+from spots.errors import BoardError, PortError
 from spots.link.board import Board
 from spots.link.frames import Reading, whole
 from spots.terminal.view import Pace
@@ -45,29 +45,30 @@ class Publisher:
 
     Raises
     ------
-    SpotsError
+    BoardError, PortError
         If the board is read-only, has no valid id, or is already published.
     """
 
     def __init__(self, board: Board, session: zenoh.Session | None = None):
         if board.read_only:
-            raise SpotsError(
+            raise PortError(
                 f"cannot publish {board.port}, which is a recording or a remote board: give the "
                 "port of a connected board"
             )
         self._board = board
         self.board_id = board.info["id"]
         if not re.fullmatch("[0-9A-Za-z_-]+", self.board_id or ""):
-            raise SpotsError(
+            raise BoardError(
                 f"cannot publish the board on {board.port}: it has no valid id; flash its firmware "
-                "again"
+                "again",
+                "no_id",
             )
         self.place = f"spots/{self.board_id}"
         with contextlib.ExitStack() as own:  # ends the session if the board cannot be published
             if session is None:
                 session = own.enter_context(open_session())
             if any(reply.ok for reply in session.liveliness().get(key(self.board_id, "alive"))):
-                raise SpotsError(
+                raise PortError(
                     f"the board {self.board_id} is already published: stop the other publisher"
                 )
             self._own = own.pop_all()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 
 from spots.common.signals import released_by_signals
-from spots.errors import CommandError
+from spots.errors import BoardError
 from spots.link.board import Board
 from spots.link.connect import open_named
 from spots.link.frames import Contact, Key, Spectrum, Touch
@@ -23,7 +23,7 @@ def stream(board: Board) -> None:
     """Start the streams that outlets send."""
     try:
         board.stream("contact", "touch", "spectrum")
-    except CommandError:  # a firmware without contacts
+    except BoardError:  # a firmware without contacts
         board.stream("touch", "spectrum")
 
 

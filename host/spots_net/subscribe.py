@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from functools import lru_cache
 
-from spots.errors import SpotsError, printable
+from spots.errors import SettingError, printable
 from spots.link.frames import Touch
 from spots.link.replies import decoded
 from spots.terminal.monitor import PLAIN_LINES_PER_S
@@ -30,12 +30,12 @@ def subscribe_command(options: argparse.Namespace) -> None:
     try:
         expression = zenoh.KeyExpr(options.expression)
     except zenoh.ZError:
-        raise SpotsError(
+        raise SettingError(
             f"'{options.expression}' is not a key expression of Zenoh: give one such as "
             "spots/*/0/touch"
         ) from None
     if not expression.intersects(key("**")):
-        raise SpotsError(
+        raise SettingError(
             f"no board publishes as '{options.expression}': give a key expression such as "
             "spots/*/0/touch"
         )

@@ -5,7 +5,7 @@ import json
 import foxglove
 import msgspec
 
-from spots.errors import SpotsError
+from spots.errors import RequirementError
 from spots.link.board import Board
 from spots.link.frames import Reading
 from spots.recording.foxglove import schema
@@ -31,7 +31,7 @@ class Foxglove:
 
     Raises
     ------
-    SpotsError
+    RequirementError
         If the address cannot be used.
     """
 
@@ -56,7 +56,7 @@ class Foxglove:
                 name=f"SPOTS {board.info['id']}", host=host, port=port, context=self._context
             )
         except (OSError, RuntimeError) as error:
-            raise SpotsError(
+            raise RequirementError(
                 f"cannot listen on {host}:{port} ({error}): give another address with "
                 "--to foxglove=HOST:PORT"
             ) from None

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 from pythonosc import osc_bundle_builder, osc_message_builder, udp_client
 
-from spots.errors import SpotsError
+from spots.errors import RequirementError
 from spots.link.board import Board
 from spots.link.frames import Contact, Key, Reading, Touch
 
@@ -31,7 +31,7 @@ class Osc:
 
     Raises
     ------
-    SpotsError
+    RequirementError
         If there is no such host.
     """
 
@@ -40,7 +40,7 @@ class Osc:
         try:
             self._client = udp_client.UDPClient(host, port)
         except OSError as error:
-            raise SpotsError(
+            raise RequirementError(
                 f"cannot send OSC to {host}: {error.strerror}; give the receiver as osc=HOST:PORT"
             ) from None
         self.place = f"OSC over UDP to {host}:{port}"

@@ -8,7 +8,7 @@ import rerun
 import rerun.blueprint as blueprint
 
 from spots.common.atomic import check_writable
-from spots.errors import SpotsError
+from spots.errors import FileError, SettingError
 from spots.link.board import Board
 from spots.link.frames import Reading, Spectrum, Touch
 
@@ -33,7 +33,7 @@ class Rerun:
 
     Raises
     ------
-    SpotsError
+    FileError, SettingError
         If the file exists or cannot be written, or `address` is neither.
     """
 
@@ -44,13 +44,15 @@ class Rerun:
         self._stream = rerun.RecordingStream("spots")
         if address.endswith(".rrd"):
             if Path(address).exists():
-                raise SpotsError(f"{address} exists already: give another name, or remove it")
+                raise FileError(
+                    f"{address} exists already: give another name, or remove it", address
+                )
             check_writable(Path(address))
             self._stream.save(address, default_blueprint=_blueprint(self._plans))
         elif address.startswith("rerun"):
             self._stream.connect_grpc(address, default_blueprint=_blueprint(self._plans))
         else:
-            raise SpotsError(f"{address!r} is no viewer of Rerun: give {_DEFAULT} or FILE.rrd")
+            raise SettingError(f"{address!r} is no viewer of Rerun: give {_DEFAULT} or FILE.rrd")
         self.place = f"Rerun, {address}"
 
     def put(self, frame: Reading, utc_s: float) -> None:

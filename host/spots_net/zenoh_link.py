@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 
-from spots.errors import PortLostError, SpotsError
+from spots.errors import ClosedError, PortError, PortLostError
 from spots.link.link import ReplyingLink
 from spots.link.replies import decoded
 
@@ -63,7 +63,7 @@ class ZenohLink(ReplyingLink):
         ------
         PortLostError
             If the publisher disconnected or restarted, or the board restarted.
-        SpotsError
+        ClosedError
             If this link is closed.
         """
         mail = self._mail
@@ -72,7 +72,7 @@ class ZenohLink(ReplyingLink):
             if mail:
                 return self._whole_run()
         if self._session.is_closed():
-            raise SpotsError(f"the board {self.name} is closed: open it again")
+            raise ClosedError(f"the board {self.name} is closed: open it again")
         if not self._alive:
             raise PortLostError(self._gone())
         return b""
@@ -81,11 +81,11 @@ class ZenohLink(ReplyingLink):
         self._stream(["off"])
 
     def reopen(self) -> None:
-        """Prepare for another ``stream``; raise SpotsError if the board is not published."""
+        """Prepare for another ``stream``; raise PortError if the board is not published."""
         self._stream(["off"])
         self._run = None
         if not self._alive:
-            raise SpotsError(self._gone())
+            raise PortError(self._gone())
 
     def write(self, data: bytes) -> None:
         """Ignore the data, because nothing is written to a remote board; see `reply`."""
@@ -97,12 +97,18 @@ class ZenohLink(ReplyingLink):
             # The words sensor=N have no effect: a publisher sends the frames of all sensors.
             return self._stream([word for word in words if word not in sensor])
         if sensor:
-            return {"error": "a remote board replies only for sensor 0: leave sensor= out"}
+            return {
+                "error": "a remote board replies only for sensor 0: leave sensor= out",
+                "why": "no_sensor",
+            }
         if name not in READ_ONLY:
-            return {"error": "a remote board is read-only: send the command on its machine"}
+            return {
+                "error": "a remote board is read-only: send the command on its machine",
+                "why": "not_here",
+            }
         reply = self.ask(name, timeout_s)
         if reply is not None and name == "hello" and "error" in reply:
-            raise SpotsError(
+            raise PortError(
                 f"the board {self.name} does not answer 'hello'; its publisher reports: "
                 f"{reply['error']}"
             )
@@ -115,7 +121,10 @@ class ZenohLink(ReplyingLink):
     def _stream(self, words: list[str]) -> dict:
         kinds = sorted(set(words))
         if not kinds or (kinds != ["off"] and set(kinds) - _STREAMS):
-            return {"error": "the arguments of stream are touch, spectrum, contact, or off"}
+            return {
+                "error": "the arguments of stream are touch, spectrum, contact, or off",
+                "why": "bad_value",
+            }
         self._streams = kinds if kinds != ["off"] else []
         self.listen(bool(self._streams))
         return {"stream": kinds}

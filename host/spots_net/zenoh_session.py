@@ -8,7 +8,7 @@ from typing import Any
 from spots.common import kinds
 from spots.common.bounded import ZENOH_MAX_BYTES, read_bytes
 from spots.common.guarded import Guarded
-from spots.errors import SpotsError
+from spots.errors import FileError, PortError, RequirementError, SettingError
 
 from .optional import zenoh
 
@@ -46,7 +46,7 @@ def open_session() -> zenoh.Session:
 
     Raises
     ------
-    SpotsError
+    FileError, RequirementError
         If the file does not exist or is invalid, or no session can be opened.
     """
     path = os.environ.get(CONFIG_VARIABLE)
@@ -55,34 +55,35 @@ def open_session() -> zenoh.Session:
     try:
         config = zenoh.Config.from_file(path) if path else zenoh.Config()
     except zenoh.ZError as error:
-        raise SpotsError(
-            f"{path} is not a Zenoh configuration ({_first_line(error)}): name another file"
+        raise FileError(
+            f"{path} is not a Zenoh configuration ({_first_line(error)}): name another file", path
         ) from None
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
         what = path or "its default configuration"
-        raise SpotsError(
+        raise RequirementError(
             f"Zenoh does not start with {what}: {_first_line(error)}; name another configuration "
             "with --zenoh-config"
         ) from None
 
 
 def _check_config(path: str) -> None:
-    """Raise SpotsError for a file on which Zenoh's own parser would block or crash."""
+    """Raise FileError for a file on which Zenoh's own parser would block or crash."""
     try:
         text = read_bytes(path, ZENOH_MAX_BYTES)
     except FileNotFoundError:
-        raise SpotsError(
+        raise FileError(
             f"cannot read the Zenoh configuration {path}, because there is no such file: name the "
-            "file with --zenoh-config or the variable ZENOH_CONFIG"
+            "file with --zenoh-config or the variable ZENOH_CONFIG",
+            path,
         ) from None
     except OSError as error:
         raise kinds.not_read(path, error, _WANTED) from None
     kinds.check(path, text, _WANTED)
     if text.count(b"[") + text.count(b"{") > _NESTED_MAX:
-        raise SpotsError(
-            f"{path} is not a Zenoh configuration (nested too deep): name another file"
+        raise FileError(
+            f"{path} is not a Zenoh configuration (nested too deep): name another file", path
         )
 
 
@@ -102,7 +103,7 @@ def find(session: zenoh.Session, wanted: str) -> str:
 
     Raises
     ------
-    SpotsError
+    PortError, SettingError
         If the board is not published within 3 s, or several boards are published and `wanted` is
         empty.
     """
@@ -122,7 +123,7 @@ def find(session: zenoh.Session, wanted: str) -> str:
     try:
         watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
     except zenoh.ZError:
-        raise SpotsError(
+        raise SettingError(
             f"'{wanted}' is not a board's id: give zenoh:ID, or zenoh: for the only board"
         ) from None
     try:
@@ -135,12 +136,12 @@ def find(session: zenoh.Session, wanted: str) -> str:
         watch.undeclare()
     if not found:
         what = f"no board {wanted} is" if wanted else "no board is"
-        raise SpotsError(
+        raise PortError(
             f"{what} published on Zenoh: run 'spots publish' on the machine of the board"
         )
     if len(found) > 1:
         names = ", ".join(f"zenoh:{board_id}" for board_id in found)
-        raise SpotsError(f"more than one board is published: give one of these: {names}")
+        raise PortError(f"more than one board is published: give one of these: {names}")
     return found[0]
 
 

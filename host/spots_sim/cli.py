@@ -8,7 +8,7 @@ import sys
 
 from spots.cli import arguments
 from spots.cli.parser import Parser
-from spots.errors import SpotsError
+from spots.errors import SettingError
 
 from .port import add_options
 
@@ -164,27 +164,27 @@ def _demonstrate(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Raise SpotsError for options of the demo that do not fit together."""
+    """Raise SettingError for options of the demo that do not fit together."""
     from .demo.demo import FIVEBAR, KEYBOARD
 
     if options.layout and options.use != KEYBOARD:
-        raise SpotsError("--layout needs a keyboard: add --use keyboard")
+        raise SettingError("--layout needs a keyboard: add --use keyboard")
 
     fast_only = options.rezero or options.warm or options.cpu
     if options.page and (options.seconds or options.json or options.fast or fast_only):
-        raise SpotsError(
+        raise SettingError(
             "--page always runs in real time until Ctrl-C: leave out --seconds, --json, --fast, "
             "--rezero, --warm and --cpu"
         )
     if fast_only and (not options.fast or options.use == FIVEBAR):
-        raise SpotsError(
+        raise SettingError(
             "--rezero, --warm and --cpu need simulated time and one strip: add --fast, and leave "
             "out --use fivebar"
         )
     if options.use == FIVEBAR and options.scenario:
-        raise SpotsError("--use fivebar has a fixed scenario: leave out --scenario")
+        raise SettingError("--use fivebar has a fixed scenario: leave out --scenario")
     if options.use == FIVEBAR and options.fast and options.seconds:
-        raise SpotsError("--use fivebar --fast ends at the end of its path: leave out --seconds")
+        raise SettingError("--use fivebar --fast ends at the end of its path: leave out --seconds")
 
 
 def _characterize(options: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ from statistics import median
 from typing import Any
 
 from spots.common.guarded import Guarded
-from spots.errors import CommandError, RefusedError, SpotsError
+from spots.errors import BoardError, PortError, RefusedError, SpotsError
 from spots.keyboard.layout import KeyLayout
 from spots.link.board import Board
 from spots.link.calibrated import start_fault
@@ -161,7 +161,7 @@ class BoardReader:
         if not playing:
             if self._id not in (None, infos[0]["id"]):
                 found = infos[0]["id"]
-                raise SpotsError(f"{board.port} now has board {found} instead of {self._id}")
+                raise PortError(f"{board.port} now has board {found} instead of {self._id}")
             self._id = infos[0]["id"]
         settings = _settings(strip)
         self._known = {
@@ -204,7 +204,7 @@ class BoardReader:
                 # A pause in a recording is part of the recording.
                 paused = board.recorded and not board.ended
                 if board.silent(SEARCH_S) and not paused:
-                    raise SpotsError("no readings arrive")
+                    raise PortError("no readings arrive")
                 if board.stats.restarts != restarts:
                     return
         finally:
@@ -262,7 +262,7 @@ def _begun(strip: Board | OneStrip) -> Mapping[str, Any]:
     strip.command("stream contact touch spectrum")
     try:
         return strip.command("hello")
-    except CommandError:
+    except BoardError:
         return {}  # a remote board replies to `hello` only for its first strip
 
 

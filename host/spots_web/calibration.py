@@ -18,7 +18,7 @@ from spots.calibrate.session import Session, Wanted, settings
 from spots.calibrate.spectra import Reading, SpectrumReader
 from spots.calibrate.steps import COUNTS, LENGTH_UM, calibrate
 from spots.common.atomic import check_writable
-from spots.errors import SpotsError, printable
+from spots.errors import FileError, SpotsError, StateError, printable
 from spots.link.board import Board
 
 from .one_strip import OneStrip
@@ -83,7 +83,7 @@ class PageCalibration(Orders):
 
     Raises
     ------
-    SpotsError
+    FileError
         If `path` is not the name of a file, the session file is damaged, or one of the two files
         could not be written or is of another kind.
     """
@@ -94,7 +94,9 @@ class PageCalibration(Orders):
 
     def __init__(self, path: Path, state: PageState):
         if not path.name:
-            raise SpotsError(f"{path} is not a session file: give a name such as calibration.jsonl")
+            raise FileError(
+                f"{path} is not a session file: give a name such as calibration.jsonl", path
+            )
         check_writable(path, append=True)
         check_writable(path.with_suffix(".toml"))
         super().__init__()
@@ -125,7 +127,7 @@ class PageCalibration(Orders):
                 answer.set_result(None)
                 self._run(board, request)
                 return True
-            answer.set_exception(SpotsError("no session runs: start one"))
+            answer.set_exception(StateError("no session runs: start one"))
         return False
 
     def _run(self, board: Board | OneStrip, start: Start) -> None:
@@ -204,7 +206,7 @@ class PageCalibration(Orders):
         if self._board.stats.restarts != self._restarts:
             rezero = self._shown["kind"] == REZERO
             kept = "nothing was saved" if rezero else "the stored presses are kept"
-            raise SpotsError(f"the board has restarted: start again; {kept}")
+            raise StateError(f"the board has restarted: start again; {kept}")
         self._listen()
 
     def taken(self, wanted: Wanted, reading: Reading) -> None:
@@ -248,26 +250,26 @@ class PageCalibration(Orders):
             if not self._live.unread:
                 self._state.put("spectrum", {"counts": counts})
         if self.stopping:
-            raise SpotsError(self._stopped)
+            raise StateError(self._stopped)
         asked = self._next()
         if asked is None:
             return None
         request, answer = asked
         if isinstance(request, Start):
-            answer.set_exception(SpotsError(_RUNNING))
+            answer.set_exception(StateError(_RUNNING))
             return None
         behind = not isinstance(request, Cancel) and request.step != self._step
         if behind or (isinstance(request, Answer) and self._shown["phase"] != ASK):
-            answer.set_exception(SpotsError(_BEHIND))
+            answer.set_exception(StateError(_BEHIND))
             return None
         if isinstance(request, Undo) and self._shown["kind"] == REZERO:
-            answer.set_exception(SpotsError("a re-zero stores no press: stop it and start again"))
+            answer.set_exception(StateError("a re-zero stores no press: stop it and start again"))
             return None
         answer.set_result(None)
         if isinstance(request, Undo):
             raise UndoError
         if isinstance(request, Cancel):
-            raise SpotsError(self._stopped)
+            raise StateError(self._stopped)
         return request.text
 
     def _place_um(self, counts: np.ndarray) -> float | None:

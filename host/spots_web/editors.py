@@ -13,9 +13,8 @@ from typing import Annotated, Any, NamedTuple, NoReturn
 import msgspec
 
 from spots.common import toml
-from spots.common.atomic import ChangedError
 from spots.controller import controller_settings
-from spots.errors import SpotsError, printable
+from spots.errors import BoardError, ChangedError, FileError, SpotsError, printable
 from spots.keyboard import hosts, keys, timing_picture
 from spots.keyboard.layout import (
     FLAVORS,
@@ -136,10 +135,11 @@ class FileEditor(Orders):
         return {**self._checked(text), "text": text, "lost": lost_comments(before, text)}
 
     def _check_base(self, base: str, info: Any) -> None:
-        """Raise SpotsError if somebody else has changed the file; the web UI then shows it."""
+        """Raise ChangedError if somebody else has changed the file; the web UI then shows it."""
         if base != self.base:
-            raise SpotsError(
-                f"another browser window has changed the {self._kind}: reload this window"
+            raise ChangedError(
+                f"another browser window has changed the {self._kind}: reload this window",
+                self.file.path,
             )
         if self.file.changed:
             self._take_change(info)
@@ -150,11 +150,14 @@ class FileEditor(Orders):
             text = self.file.read()
             self._use(self.text if text is None else text)
         except SpotsError as error:
-            raise SpotsError(f"{changed}, and it cannot be used now: {error}") from None
+            raise ChangedError(
+                f"{changed}, and it cannot be used now: {error}", self.file.path
+            ) from None
         self._show(info)
-        raise SpotsError(
+        raise ChangedError(
             f"{changed}: this window shows the file now; press Undo for your draft, which you can "
-            "then store"
+            "then store",
+            self.file.path,
         )
 
     def _show(self, info: Any) -> None:
@@ -279,7 +282,8 @@ class LayoutEditor(FileEditor):
                 note = keys.push(board, layout, expose=True).note
                 pushed = True
         except SpotsError as error:
-            raise SpotsError(self._outcome(board, layout, pushed, error)) from None
+            why = getattr(error, "why", "")
+            raise BoardError(self._outcome(board, layout, pushed, error), why) from None
         self._use(request.text)
         self._show_board(board)
         return {"loses": [], "texts": [], "note": note}
@@ -423,7 +427,7 @@ class SettingsEditor(FileEditor):
         except ChangedError:
             self._take_change(board.info)
         except SpotsError as error:
-            raise SpotsError(f"{error}; {self._name} is unchanged") from None
+            raise FileError(f"{error}; {self._name} is unchanged", self.file.path) from None
         self._use(request.text)
         self._show(board.info)
 

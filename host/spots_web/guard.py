@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from aiohttp import web
 
-from spots.errors import SpotsError
+from spots.errors import SettingError
 
 _COOKIE = "spots-token-{port}"  # with the port, because a browser sends cookies to all ports
 _LOOKING = ("GET", "HEAD")  # methods that change nothing
@@ -40,7 +40,7 @@ class Guard:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If one of `hosts` is not a host name.
     """
 
@@ -54,7 +54,7 @@ class Guard:
         for host in hosts:
             known = _parsed(host)
             if known is None:
-                raise SpotsError(
+                raise SettingError(
                     f"'{host}' is not a host name: write it as in the browser's address, such as "
                     "spots.example.org, without http://"
                 )

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from spots.common.guarded import sentence_of
-from spots.errors import SpotsError
+from spots.errors import SpotsError, StateError
 from spots.link.board import Board
 
 _WAITING_MAX = 8  # number of waiting requests
@@ -88,7 +88,7 @@ class Orders:
         try:
             self._asked.put_nowait((request, answer))
         except Full:
-            answer.set_exception(SpotsError("the board is busy: wait a moment, and try again"))
+            answer.set_exception(StateError("the board is busy: wait a moment, and try again"))
         if not self._attended:
             self._refuse()
         return answer
@@ -113,8 +113,8 @@ class Orders:
             # The client gets an answer without a timeout, and the thread continues.
             sentence = sentence_of(self.what, error)
             print(f"spots: {sentence}", file=sys.stderr, flush=True)
-            answer.set_exception(SpotsError(sentence))
+            answer.set_exception(StateError(sentence))
 
     def _refuse(self) -> None:
         while asked := self._next():
-            asked[1].set_exception(SpotsError(self.nobody))
+            asked[1].set_exception(StateError(self.nobody))

@@ -5,7 +5,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from spots.calibrate.practice import practise
-from spots.errors import SpotsError
+from spots.errors import SettingError
 
 from .calibration import PageCalibration, Start
 from .state import PageState
@@ -33,7 +33,9 @@ class PagePractice(PageCalibration):
         return "stopped: practice stores no presses"
 
     def _rezero(self) -> None:
-        raise SpotsError("practice has no re-zero: start 'spots serve --session' with a real board")
+        raise SettingError(
+            "practice has no re-zero: start 'spots serve --session' with a real board"
+        )
 
     def _calibrate(self, start: Start) -> None:
         self._options.length_mm = start.length_mm

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from spots.common.atomic import check_writable
-from spots.errors import SpotsError, printable
+from spots.errors import FileError, SpotsError, StateError, printable
 from spots.link.board import Board
 from spots.recording.arrays import RecordingBlocks
 from spots.recording.recorder import Recorder
@@ -41,7 +41,7 @@ class Recordings(Orders):
 
     Raises
     ------
-    SpotsError
+    FileError
         If the folder does not exist, or no file can be written into it.
     """
 
@@ -50,7 +50,7 @@ class Recordings(Orders):
 
     def __init__(self, folder: Path, state: PageState):
         if not folder.is_dir():
-            raise SpotsError(f"there is no folder {folder} for recordings: make it first")
+            raise FileError(f"there is no folder {folder} for recordings: make it first", folder)
         check_writable(folder / "new.spots")
         super().__init__()
         self._folder, self._state = folder, state
@@ -76,7 +76,7 @@ class Recordings(Orders):
             return super().submit(request)
         answer: Future = Future()
         if self._reading and not self._reading.done():
-            answer.set_exception(SpotsError("recordings are being read: wait a moment"))
+            answer.set_exception(StateError("recordings are being read: wait a moment"))
             return answer
         answer.set_running_or_notify_cancel()  # the client cannot cancel it any more
         self._reading = answer
@@ -111,7 +111,7 @@ class Recordings(Orders):
 
     def _start(self, board: Board) -> None:
         if self._recorder:
-            raise SpotsError(
+            raise StateError(
                 f"{self._recorder.paths[0].name} is being recorded already: stop that recording "
                 "first"
             )
@@ -124,7 +124,7 @@ class Recordings(Orders):
 
     def _stop(self, board: Board) -> None:
         if not self._recorder:
-            raise SpotsError("there is no recording to stop: start one first")
+            raise StateError("there is no recording to stop: start one first")
         recorder, error = self._recorder, None
         try:
             recorder.stop()
@@ -141,7 +141,7 @@ class Recordings(Orders):
 
     def _play(self, board: Board, name: str) -> None:
         if self._recorder:
-            raise SpotsError("a recording is being made: stop it before you play another one")
+            raise StateError("a recording is being made: stop it before you play another one")
         path = self._file(name)
         open_recording(path).close()  # an error must not end the present view
         self.playing = path
@@ -160,7 +160,7 @@ class Recordings(Orders):
 
     def _file(self, name: str) -> Path:
         if name not in (files := self._files()):
-            raise SpotsError("the folder has no such recording: reload the list")
+            raise FileError("the folder has no such recording: reload the list", self._folder)
         return files[name]
 
     def _list(self) -> dict:

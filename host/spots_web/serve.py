@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from spots.common import atomic, signals
-from spots.errors import SpotsError, missing, printable
+from spots.errors import RequirementError, SettingError, SpotsError, missing, printable
 from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.ports import offered
@@ -69,7 +69,7 @@ class Server:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the address is not an IP address of this machine, the port is in use, or one of `hosts`
         is not a host name.
     """
@@ -87,7 +87,7 @@ class Server:
         try:
             at_home = ipaddress.ip_address(address).is_loopback
         except ValueError:
-            raise SpotsError(
+            raise SettingError(
                 f"'{address}' is not an IP address: give one such as 192.168.1.20"
             ) from None
         self._token = None if at_home and not orders and not hosts else secrets.token_urlsafe(16)
@@ -106,7 +106,7 @@ class Server:
             )
         except OSError as error:
             await self._runner.cleanup()
-            raise SpotsError(
+            raise RequirementError(
                 f"cannot serve on {self._address} port {self._port}: {os.strerror(error.errno)}; "
                 "choose another port with --http-port, or an address of this machine with --address"
             ) from None
@@ -128,7 +128,7 @@ def serve_command(options: argparse.Namespace) -> None:
     state, layout, ports = PageState(), load(options.layout), options.port
     if options.practice:
         if options.session or options.record_to or options.linkage or ports not in ([], [_VIRTUAL]):
-            raise SpotsError(
+            raise SettingError(
                 "--practice shows a simulated strip: leave out --port, --session, --record-to and "
                 "--linkage"
             )
@@ -152,20 +152,20 @@ def serve_command(options: argparse.Namespace) -> None:
         named = "record_to", "session", "edit", *(f"edit_{name}" for name in KINDS)
         given = (name for name in named if getattr(options, name) is not None)
         option = f"--{next(given).replace('_', '-')}"
-        raise SpotsError(
+        raise SettingError(
             f"{option} works with one board: do not use it with --linkage or a recording"
         )
     if options.record_to is not None and options.session is not None:
-        raise SpotsError("--record-to and --session exclude each other: use only one of them")
+        raise SettingError("--record-to and --session exclude each other: use only one of them")
     if options.session and ports and offered(ports[0], "calibration_setup"):
-        raise SpotsError(
+        raise SettingError(
             "--session needs a person who presses the strip, and nobody can press a virtual board: "
             f"use 'spots serve --practice' or 'spots calibrate --port {ports[0]}', which simulate "
             "the presses"
         )
     if options.linkage is None:
         if len(ports) > 1:
-            raise SpotsError(
+            raise SettingError(
                 f"'spots serve' shows one board, but --port was given {len(ports)} times: name one "
                 "port, or add --linkage FILE for the two boards of a linkage"
             )

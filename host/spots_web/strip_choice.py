@@ -1,6 +1,6 @@
 """The strip of a board that a browser has chosen: editors and calibration change this strip."""
 
-from spots.errors import SpotsError
+from spots.errors import SettingError
 from spots.link.board import Board
 
 from .orders import Orders
@@ -25,5 +25,5 @@ class StripChoice(Orders):
 
     def _handle(self, board: Board, sensor: int) -> None:
         if sensor not in board.sensors:
-            raise SpotsError(f"the board has no strip {sensor}: reload this window")
+            raise SettingError(f"the board has no strip {sensor}: reload this window")
         self.sensor = sensor

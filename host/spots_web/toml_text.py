@@ -12,7 +12,7 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AoT, Array, Table
 
 from spots.common import toml
-from spots.errors import SpotsError
+from spots.errors import SettingError
 
 # Longer lists are replaced as a whole: the time to compare two lists grows with both lengths.
 _PAIRS_MAX = 100_000
@@ -44,7 +44,7 @@ def edited(text: str, read: Callable[[str], dict], content: dict) -> str:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If `content` cannot be written as TOML.
     """
     was = read(text) if text else {}
@@ -56,7 +56,7 @@ def edited(text: str, read: Callable[[str], dict], content: dict) -> str:
         _update(wanted, was, content)
         kept = toml.loads(made) == wanted
     except RecursionError:
-        raise SpotsError("tables or lists are nested too deep") from None
+        raise SettingError("tables or lists are nested too deep: write fewer levels") from None
     except (*_UNABLE, msgspec.ValidationError):
         kept = False
     return made if kept else _written(content, text)
@@ -82,7 +82,7 @@ def _written(content: Mapping, before: str) -> str:
         made = _patched("", {}, content)
         return made.replace("\n", "\r\n") if "\r\n" in before else made
     except _UNABLE as error:
-        raise SpotsError(f"the content cannot be written as TOML: {error}") from None
+        raise SettingError(f"the content cannot be written as TOML: {error}") from None
 
 
 def _patched(text: str, was: Mapping, now: Mapping) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from spots.common import atomic
 from spots.common.bounded import TOML_MAX_BYTES, encoding_of, read_bytes
-from spots.errors import SpotsError
+from spots.errors import FileError, SpotsError
 
 
 class UserFile:
@@ -21,13 +21,13 @@ class UserFile:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the name of the file does not end in ``.toml``, or the file could not be written.
     """
 
     def __init__(self, path: Path, kind: str):
         if path.suffix != ".toml":
-            raise SpotsError(f"'{path}' is not a {kind} file: give a name that ends in .toml")
+            raise FileError(f"'{path}' is not a {kind} file: give a name that ends in .toml", path)
         atomic.check_writable(path)
         self.path, self._kind = path, kind
         self._content = atomic.Kind(f"a {kind} file", lambda path: read_bytes(path, TOML_MAX_BYTES))
@@ -39,7 +39,7 @@ class UserFile:
 
         Raises
         ------
-        SpotsError
+        FileError
             If the file cannot be read as text, is not a regular file, or is too large.
         """
         try:
@@ -51,8 +51,9 @@ class UserFile:
             return None
         except (OSError, UnicodeDecodeError) as error:
             reason = getattr(error, "strerror", None) or "not UTF-8 text"
-            raise SpotsError(
-                f"cannot read the {self._kind} file {self.path} ({reason}): correct or remove it"
+            raise FileError(
+                f"cannot read the {self._kind} file {self.path} ({reason}): correct or remove it",
+                self.path,
             ) from None
         self._known, self._mark, self._encoding = data, mark, encoding
         return text

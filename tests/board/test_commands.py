@@ -3,7 +3,7 @@
 import pytest
 
 from spots import SpotsError
-from spots.errors import CommandError
+from spots.errors import BoardError
 from spots.link.board import Board
 from spots.link.connect import upload
 from spots_device.board.settings import checksum
@@ -219,7 +219,7 @@ def test_a_calibration_that_is_too_new_for_the_firmware_says_flash(rig, calibrat
 
     def of_earlier_firmware(line, **options):
         if line.startswith("cal end"):
-            raise CommandError("'x 1 2 3 4 5 6' needs 4 integers up to 2**28")
+            raise BoardError("'x 1 2 3 4 5 6' needs 4 integers up to 2**28")
         return command(line, **options)
 
     monkeypatch.setattr(made.board, "command", of_earlier_firmware)

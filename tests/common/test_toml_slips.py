@@ -46,6 +46,8 @@ KINDS = {
     "path": files.PathFile,
     "scenario": files.ScenarioFile,
 }
+# Words for a kind of file in messages, where they differ from its name here.
+WORDS = {"controller": "settings", "simulated linkage": "linkage"}
 
 
 def read(kind, path):
@@ -54,7 +56,7 @@ def read(kind, path):
         return layout.load(path)
     if kind == "wearable":
         return wearable.Mapping(path)
-    return toml.checked(path.read_text(), KINDS[kind], str(path))
+    return toml.checked(path.read_text(), KINDS[kind], WORDS.get(kind, kind), path)
 
 
 @pytest.mark.parametrize(("kind", "text", "says"), SLIPS)

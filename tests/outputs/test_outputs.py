@@ -7,7 +7,9 @@ import time
 import pytest
 
 from spots import SpotsError
+from spots.errors import RequirementError
 from spots.outputs import devices as outputs
+from spots.outputs import uinput
 from spots.outputs.desktop import DesktopKeyboard
 from spots.outputs.devices import PrintedGamepad, PrintedKeyboard
 from spots.outputs.open import open_gamepad, open_keyboard
@@ -172,19 +174,27 @@ def test_a_uinput_device_that_is_gone_is_told_in_a_sentence_and_still_closed(evd
 
 
 @pytest.mark.parametrize("kind", [UInputKeyboard, UInputGamepad])
-def test_what_keeps_uinput_from_opening_is_a_sentence_with_what_to_do(evdev, monkeypatch, kind):
-    refusals = {
-        '"/dev/uinput" does not exist or is not': "sudo modprobe uinput",
-        '"/dev/uinput" cannot be opened for writing': "60-spots.rules.*uaccess",
-        "out of memory": "out of memory",
-    }
-    for theirs, ours in refusals.items():
-        monkeypatch.setattr(evdev.UInput, "fails", evdev.UInputError(theirs))
-        with pytest.raises(SpotsError, match=ours):
-            kind()
-    monkeypatch.setattr(evdev.UInput, "fails", PermissionError(13, "Permission denied"))
-    with pytest.raises(SpotsError, match=r"60-spots\.rules"):
+@pytest.mark.parametrize(
+    ("refusal", "node", "is_writable", "remedy"),
+    [
+        ("UInputError", "/none", True, "sudo modprobe uinput"),
+        (FileNotFoundError(2, "No such file"), os.devnull, True, "sudo modprobe uinput"),
+        (OSError(19, "No such device"), os.devnull, True, "sudo modprobe uinput"),
+        ("UInputError", os.devnull, False, "uaccess"),
+        (PermissionError(13, "Permission denied"), os.devnull, True, "uaccess"),
+        ("UInputError", os.devnull, True, "--dry-run"),
+    ],
+)
+def test_the_reason_why_uinput_does_not_open_is_found_without_reading_its_text(
+    evdev, monkeypatch, kind, refusal, node, is_writable, remedy
+):
+    error = evdev.UInputError("any text") if refusal == "UInputError" else refusal
+    monkeypatch.setattr(evdev.UInput, "fails", error)
+    monkeypatch.setattr(uinput, "_NODE", node)
+    monkeypatch.setattr(os, "access", lambda path, mode: is_writable)
+    with pytest.raises(RequirementError) as refused:
         kind()
+    assert remedy in str(refused.value)
 
 
 def test_without_evdev_a_sentence_says_what_to_install(monkeypatch):

@@ -14,7 +14,7 @@ from support.net import DEADLINE_S, Restarting, publishing, session, stand_in, w
 import spots
 from spots import Board, Key, Spectrum, SpotsError, Touch
 from spots.cli import main
-from spots.errors import CommandError, PortLostError
+from spots.errors import BoardError, PortLostError
 from spots.link import reconnect as reconnect_module
 from spots_device import PROTOCOL
 from spots_device.board.settings import checksum
@@ -105,7 +105,7 @@ def test_a_hello_to_a_second_strip_is_refused_as_a_command(net):
     with (
         publishing(net.hub, stand_in()),
         spots.open("zenoh:") as board,
-        pytest.raises(CommandError, match="only for sensor 0"),
+        pytest.raises(BoardError, match="only for sensor 0"),
     ):
         board.command("hello sensor=1")
 

@@ -14,7 +14,7 @@ from support.serving import Bench, apart, eventually, post, token_of
 
 from spots.cli import main
 from spots.controller import controller_settings
-from spots.errors import CommandError, NoReplyError, SpotsError
+from spots.errors import BoardError, NoReplyError, SpotsError
 from spots.keyboard import keys
 from spots.keyboard.layout import load
 from spots.link.board import Board
@@ -250,7 +250,7 @@ def test_a_push_that_the_board_refuses_changes_nothing(desk, monkeypatch):
     shown = desk.shown("layout")
 
     def refuse(board, layout, expose):
-        raise CommandError("the board refuses 'layout end': no memory")
+        raise BoardError("the board refuses 'layout end': no memory")
 
     monkeypatch.setattr(keys, "push", refuse)
     status, why = desk.store("layout", MINI.text)

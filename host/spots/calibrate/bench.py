@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import SpotsError
+from ..errors import CalibrationError
 from .dialog import Dialog
 from .presser import Presser
 from .presses import Noise, Presses
@@ -137,7 +137,7 @@ class Bench:
 
         Raises
         ------
-        SpotsError
+        CalibrationError
             If none of `TRIES` attempts gave a valid press.
         BadPressError
             If the kind is ``hand`` and the press is not valid: a press by hand has one attempt. The
@@ -161,7 +161,7 @@ class Bench:
             self.guide.say(f"{trouble}; try again")
             if wanted.angle_deg is None:  # the indenter of a joint stays on the strip
                 self.release()
-        raise SpotsError(f"{trouble}; {given_up}")
+        raise CalibrationError(f"{trouble}; {given_up}")
 
     def again(self, kind: str, noise: Noise | None = None) -> Reading:
         """Wait until the present press is steady, and return its reading; start a new `trace`.
@@ -210,7 +210,7 @@ class Bench:
 
         Raises
         ------
-        SpotsError
+        CalibrationError
             If the strip stays bright after the request.
         """
         peak = self.reader.read(2).counts.max()
@@ -222,7 +222,7 @@ class Bench:
                 self._is_parted = False
                 return
             self.guide.watch(reading, "release", 0.0)
-        raise SpotsError(
+        raise CalibrationError(
             "the strip stays bright after the release: shade the strip, and do not press it"
         )
 

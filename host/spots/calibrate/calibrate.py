@@ -11,7 +11,7 @@ from spots_device.sensor.smux import smux_map
 
 from ..common import atomic
 from ..common.signals import stop_explained
-from ..errors import SpotsError
+from ..errors import SettingError
 from ..link.connect import open_named
 from ..link.ports import offered
 from .bench import Bench
@@ -31,13 +31,13 @@ def calibrate_command(options: argparse.Namespace) -> None:
     """Run ``spots calibrate`` with the options that `cli` parsed."""
     kind = "rough" if options.rough else options.kind
     if options.rough and options.kind != "fine":
-        raise SpotsError(f"--rough cannot be used with '{options.kind}': leave out one of them")
+        raise SettingError(f"--rough cannot be used with '{options.kind}': leave out one of them")
     usual, least = COUNTS[kind]
     count = usual if options.places is None else options.places
     if not least <= count <= _PLACES_MAX:
-        raise SpotsError(f"--places must be from {least} to {_PLACES_MAX} for '{kind}'")
+        raise SettingError(f"--places must be from {least} to {_PLACES_MAX} for '{kind}'")
     if (kind == "strain") != (options.strain_percent is not None):
-        raise SpotsError(
+        raise SettingError(
             "'spots calibrate strain' and --strain-percent belong together: give both, or leave "
             "out both"
         )
@@ -45,7 +45,7 @@ def calibrate_command(options: argparse.Namespace) -> None:
         try:
             smux_map(options.plan.split(","))
         except ValueError as error:
-            raise SpotsError(f"--plan: {error}") from None
+            raise SettingError(f"--plan: {error}") from None
     if options.practice:
         return _practise(options, kind, count)
     session = Session(Path(options.session or _SESSION))
@@ -59,9 +59,9 @@ def calibrate_command(options: argparse.Namespace) -> None:
 
 def _practise(options: argparse.Namespace, kind: str, count: int) -> None:
     if kind not in KINDS:
-        raise SpotsError(f"--practice has no '{kind}': leave it out, or use --rough")
+        raise SettingError(f"--practice has no '{kind}': leave it out, or use --rough")
     if options.port not in (None, "virtual") or options.session or options.out:
-        raise SpotsError(
+        raise SettingError(
             "--practice presses a simulated strip and writes no file: leave out --port, --session "
             "and --out"
         )

@@ -23,7 +23,7 @@ from spots_device.reading.calibration_lines import CalibrationError
 
 from ..common import atomic, kinds, toml
 from ..common.bounded import read_text
-from ..errors import SpotsError
+from ..errors import FileError
 from ..link.board import Board
 from ..link.connect import ensured, upload
 from .session import (
@@ -255,33 +255,34 @@ def load(path: Path) -> CalibrationFile:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the file cannot be read, is cut short or was changed, has another version, or has no
         valid calibration.
     """
     try:
         text = read_text(path)
     except FileNotFoundError:
-        raise SpotsError(f"there is no file {path}: make it with 'spots calibrate'") from None
+        raise FileError(f"there is no file {path}: make it with 'spots calibrate'", path) from None
     except UnicodeDecodeError as error:
         kinds.check(path, error.object, "a calibration file")
-        raise SpotsError(f"{path} is damaged: {_AGAIN}") from None
+        raise FileError(f"{path} is damaged: {_AGAIN}", path) from None
     except OSError as error:
         raise kinds.not_read(path, error, "a calibration file") from None
     version = re.search(r"^version = (\d+)$", text, re.MULTILINE)
     if version and version[1] != str(VERSION):
-        raise SpotsError(
+        raise FileError(
             f"{path} has format version {version[1]}, but this program reads version {VERSION}: "
-            "update this program, or calibrate again"
+            "update this program, or calibrate again",
+            path,
         )
     body, _, tail = text.partition(_END)
     found = re.fullmatch(r'crc32 = "([0-9a-f]{8})"\n?', tail)
     if found is None:
         kinds.check(path, text, "a calibration file")
     if found is None and len(tail) < len('crc32 = "00000000"'):
-        raise SpotsError(f"{path} is cut short, or is not a calibration file: {_AGAIN}")
+        raise FileError(f"{path} is cut short, or is not a calibration file: {_AGAIN}", path)
     if found is None or found[1] != _crc32(body):
-        raise SpotsError(f"{path} was changed after it was written (wrong checksum): {_AGAIN}")
+        raise FileError(f"{path} was changed after it was written (wrong checksum): {_AGAIN}", path)
     return _checked(path, body)
 
 
@@ -326,9 +327,11 @@ def _checked(path: Path, body: str) -> CalibrationFile:
         if found.original:
             Calibration(found.original)
     except (msgspec.ValidationError, CalibrationError, KeyError) as error:
-        raise SpotsError(f"{path} is not a calibration ({error}): {_AGAIN}") from None
+        raise FileError(f"{path} is not a calibration ({error}): {_AGAIN}", path) from None
     if made.conditions != found.conditions:
-        raise SpotsError(f"the calibration lines in {path} do not match its settings: {_AGAIN}")
+        raise FileError(
+            f"the calibration lines in {path} do not match its settings: {_AGAIN}", path
+        )
     return found
 
 

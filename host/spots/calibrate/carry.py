@@ -13,7 +13,7 @@ from datetime import datetime
 import numpy as np
 from msgspec.structs import replace
 
-from ..errors import SpotsError
+from ..errors import FileError
 from .calibration_file import CalibrationFile, Rezero
 from .session import Point, Session
 from .shift import drift_at, shifted
@@ -34,13 +34,14 @@ def check(before: CalibrationFile | None, board: str, path: object) -> None:
 
     Raises
     ------
-    SpotsError
+    FileError
         If `before` belongs to another board.
     """
     if before is not None and before.board != board:
-        raise SpotsError(
+        raise FileError(
             f"{path} is the calibration of board {before.board}, but this is board {board}: name "
-            "another file with --out, or another session with --session"
+            "another file with --out, or another session with --session",
+            path,
         )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from spots_device.board.settings import DEFAULT_PLAN
 
-from ..errors import SpotsError
+from ..errors import CalibrationError
 from .fit import Curves
 from .presses import Noise, Presses
 
@@ -80,12 +80,12 @@ def choose(plans, measured: tuple[Presses, Presses], full_scale: float) -> Choic
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If fewer than six diodes are usable.
     """
     usable, places_um, logs = _merge(plans, measured, full_scale)
     if len(usable) < len(plans[0]):
-        raise SpotsError(
+        raise CalibrationError(
             f"only {len(usable)} channels are usable, but six are needed; the other channels are "
             "too dark or too bright: begin another session without --keep-settings, or set gain "
             "and LED current and begin one with --keep-settings"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from spots_device.reading.decode import DARK_SAMPLES
 
 from ..common.signals import stop_explained
-from ..errors import SpotsError
+from ..errors import BoardError
 from ..link.board import Board
 from ..link.connect import ensured, open_named
 from .guide import Guide
@@ -47,14 +47,15 @@ def take_dark(board: Board, ask: Callable[[str], str]) -> list[int]:
 
     Raises
     ------
-    SpotsError
+    BoardError
         If the board can switch its LED off itself, or is disconnected.
     """
     state = board.command("get")
     if state["led"] != "always":
-        raise SpotsError(
+        raise BoardError(
             f"led={state['led']}: the board switches its LED and takes dark frames itself; if the "
-            "LED is always on, run 'spots command set led=always' first"
+            "LED is always on, run 'spots command set led=always' first",
+            "led_switched",
         )
     limit = _MOST * DARK_SAMPLES * state["full_scale"]
     ask("unplug the LED or cover the strip's end at the LED, touch nothing, then press Enter: ")

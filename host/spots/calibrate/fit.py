@@ -19,7 +19,7 @@ from spots_device.reading.calibration import Conditions
 from spots_device.reading.calibration_lines import ONE_Q13, WEIGHT_SUM_MAX
 from spots_device.reading.log2 import ONE as ONE_Q20
 
-from ..errors import SpotsError
+from ..errors import CalibrationError
 from ..link import press_spectra
 from .cross import Change, change
 from .monotone import monotone
@@ -89,7 +89,7 @@ def fit(
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the readings are too noisy or too dark, or do not change monotonically with position or
         force.
     """
@@ -114,7 +114,7 @@ def fit(
     sigma_um, sigma_misfit = _sigmas(rest, parts, test, noise, dimmer)
     limit_um = max(_TOUCH_SIGMA_UM, _TOUCH_SIGMA_SHARE * np.ptp(rest.ends_um))
     if sigma_um.min() > limit_um:
-        raise SpotsError(
+        raise CalibrationError(
             "the position is too noisy at every force: raise exposure, gain or LED current"
         )
     begin = max(forces[np.argmax(sigma_um <= limit_um)], _TOUCH_ABOVE_DARK * forces[0])
@@ -177,7 +177,7 @@ class Curves:
 
 def _finite(values: np.ndarray) -> np.ndarray:
     if not np.isfinite(values).all():
-        raise SpotsError(
+        raise CalibrationError(
             "these presses give no calibration: check their positions and forces, or begin another "
             "session"
         )
@@ -268,14 +268,14 @@ def estimators(design: np.ndarray, information: np.ndarray) -> np.ndarray:
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the channels cannot distinguish the unknowns.
     """
     weighted = design * information[:, None]
     try:
         return np.linalg.solve(design.T @ weighted, weighted.T)
     except np.linalg.LinAlgError:
-        raise SpotsError(
+        raise CalibrationError(
             "the light of all channels decays alike along the strip: choose other channels with "
             "--plan, or a dye or an LED of another colour"
         ) from None
@@ -311,7 +311,7 @@ def _knots(
     offset = logs @ force * _Q13_TO_Q20 - firm
     order = np.argsort(contrast)
     if not (np.diff(x[order]) > 0).all() and not (np.diff(x[order]) < 0).all():
-        raise SpotsError(
+        raise CalibrationError(
             f"the colour near {np.mean(part) / 1000:.0f} mm does not change steadily along the "
             "strip: check the positions of the presses there, and that the dye suits the strip's "
             "length"
@@ -436,12 +436,12 @@ def _force_table(rest, parts, pressed: Presses, firm: float) -> tuple[np.ndarray
     forces = np.unique(lit.force_mN)
     means = np.array([brightness[lit.force_mN == f].mean() for f in forces])
     if len(forces) < FORCES_MIN:
-        raise SpotsError(
+        raise CalibrationError(
             f"only {len(forces)} forces give light in all channels, but {FORCES_MIN} are needed: "
             "press with more different forces, or check the strip, its LED and the gain"
         )
     if (np.diff(means) <= 0).any():
-        raise SpotsError(
+        raise CalibrationError(
             "the brightness does not rise with the force: check the strip, its LED and the gain"
         )
     # The table is a least-squares spline of straight lines. Its errors have both signs; straight

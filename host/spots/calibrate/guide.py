@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ..common import typed_ahead
-from ..errors import SpotsError, printable
+from ..errors import StateError, printable
 from ..terminal.view import bar, bars, framed, live, strip_columns
 from .dialog import Progress, UndoError
 from .session import Wanted
@@ -184,7 +184,7 @@ class Guide:
 
         Raises
         ------
-        SpotsError
+        StateError
             If standard input is closed.
         UndoError
             If the answer is ``undo``.
@@ -201,7 +201,7 @@ class Guide:
         if self._live is not None:
             self._live.start()
         if not line:
-            raise SpotsError("standard input is closed: run this command in a terminal")
+            raise StateError("standard input is closed: run this command in a terminal")
         if line.strip().lower() == "undo":
             raise UndoError
         return line.strip()

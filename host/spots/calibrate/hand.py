@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import SpotsError
+from ..errors import CalibrationError
 from . import rest
 from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples_of
 from .dialog import Dialog, Progress
@@ -70,7 +70,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the largest force is too weak to give light in all channels, or a press is invalid at
         every attempt.
     """
@@ -96,7 +96,7 @@ def by_hand(bench: Bench, session: Session, count: int, least: int, rough: bool)
             weak = isinstance(bad, TooDarkError) and len(bench.holds) > 1
             dark, tries = isinstance(bad, TooDarkError) and not weak, tries + 1
             if tries == TRIES or (dark and wanted.force_mN >= FULL_MN):
-                raise SpotsError(f"{wanted}: {bad}; {CONTINUES}") from None
+                raise CalibrationError(f"{wanted}: {bad}; {CONTINUES}") from None
             guide.say(f"{wanted}: {bad}; press again")
             if weak:
                 more_mN = _HARDER * wanted.then_mN

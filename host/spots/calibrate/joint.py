@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import SpotsError
+from ..errors import CalibrationError
 from .calibration_file import Joint, Marks
 from .session import Point
 
@@ -33,13 +33,13 @@ def fit_joint(points: list[Point]) -> Joint:
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If there are too few points, if two points of one direction have equal angles, or if the
         position does not rise or fall steadily with the angle, or is far from a straight line.
     """
     ways = [[p for p in points if p.direction == way] for way in (1, -1)]
     if min(len(way) for way in ways) < ANGLES_MIN:
-        raise SpotsError(f"a joint needs {ANGLES_MIN} angles or more in each direction")
+        raise CalibrationError(f"a joint needs {ANGLES_MIN} angles or more in each direction")
     angle, position, sigma = (
         np.array([getattr(p, name) for way in ways for p in way])
         for name in ("angle_deg", "position_um", "position_sigma_um")
@@ -49,12 +49,12 @@ def fit_joint(points: list[Point]) -> Joint:
     order = np.lexsort((angle, up))
     same_way = np.diff(up[order].astype(int)) == 0
     if (np.diff(angle[order])[same_way] == 0).any():
-        raise SpotsError(
+        raise CalibrationError(
             "two points have the same angle and direction of turn: begin another session"
         )
     steps = np.diff(position[order])[same_way]
     if not ((steps > 0).all() or (steps < 0).all()):
-        raise SpotsError(
+        raise CalibrationError(
             "the position does not rise or fall steadily with the angle: check the angles, and "
             "that the indenter does not slip; then begin another session"
         )
@@ -64,7 +64,7 @@ def fit_joint(points: list[Point]) -> Joint:
     # A constant difference between the directions is the backlash.
     off = np.abs(residual - np.where(up, residual[up].mean(), residual[~up].mean()))
     if off.max() > _OFF_MAX * np.ptp(angle):
-        raise SpotsError(
+        raise CalibrationError(
             f"the angle {angle[np.argmax(off)]:g} differs by {off.max():.2g} degrees from a "
             "straight line through all angles: check this angle, and that the indenter slides "
             "along the strip; then begin another session"

@@ -8,10 +8,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from spots_device.reading.calibration import Calibration
-from spots_device.reading.calibration_lines import CalibrationError
+from spots_device.reading.calibration_lines import CalibrationError as LinesError
 from spots_device.reading.decode import CROSS
 
-from ..errors import SpotsError
+from ..errors import CalibrationError, SpotsError
 from ..link.press_spectra import press_spectra
 from . import calibration_file as file
 from . import rest
@@ -51,13 +51,13 @@ def make(session: Session, say: Callable[[str], None] = print) -> file.Calibrati
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the presses do not give a calibration, or do not fit the calibration that they give.
     """
     try:
         return _made(session, say)
     except np.linalg.LinAlgError:
-        raise SpotsError(
+        raise CalibrationError(
             f"the presses in {session.path} contradict each other: check their positions and "
             "forces, remove the lines of wrong ones, or begin another session with --session"
         ) from None
@@ -115,8 +115,8 @@ def _made(session: Session, say: Callable[[str], None]) -> file.CalibrationFile:
 def _validate(lines: list[str]) -> None:
     try:
         Calibration(lines)
-    except CalibrationError as error:
-        raise SpotsError(
+    except LinesError as error:
+        raise CalibrationError(
             f"these presses give no calibration ({error}): check the length of the strip and the "
             "positions of the presses, or take more presses"
         ) from None
@@ -126,7 +126,7 @@ def _marks(pressed: Presses) -> file.Marks | None:
     if len(pressed.force_mN) < len(MARKS):
         return None
     if not (np.diff(pressed.position_um) > 0).all():
-        raise SpotsError(
+        raise CalibrationError(
             "two marks of this session have the same position: remove the lines of its presses of "
             "the kind mark, and start the session again"
         )
@@ -170,8 +170,8 @@ def _residual(
 ) -> file.Residual:
     """Return the errors of the board's positions and forces at the presses of one strain.
 
-    Raises SpotsError if the rms errors are above `limit_um`, or above the share `limit_share` of
-    the forces.
+    Raises CalibrationError if the rms errors are above `limit_um`, or above the share `limit_share`
+    of the forces.
     """
     decode = Decoded()
     decode.calibration = Calibration(lines, strain_ppm)
@@ -186,7 +186,7 @@ def _residual(
     at_um, force_mN = decoded(along).T
     touches = force_mN >= decode.calibration.touch_on_mN
     if touches.mean() < _TOUCHES:
-        raise SpotsError(
+        raise CalibrationError(
             f"{_UNFIT}: only {touches.sum()} of {len(touches)} presses are read as touches; begin "
             "another session, and press more firmly"
         )
@@ -213,7 +213,7 @@ def _unfit(session: Session, errors: str, taken: Presses, off: np.ndarray) -> Sp
     at = taken.position_um[worst], taken.force_mN[worst]
     places = [(p.place_um, p.force_mN) for p in session.points]
     line = len(places) - places[::-1].index(at)
-    return SpotsError(
+    return CalibrationError(
         f"{_UNFIT}: it differs from the {errors}; check the length of the strip, and the press at "
         f"{session.points[line - 1]}, which fits worst: remove line {line} of {session.path} to "
         "repeat it, or begin another session with --session"

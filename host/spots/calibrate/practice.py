@@ -13,7 +13,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import SpotsError
+from ..errors import RequirementError
 from ..link.ports import offered
 from . import calibration_file as file
 from .bench import Bench
@@ -97,12 +97,12 @@ def practise(options: argparse.Namespace, kind: str, count: int, guide: Dialog) 
 
     Raises
     ------
-    SpotsError
+    RequirementError
         If there is no simulator, or the session ends early.
     """
     begin: Callable[..., AbstractContextManager[Practice]] | None = offered("virtual", "practice")
     if begin is None:
-        raise SpotsError("the installed simulator has no practice: update spots-tactile")
+        raise RequirementError("the installed simulator has no practice: update spots-tactile")
     with tempfile.TemporaryDirectory() as folder:
         session = Session(Path(folder) / "practice.jsonl")
         out = session.path.with_suffix(".toml")

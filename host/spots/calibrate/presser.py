@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ..errors import SpotsError
+from ..errors import SettingError, SpotsError
 from ..link.board import Board
 from .dark import take_dark
 from .dialog import PRESS, RELEASE, Dialog
@@ -137,7 +137,7 @@ class Presser:
             try:
                 read = typed(answer, length_um, wanted_mN or FIRM_MN)
                 if force_only and read[0] is not None:
-                    raise SpotsError(f"'{answer}' has a position: type only the force")
+                    raise SettingError(f"'{answer}' has a position: type only the force")
                 return read
             except SpotsError as error:
                 self._guide.say(str(error))

@@ -11,7 +11,7 @@ import numpy as np
 
 from spots_device.reading.decode import DARK_SAMPLES
 
-from ..errors import SpotsError
+from ..errors import CalibrationError
 from .presses import FIRM_MN, Presses
 from .session import Session, presses
 
@@ -73,13 +73,13 @@ def described(rest: Iterable[float], firm: Presses) -> str:
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the light is too bright to be subtracted.
     """
     place_um, share = _found(np.array(list(rest)), firm)
     where = f"light at {place_um / 1000:.0f} mm without a press: dust, or the guides touch"
     if share > _SHARE_MAX:
-        raise SpotsError(
+        raise CalibrationError(
             f"{where}; it has {share:.0%} of the light of a firm press there, and at most "
             f"{_SHARE_MAX:.0%} can be subtracted: clean the strip there, or part its guides, and "
             "begin another session"

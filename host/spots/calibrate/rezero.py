@@ -19,7 +19,7 @@ from spots_device.reading.log2 import ONE as ONE_Q20
 
 from ..common.atomic import check_writable
 from ..common.signals import stop_explained
-from ..errors import SpotsError
+from ..errors import CalibrationError, FileError, SettingError, SpotsError
 from . import calibration_file as file
 from . import rest
 from .bench import Bench
@@ -85,7 +85,7 @@ def rezero(
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the calibration has no marks or was made on another board or at other settings, or if the
         presses at a mark disagree.
     """
@@ -93,7 +93,7 @@ def rezero(
     table, reader = Calibration(made.lines), bench.reader
     reason = table.mismatch(reader.conditions)
     if reason is not None:
-        raise SpotsError(f"{bench.path}: {reason}")
+        raise CalibrationError(f"{bench.path}: {reason}")
     longer = reader.conditions.exposure_us / table.conditions.exposure_us
     bench.guide.say("taking dark frames: touch nothing")
     reader.set_up(dark_s=DARK_S, untouched=not joint)
@@ -146,14 +146,15 @@ def _marks(
     marks = made.joint_marks if joint else made.marks
     if marks is None:
         again = "run 'spots calibrate joint' again" if joint else "calibrate again"
-        raise SpotsError(
+        raise FileError(
             f"{path} has no section [{'joint_' * joint}marks], which a re-zero needs: "
-            f"{again} to make it"
+            f"{again} to make it",
+            path,
         )
     forces_mN = Calibration(made.lines).forces_mN
     low_mN, high_mN = forces_mN[0], forces_mN[-1]
     if force_mN is not None and not low_mN <= force_mN <= high_mN:
-        raise SpotsError(
+        raise SettingError(
             f"{force_mN / 1000:g} N is not a force of this calibration: press with a force from "
             f"{low_mN / 1000:.2g} to {high_mN / 1000:.2g} N, and give it with --force-N"
         )
@@ -179,7 +180,7 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the file or the board cannot be written. The calibration `made` is then restored in both;
         if the board does not answer, the message says that it can have either calibration.
     """
@@ -191,7 +192,7 @@ def use(bench: Bench, made: file.CalibrationFile, new: file.CalibrationFile) -> 
         try:
             file.send(bench.reader.board, made)
         except SpotsError as error:
-            raise SpotsError(
+            raise CalibrationError(
                 f"{bench.path} has the calibration before the re-zero again, but the board can "
                 f"have either one ({error}): reconnect the board, and start the re-zero again"
             ) from None
@@ -215,7 +216,7 @@ def _check_light(off: np.ndarray, place_um, force_mN: float) -> None:
     """
     worst = int(np.argmax(np.abs(off)))
     if abs(off[worst]) > _LIGHT_MAX:
-        raise SpotsError(
+        raise CalibrationError(
             f"the press at {place_um[worst] / 1000:.1f} mm gave {2 ** off[worst]:.2g} times the "
             f"light of {force_mN / 1000:g} N: check the scale and --force-N, or leave out "
             "--force-N; nothing was saved"
@@ -235,7 +236,7 @@ def _straightened(place_um, logs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
     straight_um = polynomial.polyval(place_um, polynomial.polyfit(place_um, off_um, 1))
     errors_um = np.abs(straight_um - off_um)
     if errors_um.max() > _STRAY_UM:
-        raise SpotsError(
+        raise CalibrationError(
             f"the press at {place_um[np.argmax(errors_um)] / 1000:.1f} mm was "
             f"{errors_um.max() / 1000:.1f} mm away from its mark: draw the marks on the strip and "
             "start the re-zero again; nothing was saved"
@@ -270,7 +271,7 @@ def _shift(bench: Bench, wanted: Wanted, shift, marks: file.Marks, presses: int)
             found = found[good]
         if len(found) == presses:
             return found.mean(axis=0)
-    raise SpotsError(
+    raise CalibrationError(
         f"the presses at the mark at {wanted.place_um / 1000:.1f} mm are more than "
         f"{_STRAY_UM / 1000:g} mm apart, or too far from the mark: draw the mark on the strip and "
         "start the re-zero again; nothing was saved"

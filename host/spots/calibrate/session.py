@@ -21,7 +21,7 @@ from spots_device.reading.calibration import Conditions
 
 from ..common import atomic, kinds, locks
 from ..common.bounded import SESSION_MAX_BYTES, read_bytes
-from ..errors import SpotsError
+from ..errors import FileError, InUseError
 from .presses import Presses
 from .spectra import Reading
 
@@ -235,7 +235,7 @@ class Session:
 
         Raises
         ------
-        SpotsError
+        InUseError
             If another program uses the session, or its folder cannot be written.
         """
         if self._is_locked:
@@ -244,10 +244,11 @@ class Session:
         with ExitStack() as stack:
             try:
                 stack.enter_context(locks.held(self.path))
-            except locks.InUseError:
-                raise SpotsError(
+            except InUseError:
+                raise InUseError(
                     f"the session {self.path} is in use by another program: end that program, or "
-                    "name another file with --session"
+                    "name another file with --session",
+                    self.path,
                 ) from None
             except OSError as error:
                 raise atomic.not_written(self.path, error) from None
@@ -298,7 +299,7 @@ class Session:
 
         Raises
         ------
-        SpotsError
+        FileError
             If the point cannot be written, or somebody has damaged a line of the file. Then the
             point is stored nevertheless.
         """
@@ -311,9 +312,10 @@ class Session:
             try:
                 atomic.append(self.path, added, len(whole + last))
             except OSError as error:
-                raise SpotsError(
+                raise FileError(
                     f"cannot write {self.path} ({error.strerror or error}): the last press is not "
-                    f"stored, all presses before it are; make room, and run the same command again"
+                    f"stored, all presses before it are; make room, and run the same command again",
+                    self.path,
                 ) from None
             if data != self._data:  # somebody has edited the file
                 self._parse(whole + last + added)
@@ -371,12 +373,14 @@ class Session:
             except (msgspec.DecodeError, UnicodeDecodeError) as error:
                 kinds.check(self.path, data, _WANTED)
                 if _WANTED not in kinds.kinds_of(data):
-                    raise SpotsError(
-                        f"{self.path} is not {_WANTED}: name another file with --session"
+                    raise FileError(
+                        f"{self.path} is not {_WANTED}: name another file with --session", self.path
                     ) from None
-                raise SpotsError(
+                raise FileError(
                     f"line {number} of the session {self.path} is damaged ({error}): remove that "
-                    "line to repeat its press, or begin another session"
+                    "line to repeat its press, or begin another session",
+                    self.path,
+                    f"line {number}",
                 ) from None
         self.points = [self._refer(point) for point in stored]
         self._stored, self._data = stored, data
@@ -462,29 +466,32 @@ class Session:
 
         Raises
         ------
-        SpotsError
+        FileError
             If the session has another board, other settings, or a strip of another length.
         """
         made = self.conditions
         if made is None:
             return
         if made.board != present.board:
-            raise SpotsError(
+            raise FileError(
                 f"the session {self.path} belongs to board {made.board}, but this is board "
-                f"{present.board}: name another file with --session"
+                f"{present.board}: name another file with --session",
+                self.path,
             )
         if self.plan_is_open:
             present = present._replace(plan=made.plan)
         if present != made:
-            raise SpotsError(
+            raise FileError(
                 f"the session {self.path} was made at other settings: restore them with "
-                f"'spots command set {settings(made)}', or name another file with --session"
+                f"'spots command set {settings(made)}', or name another file with --session",
+                self.path,
             )
         made_um = self.length_um
         if None not in (made_um, length_um) and abs(made_um - length_um) > _SAME_LENGTH_UM:
-            raise SpotsError(
+            raise FileError(
                 f"the session {self.path} belongs to a strip of {made_um / 1000:g} mm, not of "
-                f"{length_um / 1000:g} mm: correct the length, or name another file with --session"
+                f"{length_um / 1000:g} mm: correct the length, or name another file with --session",
+                self.path,
             )
 
 

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.polynomial import polynomial
 
 from spots_device.reading.calibration import Calibration
-from spots_device.reading.calibration_lines import ONE_Q13, CalibrationError
+from spots_device.reading.calibration_lines import ONE_Q13
+from spots_device.reading.calibration_lines import CalibrationError as LinesError
 from spots_device.reading.log2 import ONE as ONE_Q20
 from spots_device.sensor.smux import CHANNELS
 
-from ..errors import SpotsError
+from ..errors import CalibrationError
 from ..link import press_spectra
 from .fit import ONE_Q12
 
@@ -61,7 +62,7 @@ def shifted(lines, place_um, shifts) -> list[str]:
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the drift is too large for the tables.
     """
     curve = _curve(place_um, shifts)
@@ -93,8 +94,8 @@ def shifted(lines, place_um, shifts) -> list[str]:
     found = [" ".join(map(str, (name, *values))) for name, values in rows]
     try:
         Calibration(found)
-    except CalibrationError as error:
-        raise SpotsError(
+    except LinesError as error:
+        raise CalibrationError(
             f"the strip has changed more than a re-zero can correct ({error}): calibrate it again"
         ) from None
     return found

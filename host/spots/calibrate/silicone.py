@@ -15,7 +15,7 @@ import numpy as np
 
 from spots_device.reading.calibration import Calibration
 
-from ..errors import SpotsError
+from ..errors import CalibrationError
 from .decoded import Decoded
 from .fit import ONE_Q12
 from .session import Point
@@ -107,7 +107,7 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the presses have too few readings, or if the compensated forces are far from those that
         the person read.
     """
@@ -128,7 +128,7 @@ def fit_session(points: list[Point], lines: list[str], force_share: float) -> Co
     found = fit_silicone(*recorded, force_share=max(force_share, _SHARE_MIN))
     off = found.after_mN / np.nanmean(recorded[1])
     if off > _OFF_MAX:
-        raise SpotsError(
+        raise CalibrationError(
             f"the forces of the presses with two forces differ from the compensated ones by "
             f"{off:.0%} instead of at most {_OFF_MAX:.0%}, and nothing was stored: check the "
             "second force of these presses (then_mN in the session file), remove the line of a "
@@ -166,14 +166,14 @@ def fit_silicone(time_s, force_mN, read_mN, place, force_share: float = 0.0) -> 
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If the recording has fewer than 100 readings with forces above 0.3 N.
     """
     time_s, force_mN, read_mN = (np.asarray(a, float) for a in (time_s, force_mN, read_mN))
     place = np.asarray(place)
     pressed = (force_mN > _LEAST_MN) & (read_mN > _LEAST_MN)
     if pressed.sum() < _READINGS_MIN:
-        raise SpotsError(
+        raise CalibrationError(
             f"{pressed.sum()} readings during presses are too few for hysteresis and creep: load, "
             f"hold and unload the strip again, for at least {_READINGS_MIN} readings"
         )

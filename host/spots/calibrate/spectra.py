@@ -18,7 +18,7 @@ from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, SATURATED
 from spots_device.sensor.smux import CHANNELS
 
-from ..errors import SpotsError
+from ..errors import BoardError, CalibrationError, SpotsError
 from ..link.board import Board
 from ..link.frames import Frame, Spectrum, Touch
 from .presses import own_variance
@@ -218,14 +218,14 @@ class SpectrumReader:
 
         Raises
         ------
-        SpotsError
+        BoardError
             If the board sends too few samples in time.
         """
         limit_s = _TIMEOUT_S + 3e-6 * count * self.info["exposure_us"]
         frames, darks = self._spectra(count, limit_s)
         if len(frames) < count:
-            raise SpotsError(
-                "the board sends too few spectra: 'spots command get' shows its faults"
+            raise BoardError(
+                "the board sends too few spectra: 'spots command get' shows its faults", "too_few"
             )
         saturated = any(frame.flags & SATURATED for frame in frames)
         counts = np.array([frame.counts for frame in frames], dtype=float)
@@ -301,12 +301,12 @@ class SpectrumReader:
 
         Raises
         ------
-        SpotsError
+        CalibrationError
             If the board reports too few positions.
         """
         frames = self._frames(count, lambda f: isinstance(f, Touch) and f.trusted, timeout_s)
         if len(frames) < count:
-            raise SpotsError(
+            raise CalibrationError(
                 "the board reports too few positions: press the strip firmly with the indenter"
             )
         return np.array([frame.position_um for frame in frames], dtype=float)

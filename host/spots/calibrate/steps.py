@@ -12,7 +12,7 @@ import numpy as np
 from spots_device.board.settings import checksum
 from spots_device.sensor.exposure import full_scale, registers
 
-from ..errors import SpotsError
+from ..errors import CalibrationError, SettingError
 from ..link import lamps
 from ..link.connect import ensured
 from . import calibration_file as file
@@ -110,7 +110,7 @@ def _run(bench: Bench, session: Session, kind: str, count: int, strain_percent, 
     if kind != "strain":
         steps.settle(options, kind)
     elif missing := missing_step(session):
-        raise SpotsError(f"calibrate position and force before strain: first run {missing}")
+        raise CalibrationError(f"calibrate position and force before strain: first run {missing}")
     if kind == "position":
         steps.places("position", count, 0)
     elif kind == "force":
@@ -172,7 +172,7 @@ class _Steps:
         wanted_plan = tuple(options.plan.split(",")) if options.plan else None
         if not session.plan_is_open:
             if wanted_plan not in (None, session.conditions.plan):
-                raise SpotsError(
+                raise SettingError(
                     f"the session {session.path} was made with channels "
                     f"{','.join(session.conditions.plan)}: omit --plan, or name another file with "
                     "--session"
@@ -349,7 +349,7 @@ class _Steps:
         calibration = before = file.load(bench.path)
         board = bench.reader.board
         if session.conditions not in (None, calibration.conditions):
-            raise SpotsError(
+            raise SettingError(
                 f"{bench.path} and the session {session.path} have different boards or settings: "
                 "name the session of this calibration with --session"
             )

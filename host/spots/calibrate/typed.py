@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..errors import SpotsError
+from ..errors import SettingError, SpotsError
 
 _STANDARD_GRAVITY = 9.80665  # mN per g
 PLACES = {"mm": 1000.0, "cm": 10_000.0}
@@ -33,15 +33,15 @@ def decimal(text: str) -> float:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the text is not a number, or its comma can also separate thousands, as in ``1,200``. The
         text of the error lacks the remedy.
     """
     if not _NUMBER.fullmatch(text):
-        raise SpotsError(f"'{text}' is not valid")
+        raise SettingError(f"'{text}' is not valid")
     value = float(text.replace(",", "."))
     if "," in text and (thousands := _thousands(text)):
-        raise SpotsError(f"'{text}' can be {thousands} or {value:g}")
+        raise SettingError(f"'{text}' can be {thousands} or {value:g}")
     return value
 
 
@@ -74,7 +74,7 @@ def typed(
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a unit is missing or unknown, two positions or two forces are typed, a number is
         ambiguous, or a value is impossible for a press by hand.
     """
@@ -83,16 +83,16 @@ def typed(
     while at < len(text):
         what, value, words, at = _measure(text, at)
         if what in found:
-            raise SpotsError(f"'{text}' has two {what}s: type one, in one unit")
+            raise SettingError(f"'{text}' has two {what}s: type one, in one unit")
         found[what] = value, words
     place_um, words = found.get("position", (None, ""))
     if place_um is not None and place_um > length_um + _BEYOND_UM:
-        raise SpotsError(f"{words} is beyond the end of the strip at {length_um / 1000:g} mm")
+        raise SettingError(f"{words} is beyond the end of the strip at {length_um / 1000:g} mm")
     force_mN, words = found.get("force", (None, ""))
     least_mN = min(_LEAST_MN, _SHARE * wanted_mN)
     if force_mN is not None and not least_mN <= force_mN <= _MOST_MN:
         hint = _hint(words, least_mN)
-        raise SpotsError(f"{words} is not a possible force of a press: {hint}")
+        raise SettingError(f"{words} is not a possible force of a press: {hint}")
     return place_um, force_mN
 
 
@@ -104,7 +104,7 @@ def _measure(text: str, at: int) -> tuple[str, float, str, int]:
     found = _MEASURE.match(text, at)
     unit = found[2].lower() if found else ""
     if found is None or unit not in PLACES | FORCES:
-        raise SpotsError(f"'{text}' is not valid: type numbers with units, such as 42mm 120g")
+        raise SettingError(f"'{text}' is not valid: type numbers with units, such as 42mm 120g")
     what, units = ("position", PLACES) if unit in PLACES else ("force", FORCES)
     value, last = _value(found[1]) * units[unit], found
     more = _MEASURE.match(text, found.end())
@@ -119,7 +119,7 @@ def _value(number: str) -> float:
     try:
         return decimal(number)
     except SpotsError as error:
-        raise SpotsError(f"{error}: type one of these") from None
+        raise SettingError(f"{error}: type one of these") from None
 
 
 def _hint(words: str, least_mN: float) -> str:

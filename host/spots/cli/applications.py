@@ -2,7 +2,7 @@
 
 import argparse
 
-from ..errors import SpotsError, printable
+from ..errors import SettingError, printable
 from . import arguments
 from .parser import Parser, calls
 
@@ -94,7 +94,7 @@ def _keys(options: argparse.Namespace) -> None:
     if options.what == "names":
         print("\n".join(keys.names(options.layout or "")))
     elif options.layout is None:
-        raise SpotsError(f"keys {options.what} needs a layout: add a file or a name such as mini")
+        raise SettingError(f"keys {options.what} needs a layout: add a file or a name such as mini")
     elif options.what == "check":
         keys.check(options.layout)
     elif options.what == "show":

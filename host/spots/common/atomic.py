@@ -22,7 +22,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from ..errors import SpotsError
+from ..errors import ChangedError, FileError, SettingError, SpotsError
 from . import locks
 from .bounded import open_regular
 
@@ -33,10 +33,6 @@ _LOCK = "lock"  # file in a staging directory that its process locks
 _STALE_S = 3600.0
 _WAIT_S = 5.0  # longest wait for another program that replaces the same file
 _ANY = object()
-
-
-class ChangedError(SpotsError):
-    """Raised if a file is not what its writer read before: somebody else has changed it."""
 
 
 class Kind(NamedTuple):
@@ -67,7 +63,7 @@ class Kind(NamedTuple):
 
         Raises
         ------
-        SpotsError
+        FileError
             If the file has another kind.
         ChangedError
             If the file has another content than `was`.
@@ -80,12 +76,13 @@ class Kind(NamedTuple):
         except FileNotFoundError:
             return
         except SpotsError:
-            raise SpotsError(
+            raise FileError(
                 f"{path} would be replaced, but it is not {self.name}, or it is damaged: name "
-                "another file, or move this one"
+                "another file, or move this one",
+                path,
             ) from None
         if was is not _ANY and now != was:
-            raise ChangedError(f"another program has changed {path}: nothing was written")
+            raise ChangedError(f"another program has changed {path}: nothing was written", path)
 
     def present(self, path: Path) -> Any:
         """Return what a new file would replace, as `read` returns it; None if that is nothing.
@@ -135,7 +132,7 @@ def begins(name: str, *heads: bytes) -> Kind:
     def read(path: Path) -> None:
         with open_regular(path) as file:
             if not file.read(max(map(len, heads))).startswith(heads):
-                raise SpotsError(f"{path} is not {name}: name another file")
+                raise FileError(f"{path} is not {name}: name another file", path)
 
     return Kind(name, read)
 
@@ -150,14 +147,14 @@ def distinct(named: Mapping[str, Path]) -> None:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If two options name the same file.
     """
     options: dict[Path, str] = {}
     for option, path in named.items():
         other = options.setdefault(path.resolve(), option)
         if other != option:
-            raise SpotsError(f"{other} and {option} name the same file, {path}: name two files")
+            raise SettingError(f"{other} and {option} name the same file, {path}: name two files")
 
 
 @contextmanager
@@ -333,9 +330,9 @@ def not_written(path: Path, error: OSError) -> SpotsError:
     SpotsError
     """
     if not path.parent.is_dir():
-        return SpotsError(f"there is no folder {path.parent}: make it first")
+        return FileError(f"there is no folder {path.parent}: make it first", path.parent)
     reason = error.strerror or error
-    return SpotsError(f"cannot write {path}: {reason}; name another file or folder")
+    return FileError(f"cannot write {path}: {reason}; name another file or folder", path)
 
 
 def check_writable(path: Path, over: Kind | None = None, *, append: bool = False) -> None:
@@ -370,7 +367,7 @@ def check_writable(path: Path, over: Kind | None = None, *, append: bool = False
 
 def exists(path: Path) -> SpotsError:
     """Return the error for a file that must be new but exists."""
-    return SpotsError(f"{path} exists: choose another name or remove it")
+    return FileError(f"{path} exists: choose another name or remove it", path)
 
 
 def _place_new(part: Path, path: Path) -> None:

@@ -6,7 +6,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import SpotsError, path_text
+from ..errors import FileError, SpotsError, path_text
 
 # Size limits. Each limit is several times the largest useful file of its kind.
 TOML_MAX_BYTES = 256 << 10  # parsed by pure Python at about 1 MB/s
@@ -65,15 +65,16 @@ def read_bytes(path: str | Path, max_bytes: int) -> bytes:
     ------
     OSError
         If the file cannot be read.
-    SpotsError
+    FileError
         If the file is not a regular file, or is larger than `max_bytes`.
     """
     with open_regular(path) as file:
         data = file.read(max_bytes + 1)
     if len(data) > max_bytes:
-        raise SpotsError(
+        raise FileError(
             f"{path} is larger than {max_bytes >> 10} KiB, the limit for such a file: name another "
-            "file"
+            "file",
+            path,
         )
     return data
 
@@ -127,4 +128,4 @@ def encoding_of(data: bytes) -> tuple[bytes, str]:
 def _check_regular(path: str | Path, mode: int) -> None:
     # Opening a folder raises an `OSError` that names the reason.
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-        raise SpotsError(f"{path} is not a regular file: name another file")
+        raise FileError(f"{path} is not a regular file: name another file", path)

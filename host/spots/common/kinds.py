@@ -4,7 +4,7 @@ import os
 import re
 from pathlib import Path
 
-from ..errors import SpotsError
+from ..errors import FileError, SpotsError
 
 # Kinds of binary files, by a text at their beginning.
 _BEGINNINGS = {
@@ -78,12 +78,12 @@ def check(path: object, data: bytes | str, wanted: str) -> None:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the file is recognised, but not as the wanted kind.
     """
     found = kinds_of(data)
     if found and wanted not in found:
-        raise SpotsError(f"{path} is {found[0]}, not {wanted}: name another file")
+        raise FileError(f"{path} is {found[0]}, not {wanted}: name another file", path)
 
 
 def not_read(path: str | Path, error: OSError | UnicodeDecodeError, wanted: str) -> SpotsError:
@@ -107,12 +107,13 @@ def not_read(path: str | Path, error: OSError | UnicodeDecodeError, wanted: str)
             check(path, error.object, wanted)
         except SpotsError as other:
             return other
-        return SpotsError(
+        return FileError(
             f"{path} is not UTF-8 text, so it is not {wanted}: save it as UTF-8, or name another "
-            "file"
+            "file",
+            path,
         )
     if os.path.isdir(path):  # Windows denies access to it
-        return SpotsError(f"{path} is a folder, not {wanted}: name a file")
-    return SpotsError(
-        f"cannot read {path} ({error.strerror}): name another file, or change its permissions"
+        return FileError(f"{path} is a folder, not {wanted}: name a file", path)
+    return FileError(
+        f"cannot read {path} ({error.strerror}): name another file, or change its permissions", path
     )

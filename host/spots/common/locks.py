@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from ..errors import SpotsError
+from ..errors import InUseError
 
 _RETRY_S = 0.02
 # What the operating system reports if another open file has the lock.
@@ -29,10 +29,6 @@ else:
 
     def _lock(handle: int) -> None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-class InUseError(SpotsError):
-    """Raised if another program, or another part of this program, uses the same file."""
 
 
 def lock(handle: int) -> bool:
@@ -88,7 +84,8 @@ def held(path: Path, wait_s: float = 0.0) -> Iterator[None]:
     while (handle := _locked(beside)) is None:
         if time.monotonic() >= end_s:
             raise InUseError(
-                f"{path} is in use by another program: end that program, or name another file"
+                f"{path} is in use by another program: end that program, or name another file",
+                path,
             )
         time.sleep(_RETRY_S)
     try:

@@ -12,7 +12,7 @@ from typing import TypeVar
 import msgspec
 from msgspec import inspect
 
-from ..errors import SpotsError, did_you_mean, path_text
+from ..errors import FileError, did_you_mean, path_text
 from . import kinds
 from .bounded import read_text
 
@@ -104,7 +104,7 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the file cannot be read as text, is not a regular file, or is too large.
     """
     name = path_text(name, f"the name of a {what} file")
@@ -116,9 +116,10 @@ def find(name: str | Path, folder: Path, what: str) -> tuple[Path, str]:
         return path, read_text(path)
     except FileNotFoundError:
         known = ", ".join(sorted(file.stem for file in folder.glob("*.toml")))
-        raise SpotsError(
+        raise FileError(
             f"cannot read the {what} file {name}, because there is no such file: give the path of "
-            f"a file that ends in .toml, or one of these names: {known}"
+            f"a file that ends in .toml, or one of these names: {known}",
+            name,
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise kinds.not_read(name, error, f"a {what} file") from None
@@ -205,7 +206,7 @@ def dumps(content: dict, prefix: str = "", comments: Mapping[str, str] = {}) -> 
     return "\n".join(lines + tables)
 
 
-def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
+def checked(text: str, kind: type[_Kind], what: str, path: str | Path) -> _Kind:
     """Parse and validate a TOML file; return its content as a struct.
 
     Parameters
@@ -215,7 +216,9 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
     kind : type
         Subclass of `msgspec.Struct` that describes the file.
     what : str
-        Kind and path of the file for error messages, such as "layout file mine.toml".
+        Kind of the file for error messages, such as "layout".
+    path : str or Path
+        Path of the file, for error messages.
 
     Returns
     -------
@@ -224,16 +227,15 @@ def checked(text: str, kind: type[_Kind], what: str) -> _Kind:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the text is not TOML, a key is unknown or missing, or a value is invalid.
     """
     try:
         return convert(loads(text), kind)
     except msgspec.ValidationError as error:
-        wanted, is_file, path = what.partition(" file ")
-        if is_file:
-            kinds.check(path, text, f"a {wanted} file")
-        raise SpotsError(f"{what}: {error}") from None
+        kinds.check(path, text, f"a {what} file")
+        place = ".".join(reversed(getattr(error, "keys", [])))
+        raise FileError(f"{what} file {path}: {error}", path, place) from None
 
 
 def convert(content: dict, kind: type[_Kind]) -> _Kind:

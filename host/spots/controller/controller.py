@@ -11,7 +11,7 @@ from rich.panel import Panel
 
 from ..common.atomic import check_writable
 from ..common.signals import released_by_signals
-from ..errors import SpotsError
+from ..errors import BoardError
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
 from ..link.frames import Touch
@@ -40,9 +40,10 @@ def controller_command(options: argparse.Namespace) -> None:
             return
         controller = controller_for(board, settings)
         if board.info["gamepad"] and not options.dry_run:
-            raise SpotsError(
+            raise BoardError(
                 "the board is a gamepad itself, so each touch would count twice: run "
-                "'spots command set gamepad=0' first"
+                "'spots command set gamepad=0' first",
+                "is_gamepad",
             )
         dry_run = options.dry_run
         with open_gamepad(dry_run) as gamepad, drawn(not dry_run) as display:

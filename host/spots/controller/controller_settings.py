@@ -204,7 +204,7 @@ def parsed(text: str, path: Path) -> ControllerSettings:
     SpotsError
         If a key is unknown, missing or out of range.
     """
-    return toml.checked(text, ControllerSettings, f"settings file {path}")
+    return toml.checked(text, ControllerSettings, "settings", path)
 
 
 KIND = atomic.Kind("a settings file of a controller", load)

@@ -8,7 +8,7 @@ from statistics import median
 import msgspec
 
 from ..common.signals import stop_explained
-from ..errors import SpotsError, printable
+from ..errors import CalibrationError, printable
 from ..link.board import Board
 from ..link.calibrated import hello_calibrated
 from ..link.frames import Touch
@@ -74,12 +74,12 @@ def _measured(settings: ControllerSettings, percent: dict, force_mN: dict) -> Co
     low, high = sorted((percent["near"], percent["far"]))
     rest = percent["rest"]
     if not (low + _APART_PERCENT <= rest <= high - _APART_PERCENT):
-        raise SpotsError(
+        raise CalibrationError(
             f"the middle is at {rest:g} % of the strip, but must be between the ends at {low:g} % "
             f"and {high:g} %, and at least {_APART_PERCENT:g} % from each: try again"
         )
     if force_mN["hard"] < _RATIO_LEAST * force_mN["light"]:
-        raise SpotsError(
+        raise CalibrationError(
             f"the hard press of {force_mN['hard']} mN must be at least {_RATIO_LEAST:g} times the "
             f"light press of {force_mN['light']} mN: try again"
         )
@@ -124,4 +124,4 @@ def _readings(board: Board, what: str):
     for frame in board.frames(_WAIT_S):
         if isinstance(frame, Touch) and frame.sensor == 0:
             yield frame
-    raise SpotsError(f"{what} within {_WAIT_S:g} s: nothing was written, try again")
+    raise CalibrationError(f"{what} within {_WAIT_S:g} s: nothing was written, try again")

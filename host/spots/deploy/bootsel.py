@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.progress import track
 
-from ..errors import SpotsError, printable
+from ..errors import PortError, SettingError, printable
 from ..link.serial_link import usb_boards
 from . import uf2
 from .boot_drive import ABOUT, BootDrive, boot_drives, drive_at
@@ -54,18 +54,20 @@ def install(
 
     Raises
     ------
-    SpotsError
+    SettingError
         If there is no such drive or more than one, or it belongs to another chip; if the runtime
         is not one for this board; if the user does not confirm; if the copy fails, or the firmware
         does not answer.
     """
     device = device_of(board, strips)
     if form_of(device).suffix != ".uf2":
-        raise SpotsError(f"the boot loader of {board} is not a drive: 'spots image' writes a file")
+        raise SettingError(
+            f"the boot loader of {board} is not a drive: 'spots image' writes a file"
+        )
     data = compose(device, Path(runtime), strips, layout, led)
     drive = _the_drive(folder)
     if uf2.read(data, runtime).family != drive.family:
-        raise SpotsError(
+        raise SettingError(
             f"the drive {drive.folder} belongs to another chip than {board} has: name the board "
             "that is plugged in"
         )
@@ -83,18 +85,18 @@ def _the_drive(folder: str | None) -> BootDrive:
     if folder is not None:
         drive = drive_at(folder)
         if drive is None:
-            raise SpotsError(
+            raise SettingError(
                 f"{folder} is not the drive of a boot loader: name the folder that has {ABOUT}"
             )
         return drive
     drives = boot_drives()
     if not drives:
-        raise SpotsError(
+        raise PortError(
             "no drive of a boot loader is mounted: hold BOOTSEL while you plug the board in"
         )
     if len(drives) > 1:
         names = ", ".join(drive.folder for drive in drives)
-        raise SpotsError(f"more than one drive of a boot loader: name one with --port: {names}")
+        raise PortError(f"more than one drive of a boot loader: name one with --port: {names}")
     return drives[0]
 
 
@@ -113,7 +115,7 @@ def _copy(data: bytes, folder: Path) -> None:
                     os.fsync(file.fileno())
     except OSError as error:
         if left:
-            raise SpotsError(
+            raise PortError(
                 f"the copy to {folder} stopped ({error.strerror}): hold BOOTSEL while you plug the "
                 "board in, and run the command again"
             ) from None

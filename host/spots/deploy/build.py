@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..common import atomic
-from ..errors import SpotsError, missing
+from ..errors import FileError, RequirementError, missing
 from . import constants, manifest
 from .staging import CONFIG, Device, device_of, stage
 
@@ -66,7 +66,7 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the board is unknown or cannot have this number of strips; if mpy-cross is missing or
         cannot compile a module; if the folder cannot be written, or was not written by ``spots
         build``. On an error the folder is unchanged.
@@ -74,9 +74,10 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
     device = device_of(board, strips)
     target = root / board
     if os.path.lexists(target) and not _is_build(target):
-        raise SpotsError(
+        raise FileError(
             f"{target} was not written by 'spots build': move this folder, or run the command in "
-            "another folder"
+            "another folder",
+            target,
         )
     try:
         _build(device, target, strips)
@@ -84,9 +85,10 @@ def build(board: str, root: Path = Path("build"), strips: int = 1) -> Path:
         # `shutil.copytree` raises an error with a list of (source, destination, reason).
         is_tree = isinstance(error, shutil.Error)
         reason = error.args[0][0][2] if is_tree else error.strerror
-        raise SpotsError(
+        raise FileError(
             f"{target} cannot be written ({reason}): make room on its disk, or build in another "
-            "folder"
+            "folder",
+            target,
         ) from None
     return target
 
@@ -149,7 +151,9 @@ def _compile(package: Path, device: Device) -> None:
         if run.returncode:
             output = run.stderr.strip() or run.stdout.strip() or "no reason given"
             reason = output.splitlines()[-1]
-            raise SpotsError(f"mpy-cross refuses {name} ({reason}): install the newest mpy-cross")
+            raise RequirementError(
+                f"mpy-cross refuses {name} ({reason}): install the newest mpy-cross"
+            )
         source.unlink()
 
 

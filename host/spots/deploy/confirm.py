@@ -3,7 +3,7 @@
 import sys
 
 from ..common import typed_ahead
-from ..errors import SpotsError, printable
+from ..errors import StateError, printable
 
 
 def confirm(command: str, question: str, unchanged: str) -> None:
@@ -20,14 +20,14 @@ def confirm(command: str, question: str, unchanged: str) -> None:
 
     Raises
     ------
-    SpotsError
+    StateError
         If the answer is another one, or nobody can answer.
     """
     if not sys.stdin.isatty():
-        raise SpotsError(
+        raise StateError(
             f"{command} asks for a confirmation: add --yes to run it without a terminal"
         )
     typed_ahead.drop()
     print(f"{printable(question)} [y/N] ", end="", flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise SpotsError(f"{unchanged}, because the answer was not 'y' or 'yes'")
+        raise StateError(f"{unchanged}, because the answer was not 'y' or 'yes'")

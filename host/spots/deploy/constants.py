@@ -14,7 +14,7 @@ from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
-from ..errors import SpotsError
+from ..errors import FileError
 from .source import Source
 
 _NAME = re.compile(r"_?[A-Z][A-Z0-9_]*")
@@ -182,9 +182,11 @@ class _Module(Source):
                 looked_up = getattr(node, "attr", "") or getattr(node, "id", "")
                 is_constant = _NAME.fullmatch(looked_up)
                 if is_constant and node not in replaced | data:
-                    raise SpotsError(
+                    raise FileError(
                         f"{name}.py, line {node.lineno}: {function.name} looks {looked_up} up in "
-                        "machine code: make it a constant of a module"
+                        "machine code: make it a constant of a module",
+                        f"{name}.py",
+                        f"line {node.lineno}",
                     )
 
 

@@ -11,7 +11,7 @@ from spots_device import __version__
 from spots_device.reading import decode
 
 from ..common import typed_ahead
-from ..errors import AtPromptError, SpotsError, printable
+from ..errors import AtPromptError, BoardError, SpotsError, printable
 from ..link import lamps
 from ..link.advice import stored_calibration, stored_layout
 from ..link.board import Board
@@ -63,7 +63,7 @@ def doctor(port: str | None = None, mark: float | None = None) -> None:
 
     Raises
     ------
-    SpotsError
+    BoardError
         If a check found a problem.
     """
     problems = 0
@@ -71,7 +71,9 @@ def doctor(port: str | None = None, mark: float | None = None) -> None:
         problems += not ok
         print(f"{'ok' if ok else 'problem':8} {check:10} {printable(text)}")
     if problems:
-        raise SpotsError(f"problems found: {problems}; follow the advice in the lines above")
+        raise BoardError(
+            f"problems found: {problems}; follow the advice in the lines above", "problems"
+        )
 
 
 def examine(port: str | None = None, mark: float | None = None) -> Iterator[Finding]:

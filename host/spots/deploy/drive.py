@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from ..errors import SpotsError, missing
+from ..errors import PortError, SpotsError, missing
 from .nofollow import Tree
 from .prompt import Prompt
 
@@ -44,7 +44,7 @@ class Drive(Tree):
 
     Raises
     ------
-    SpotsError
+    PortError
         If the folder is not a CircuitPython drive.
     """
 
@@ -58,7 +58,7 @@ class Drive(Tree):
                 about = self.read(_ABOUT, _ABOUT_BYTES).decode("utf-8", errors="replace")
         version = _VERSION.search(about)
         if not version:
-            raise SpotsError(
+            raise PortError(
                 f"{folder} is not a CircuitPython drive: name the folder that has {_ABOUT}"
             )
         self.facts = {

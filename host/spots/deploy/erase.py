@@ -1,6 +1,6 @@
 """Removes the firmware from a board, with its settings, calibration and layout of keys."""
 
-from ..errors import SpotsError, printable
+from ..errors import BoardError, printable
 from .confirm import confirm
 from .flash import USER_FILES, Known, remove_folders
 from .manifest import MANIFEST
@@ -25,7 +25,7 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
 
     Raises
     ------
-    SpotsError
+    BoardError
         If the board is not found or has another runtime, or the user does not confirm.
     """
     device = device_of(board)
@@ -36,9 +36,10 @@ def erase(board: str, port: str | None = None, yes: bool = False) -> None:
             confirm("erase", f"remove {what}?", "nothing was removed")
         with there.open() as target:
             if target.facts["runtime"] != device.runtime:
-                raise SpotsError(
+                raise BoardError(
                     f"the board on {there.name} runs {target.facts['runtime']}, but a board of "
-                    f"type {board} needs {device.runtime}: give the type of this board"
+                    f"type {board} needs {device.runtime}: give the type of this board",
+                    "other_runtime",
                 )
             known = Known(target, device.runtime, USER_FILES)
             ours = {path for path in known.sizes if known.claimed and known.is_ours(path)}

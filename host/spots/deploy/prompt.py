@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 
 import serial
 
-from ..errors import SpotsError, missing
+from ..errors import PortError, missing
 from ..link.board_errors import AGAIN, in_words
 from ..link.serial_link import SerialLink
 
@@ -194,7 +194,7 @@ class Prompt:
 
         Raises
         ------
-        SpotsError
+        PortError
             If the content is damaged during the transfer; also for the reasons that `Prompt` lists.
         """
         for folder in map(str, [*PurePosixPath(path).parents][-2::-1]):
@@ -202,7 +202,7 @@ class Prompt:
         with self._explained():
             self._transport.fs_writefile(path + ".part", data, _CHUNK)
         if self.sha256(path + ".part") != hashlib.sha256(data).hexdigest():
-            raise SpotsError(f"{path} was damaged in transfer to {self.port}: try another cable")
+            raise PortError(f"{path} was damaged in transfer to {self.port}: try another cable")
         self.run(_RENAME_PART.format(path))
 
     def reset(self) -> None:
@@ -236,7 +236,7 @@ class Prompt:
                 reason = lines[-1] if lines else "no reason given"
                 words = in_words(reason)
                 what = f"reports an error: {words}" + ("" if AGAIN in words else replug)
-            raise SpotsError(f"the board on {self.port} {what}") from None
+            raise PortError(f"the board on {self.port} {what}") from None
 
     def _enter(self, transport_type: type) -> dict:
         """Open MicroPython's raw REPL, run `_FACTS` there, and return the dict that it prints."""
@@ -255,6 +255,6 @@ class Prompt:
                     if facts["free"] is not None:  # littlefs reports less than 0 if it is full
                         facts["free"] = max(0, facts["free"])
                     return facts
-        raise SpotsError(
+        raise PortError(
             f"no MicroPython prompt on {self.port}: install MicroPython on the board, or replug it"
         )

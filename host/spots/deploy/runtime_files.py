@@ -13,7 +13,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import NamedTuple
 
-from ..errors import SpotsError, missing
+from ..errors import FileError, SettingError, missing
 from . import binary_info, uf2
 from .build import files_of
 from .flash import OLDEST
@@ -53,14 +53,14 @@ def form_of(device: Device) -> Form:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If there is none, as for a virtual board.
     """
     if device.board_id:
         source = f"CircuitPython's UF2 for {device.board_id}"
         return Form(".uf2", (b"UF2\n",), source, _circuitpython)
     if device.download is None:
-        raise SpotsError(
+        raise SettingError(
             f"there is no image for {device.name}: name a board that is not simulated, see 'spots "
             "boards'"
         )
@@ -77,9 +77,10 @@ def _pico(family: int) -> Callable:
         try:
             drive = _drive_of(binary_info.about(program, uf2.FLASH), runtime.flash)
         except ValueError as error:
-            raise SpotsError(
+            raise FileError(
                 f"{name} is not a MicroPython for {device.name} ({error}): download "
-                f"{form_of(device).source}"
+                f"{form_of(device).source}",
+                name,
             ) from None
         disk = file_system(files_of(build()), drive.size, _PICO_PROGRAM)
         return uf2.write(runtime._replace(flash=runtime.flash | _blocks(drive.address, disk)))
@@ -90,9 +91,10 @@ def _pico(family: int) -> Callable:
 def _uf2_for(device: Device, family: int, data: bytes, name: str) -> uf2.Uf2:
     runtime = uf2.read(data, name)
     if runtime.family != family:
-        raise SpotsError(
+        raise FileError(
             f"{name} is for another chip (family {runtime.family:08x}) than {device.name} "
-            f"({family:08x}): download {form_of(device).source}"
+            f"({family:08x}): download {form_of(device).source}",
+            name,
         )
     return runtime
 
@@ -142,11 +144,12 @@ def _circuitpython(device: Device, data: bytes, name: str, build: Callable[[], P
     family, offset, total = folder2uf2.BOARDS[device.board_id]
     runtime = _uf2_for(device, family, data, name)
     if f"Board ID:{device.board_id}".encode() not in _program(runtime):
-        raise SpotsError(f"{name} is not {form_of(device).source}: download it")
+        raise FileError(f"{name} is not {form_of(device).source}: download it", name)
     if max(runtime.flash) >= uf2.FLASH + offset:
-        raise SpotsError(
+        raise FileError(
             f"{name} is larger than the place for CircuitPython on {device.name}: download a "
-            "stable version"
+            "stable version",
+            name,
         )
     built = build()
     for path in [built, *built.rglob("*")]:
@@ -179,7 +182,7 @@ def _esp32(device: Device, data: bytes, name: str, build: Callable[[], Path]) ->
         if magic == _ROW_MAGIC and label.rstrip(b"\0") == b"vfs"
     ]
     if len(regions) != 1 or b"MicroPython" not in data:
-        raise SpotsError(f"{name} is not {form_of(device).source}: download it")
+        raise FileError(f"{name} is not {form_of(device).source}: download it", name)
     ((address, size),) = regions
     if (
         address % uf2.SECTOR
@@ -187,9 +190,10 @@ def _esp32(device: Device, data: bytes, name: str, build: Callable[[], Path]) ->
         or not 4 * uf2.SECTOR <= size <= 16 << 20
         or (address < len(data.rstrip(_EMPTY)))
     ):
-        raise SpotsError(
+        raise FileError(
             f"{name} has its file system at {address:08x}, inside its program: download "
-            f"{form_of(device).source} again"
+            f"{form_of(device).source} again",
+            name,
         )
     return data.rstrip(_EMPTY).ljust(address, _EMPTY) + file_system(
         files_of(build()), size, _ESP32_PROGRAM

@@ -13,7 +13,7 @@ from spots_device.board.light import LEDS
 
 from ..common import toml
 from ..common.bounded import read_text
-from ..errors import SpotsError, did_you_mean, missing
+from ..errors import FileError, SettingError, did_you_mean, missing
 from .board_config import check
 
 # An installed package contains the folders boards and firmware; a checkout has them at its top.
@@ -142,27 +142,29 @@ def device_of(board: str, strips: int = 1) -> Device:
 
     Raises
     ------
-    SpotsError
+    FileError, SettingError
         If the board is unknown or has no pins for this number of strips, or its board file is
         invalid.
     """
     known = board_names()
     if board not in known:
-        raise SpotsError(f"no board is called {board}: {did_you_mean(board, known)}")
+        raise SettingError(f"no board is called {board}: {did_you_mean(board, known)}")
     path = BOARDS / board / "board.toml"
     try:
         text = read_text(path)
     except (OSError, UnicodeDecodeError):
-        raise SpotsError(f"cannot read {path}: install spots again") from None
-    found = toml.checked(text, Device, f"board file {path}")
+        raise FileError(f"cannot read {path}: install spots again", path) from None
+    found = toml.checked(text, Device, "board", path)
     try:
         for own in found.strips:
             check(found.device | own, found.runtime)
     except msgspec.ValidationError as error:
-        raise SpotsError(f"board file {path}, table [device] or [[strips]]: {error}") from None
+        raise FileError(
+            f"board file {path}, table [device] or [[strips]]: {error}", path, "device"
+        ) from None
     most = len(found.strips)
     if not 1 <= strips <= most:
-        raise SpotsError(f"{board} can have 1 to {most} strips, not {strips}: change --strips")
+        raise SettingError(f"{board} can have 1 to {most} strips, not {strips}: change --strips")
     several = [found.device | own for own in found.strips[:strips]]
     values = {"NAME": board} | found.device | ({"SENSORS": several} if strips > 1 else {})
     return msgspec.structs.replace(found, device=values)

@@ -8,7 +8,7 @@ of 256 bytes only; each family has its own numbers of blocks).
 import struct
 from typing import NamedTuple
 
-from ..errors import SpotsError
+from ..errors import FileError, SpotsError
 
 PAYLOAD = 256  # bytes of flash in a block
 SECTOR = 4096  # bytes of flash that are erased at once
@@ -63,15 +63,15 @@ def read(data: bytes, name: str) -> Uf2:
 
     Raises
     ------
-    SpotsError
+    FileError
         If a block is damaged, missing, written twice or of another kind than its neighbours.
     """
 
     def refuse(number: int, why: str) -> SpotsError:
-        return SpotsError(f"{name}: block {number} of the UF2 file {why}: download it again")
+        return FileError(f"{name}: block {number} of the UF2 file {why}: download it again", name)
 
     if not data or len(data) % _BLOCK:
-        raise SpotsError(f"{name} is not a whole UF2 file: download MicroPython's UF2 again")
+        raise FileError(f"{name} is not a whole UF2 file: download MicroPython's UF2 again", name)
     first = data[:_BLOCK] if _HEAD.unpack_from(data)[7] == ABSOLUTE else b""
     blocks = len(data) // _BLOCK - bool(first)
     family, flash, following = None, {}, FLASH
@@ -97,7 +97,9 @@ def read(data: bytes, name: str) -> Uf2:
     if first and (first[:8] != _HEAD.pack(*_MAGIC, *[0] * 6)[:8] or first[-4:] != _END):
         raise refuse(0, "has no magic number")
     if family is None:
-        raise SpotsError(f"{name} has no block for the flash: download MicroPython's UF2 again")
+        raise FileError(
+            f"{name} has no block for the flash: download MicroPython's UF2 again", name
+        )
     return Uf2(family, flash, first)
 
 

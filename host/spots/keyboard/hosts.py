@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from ..errors import SpotsError
+from ..errors import SettingError
 
 FILE = Path(__file__).with_name("hosts.txt")
 LINUX, WINDOWS, MAC = SYSTEMS = ("linux", "windows", "mac")
@@ -206,12 +206,12 @@ def host_of(name: str, system: str = LINUX) -> Host:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If there is no layout of this name; the message lists all names.
     """
     hosts = every(system)
     if name not in hosts:
-        raise SpotsError(f"there is no host '{name}': use one of {', '.join(hosts)}")
+        raise SettingError(f"there is no host '{name}': use one of {', '.join(hosts)}")
     return hosts[name]
 
 

@@ -5,7 +5,7 @@ import math
 import sys
 
 from ..common.signals import released_by_signals
-from ..errors import SpotsError
+from ..errors import BoardError, SettingError
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
 from ..link.timeouts import RELEASE_S
@@ -23,13 +23,13 @@ def keyboard_command(options: argparse.Namespace) -> None:
     """Run ``spots keyboard`` with the options that `cli` parsed."""
     layout = load(options.layout)
     if layout.on_board:
-        raise SpotsError(
+        raise SettingError(
             f"layout {options.layout}: only a board can press {layout.on_board[0]}: run "
             f"'spots keys push {options.layout}'"
         )
     host = layout.content.get("host", _BY_CHARACTER)
     if host != _BY_CHARACTER and not options.dry_run and not sys.platform.startswith("linux"):
-        raise SpotsError(
+        raise SettingError(
             f"layout {options.layout}: on this system, 'spots keyboard' presses keys by the "
             f"characters of an American keyboard, not those of the host '{host}': let the board be "
             "the keyboard ('spots keys push')"
@@ -37,9 +37,10 @@ def keyboard_command(options: argparse.Namespace) -> None:
     with released_by_signals(), open_announced(options) as board:
         info = board.command("hello")
         if info["keys"] and not options.dry_run:
-            raise SpotsError(
+            raise BoardError(
                 "the board is a keyboard itself, so each key would be typed twice: run "
-                "'spots command set keys=0' first"
+                "'spots command set keys=0' first",
+                "is_keyboard",
             )
         with open_keyboard(options.dry_run) as keyboard:
             type_on(board, layout, keyboard, options.seconds)

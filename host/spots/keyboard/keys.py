@@ -11,7 +11,7 @@ from rich.text import Text
 from spots_device.keys import layout as lines_of
 from spots_device.keys.layout import BEHAVIOUR
 
-from ..errors import SpotsError, printable
+from ..errors import FileError, SettingError, printable
 from ..link.advice import stored_calibration, stored_layout
 from ..link.board import Board
 from ..link.connect import ensured, upload_lines
@@ -34,7 +34,7 @@ _VERBS = {kind: verb for verb, kind in LAYER_VERBS.items()}
 def check(name: str) -> None:
     """Validate a layout file, and print its number of keys.
 
-    Raises SpotsError if it is invalid. Prints what can never be typed, and raises SpotsError.
+    Raises FileError if it is invalid. Prints what can never be typed, and raises FileError.
     """
     layout = load(name)
     for problem in layout.problems:
@@ -42,9 +42,10 @@ def check(name: str) -> None:
     if layout.problems:
         many = len(layout.problems)
         what = "1 key or action" if many == 1 else f"{many} keys or actions"
-        raise SpotsError(
+        raise FileError(
             f"layout {name}: {what} can never be typed: change the layout as the lines above "
-            "describe"
+            "describe",
+            name,
         )
     keys = sum(len(row) for row in layout.layers.values())
     print(f"{printable(layout.name)}: {keys} keys in {len(layout.layers)} layers, no problem found")
@@ -165,7 +166,7 @@ def names(word: str) -> list[str]:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If nothing is found.
     """
     found = []
@@ -182,7 +183,7 @@ def names(word: str) -> list[str]:
             keys = (_chord(KEYBOARD, stroke.usage, stroke.modifiers) for stroke in strokes)
             found.append(f"host {name:<{_NAME - 5}} {', '.join(keys)}")
     if not found:
-        raise SpotsError(
+        raise SettingError(
             f"no key or host has '{word}': use a part of a name, such as VOL, or 'usage 7:0x87'"
         )
     return found

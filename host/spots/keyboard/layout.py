@@ -17,7 +17,7 @@ from spots_device.keys import layout as lines_of
 from spots_device.keys.layout import FULL, LIMITS
 
 from ..common import kinds, toml
-from ..errors import SpotsError
+from ..errors import FileError, SpotsError
 from ..outputs.usages import (
     CONSUMER,
     KEYBOARD,
@@ -254,7 +254,7 @@ def compiled(path: Path, text: str) -> KeyLayout:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the text is invalid; the message names the place and the remedy.
     """
     try:
@@ -264,7 +264,7 @@ def compiled(path: Path, text: str) -> KeyLayout:
     except msgspec.ValidationError as error:
         kinds.check(path, text, "a layout file")
         line = _line_of_key(text, getattr(error, "keys", []))
-        raise SpotsError(f"layout {path}{line}: {error}") from None
+        raise FileError(f"layout {path}{line}: {error}", path, line[2:]) from None
     return _Compiler(path, text, file).layout()
 
 
@@ -319,7 +319,7 @@ class _Compiler:
         try:
             lines_of.parse(lines)
         except lines_of.LayoutError as error:
-            raise SpotsError(f"layout {self._path}: {error}") from None
+            raise FileError(f"layout {self._path}: {error}", self._path) from None
         content = msgspec.to_builtins(self._file)
         typed = frozenset(one for one in used if parts_of(one)[0] in (KEYBOARD, CONSUMER))
         parts = self._file.name, layers, swipes, lines, typed, self._behaviours
@@ -550,7 +550,7 @@ class _Compiler:
 
     def _refuse(self, value: str, why: str) -> NoReturn:
         line = _line_of(self._text, rf"""(["']){re.escape(value)}\1""")
-        raise SpotsError(f"layout {self._path}{line}: {why}") from None
+        raise FileError(f"layout {self._path}{line}: {why}", self._path, line[2:]) from None
 
 
 def flavor_name(flavor: int) -> str:
@@ -604,7 +604,9 @@ def _check_words(path: Path, text: str, content: dict) -> None:
     for old, new in _NEW_TUNING.items():
         if isinstance(tuning, dict) and old in tuning:
             line = _line_of_key(text, [old])
-            raise SpotsError(f"layout {path}{line}: '{old}' is now '{new}': write this name")
+            raise FileError(
+                f"layout {path}{line}: '{old}' is now '{new}': write this name", path, line[2:]
+            )
 
 
 def _line_of(text: str, pattern: str) -> str:

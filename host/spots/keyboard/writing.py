@@ -2,7 +2,7 @@
 
 from spots_device.keys import layout as lines_of
 
-from ..errors import SpotsError
+from ..errors import SettingError, SpotsError
 from ..outputs.usages import (
     CONSUMER,
     KEYBOARD,
@@ -64,7 +64,7 @@ class Writing:
 
         Raises
         ------
-        SpotsError
+        SettingError
             If a name is unknown, or the host cannot type the character.
         """
         modifiers, name = split_chord(text)
@@ -74,7 +74,7 @@ class Writing:
         key = self._host.key(name) if self._host else None
         strokes = (key,) if key else self._strokes(name)
         if bits and (len(strokes) > 1 or strokes[0].modifiers & bits):
-            raise SpotsError(
+            raise SettingError(
                 f"'{name}' needs {'two keys' if len(strokes) > 1 else 'shift or AltGr'} on this "
                 "host, so it cannot have these modifiers: name the character that you want"
             )
@@ -127,7 +127,7 @@ class Writing:
             if by_system is None:
                 named.append(name)
             elif self._system is None:
-                raise SpotsError(
+                raise SettingError(
                     f"'{name}' depends on the computer: add os = 'linux', 'windows' or 'mac' to "
                     "the file, before its first table"
                 )
@@ -138,7 +138,7 @@ class Writing:
     def _strokes(self, character: str) -> tuple[hosts.Stroke, ...]:
         host = self._host
         if host is None:
-            raise SpotsError(
+            raise SettingError(
                 f"the character '{character}' needs the keyboard layout of your computer: add "
                 f"host = 'us' or another of {', '.join(hosts.every())} to the file, before its "
                 "first table"
@@ -147,13 +147,13 @@ class Writing:
         if strokes:
             return strokes
         if self._system is None and hosts.host_of(host.name).strokes(character):
-            raise SpotsError(
+            raise SettingError(
                 f"the host '{host.name}' has '{character}' only on Linux: add os = 'linux' to the "
                 "file, before its first table, or leave it out"
             )
         system = self._system or hosts.WINDOWS
         on = f" on {system}" if self._system else ""
-        raise SpotsError(
+        raise SettingError(
             f"the host '{host.name}'{on} cannot type '{character}', "
             f"{hosts.typing(character, system)}: use another character or host"
         )
@@ -182,7 +182,7 @@ def _steps(action: int) -> list[int]:
 
 def _wait(text: str) -> list[int]:
     if not text.isdecimal() or not 0 < int(text) <= _WAIT_MAX_MS:
-        raise SpotsError(f"'wait {text}': write 'wait MS', from 1 to {_WAIT_MAX_MS}")
+        raise SettingError(f"'wait {text}': write 'wait MS', from 1 to {_WAIT_MAX_MS}")
     units = -(-int(text) // _WAIT_UNIT_MS)
     whole, rest = divmod(units, _UNITS_MAX)
     return [_UNITS_MAX << 8] * whole + ([rest << 8] if rest else [])

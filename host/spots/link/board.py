@@ -16,7 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar, cast, overload
 
-from ..errors import SpotsError
+from ..errors import BoardError, SettingError
 from .channel import Channel
 from .commands import Commands
 from .frames import Contact, Key, LinkStats, Reading, Spectrum, Touch
@@ -64,7 +64,7 @@ class Board(AbstractContextManager["Board"]):
 
     Raises
     ------
-    SpotsError
+    SettingError
         If no board answers, or the board has another protocol version than this program.
 
     Examples
@@ -80,7 +80,7 @@ class Board(AbstractContextManager["Board"]):
 
     def __init__(self, link: Link, only: int | None = None):
         if not hasattr(link, "now_s"):
-            raise SpotsError(f"a Board needs a link, not {link!r}: call spots.open(port)")
+            raise SettingError(f"a Board needs a link, not {link!r}: call spots.open(port)")
         self._link: Link = link
         self._channel = Channel(link, only)
         self._commands = Commands(self._channel)
@@ -225,11 +225,11 @@ class Board(AbstractContextManager["Board"]):
 
         Raises
         ------
-        SpotsError
+        SettingError
             If the line is invalid, the board refuses the command, or no reply arrives in time.
         """
         if not isinstance(line, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise SpotsError(f"a command must be a text, not {line!r}")
+            raise SettingError(f"a command must be a text, not {line!r}")
         if timeout_s is not None:
             timeout_s = duration_s(timeout_s, "timeout_s")
         content = self._commands.send(line, timeout_s)
@@ -329,13 +329,14 @@ class Board(AbstractContextManager["Board"]):
 
         Raises
         ------
-        SpotsError
+        BoardError
             If the board's keys are off. ``command("set keys=1")`` turns them on. If the board is a
             USB keyboard, it then also types on the computer that it is plugged into.
         """
         if not self.read_only and not self.command("hello")["keys"]:
-            raise SpotsError(
-                f"the keys of the board on {self.port} are off: run 'spots command set keys=1'"
+            raise BoardError(
+                f"the keys of the board on {self.port} are off: run 'spots command set keys=1'",
+                "keys_off",
             )
         self._streams.want(Touch)  # a stream that stops shows that the board has restarted
         return self._streams.start(seconds, Key)
@@ -414,7 +415,7 @@ class Board(AbstractContextManager["Board"]):
 
         Raises
         ------
-        SpotsError
+        SettingError
             If an argument is wrong.
 
         Examples
@@ -430,7 +431,7 @@ class Board(AbstractContextManager["Board"]):
         check_callback(callback)
         if wrong := [kind for kind in kinds if kind not in KINDS]:
             names = ", ".join(kind.__name__ for kind in KINDS)
-            raise SpotsError(f"a kind of frames must be one of {names}, not {wrong[0]!r}")
+            raise SettingError(f"a kind of frames must be one of {names}, not {wrong[0]!r}")
         return Subscription(self._streams.start(None, *(kinds or (Touch,))), callback)
 
     def read_latest(self, timeout_s: float | None = None) -> Touch:

@@ -1,6 +1,8 @@
 """The operating system's errors on a board in words: a board often reports only their numbers."""
 
 import re
+from collections.abc import Mapping
+from typing import Any
 
 AGAIN = "run this command again"  # end of a text that contains a remedy
 # Numbers as in MicroPython's py/mperrno.h. CircuitPython and the ESP32 have another number for a
@@ -28,6 +30,40 @@ _WORDS = {
     95: "not supported",
     110: "timeout",
     116: "timeout",
+}
+# Codes of a `BoardError`: of the firmware, then of this program.
+REASONS = {
+    "bad_line": "the line is empty, too long, or not printable ASCII",
+    "no_command": "the firmware has no such command",
+    "no_sensor": "the board has no sensor of this number",
+    "bad_value": "an argument of the command is missing or invalid",
+    "no_begin": "the command `begin` of an upload is missing",
+    "bad_checksum": "an upload does not have its checksum",
+    "too_large": "an upload has too many lines or bytes",
+    "bad_calibration": "the uploaded lines are not a valid calibration",
+    "bad_layout": "the uploaded lines are not a valid layout",
+    "busy": "an earlier command still runs",
+    "canceled": "the command ended early, because the sensor or the board restarted",
+    "no_memory": "too little memory is left on the board",
+    "no_flash": "the flash of the board cannot be written",
+    "no_bus": "the sensor or another device of the board does not answer",
+    "too_dark": "the search for settings found too little light",
+    "too_bright": "the search for settings found too much light",
+    "no_dark": "no dark frame is stored for an LED that is always on",
+    "not_here": "a recording or a remote board cannot execute this command",
+    "no_calibration": "the board has no calibration for its settings",
+    "too_slow": "the board takes readings too slowly for this application",
+    "too_few": "the board sends too few readings",
+    "keys_off": "the keys of the board are off",
+    "is_keyboard": "the board is a keyboard itself",
+    "is_gamepad": "the board is a gamepad itself",
+    "led_switched": "the board switches its LED itself",
+    "no_id": "the board has no valid id",
+    "other_runtime": "the board runs another kind of Python",
+    "old_runtime": "the Python of the board is too old",
+    "other_board": "the board is of another type",
+    "full": "the file system of the board is full",
+    "problems": "`spots doctor` has found problems",
 }
 # The forms of an OSError in replies and tracebacks.
 _ERROR = re.compile(
@@ -62,6 +98,12 @@ def in_words(text: str) -> str:
     'error 1000 of its operating system'
     """
     return _ERROR.sub(_in_words, text)
+
+
+def reason_of(reply: Mapping[str, Any]) -> str:
+    """Return the code of a reply with an error; empty if the firmware is older than the codes."""
+    why = reply.get("why")
+    return why if isinstance(why, str) and why in REASONS else ""
 
 
 def _in_words(found: re.Match[str]) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ..common.signals import resumed
-from ..errors import SpotsError
+from ..errors import BoardError, SpotsError
 from .advice import advice_for, streams
 from .board import Board
 from .board_errors import in_words
@@ -22,13 +22,14 @@ def hello_calibrated(board: Board) -> Hello:
 
     Raises
     ------
-    SpotsError
+    BoardError
         If the board has no calibration for its present settings.
     """
     info = board.command("hello")
     if not info.get("length_um"):
-        raise SpotsError(
-            f"the board on {board.port} has no calibration for its settings: run 'spots calibrate'"
+        raise BoardError(
+            f"the board on {board.port} has no calibration for its settings: run 'spots calibrate'",
+            "no_calibration",
         )
     return info
 
@@ -70,15 +71,16 @@ def hello_often(
 
     Raises
     ------
-    SpotsError
+    BoardError
         If the board is too slow, or has no calibration for its present settings.
     """
     info = hello_calibrated(board)
     every_s = info["exposure_us"] * info["average"] * 1e-6
     if every_s > within_s:
-        raise SpotsError(
+        raise BoardError(
             f"the board takes a reading every {every_s:g} s, but this application needs one every "
-            f"{within_s:g} s: {remedy}"
+            f"{within_s:g} s: {remedy}",
+            "too_slow",
         )
     return info
 

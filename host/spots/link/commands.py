@@ -8,8 +8,8 @@ import msgspec
 
 from spots_device.board.command import LINE_MAX
 
-from ..errors import CommandError, NoReplyError, SpotsError
-from .board_errors import in_words
+from ..errors import BoardError, NoReplyError, PortError, SettingError
+from .board_errors import in_words, reason_of
 from .channel import Channel
 from .frames import Text
 from .lines import of_sensor
@@ -44,7 +44,7 @@ class Commands:
     def send(self, line: str, timeout_s: float | None = None) -> dict[str, Any]:
         """Send a command and return its reply; see `Board.command`."""
         if not line.strip() or len(line) > LINE_MAX or not (line.isascii() and line.isprintable()):
-            raise SpotsError(
+            raise SettingError(
                 f"cannot send {line!r}: a command must have 1 to {LINE_MAX} printable ASCII "
                 "characters, not only spaces"
             )
@@ -68,7 +68,7 @@ class Commands:
                 )
             if "error" in reply.content:
                 reason = in_words(str(reply.content["error"]))
-                raise CommandError(f"the board refuses '{line}': {reason}")
+                raise BoardError(f"the board refuses '{line}': {reason}", reason_of(reply.content))
             content = self.validated(reply)
             self._learn(reply, content)
         return content
@@ -85,7 +85,7 @@ class Commands:
             ):
                 text = ",".join(cast("Sequence[str]", given))
             else:
-                raise SpotsError(f"{name} must be a whole number or a text, not {value!r}")
+                raise SettingError(f"{name} must be a whole number or a text, not {value!r}")
             if name != "sensor":
                 words.append(f"{name}={text}")
         return self.send(
@@ -93,14 +93,14 @@ class Commands:
         )
 
     def validated(self, reply: Text) -> dict[str, Any]:
-        """Return the content of a reply; raise SpotsError if it is invalid."""
+        """Return the content of a reply; raise PortError if it is invalid."""
         if self._channel.player is not None:
             return reply.content  # the file was validated as a whole
         name = reply.content["re"]
         try:
             return validated(name, reply.content)
         except msgspec.ValidationError as error:
-            raise SpotsError(
+            raise PortError(
                 f"the device on {self._channel.port} is not a SPOTS board: its reply to '{name}' "
                 f"is invalid ({error}); name another port, or flash the board"
             ) from None

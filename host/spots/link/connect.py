@@ -10,9 +10,9 @@ from typing import Any
 
 from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 from spots_device.reading.calibration import Calibration, Conditions
-from spots_device.reading.calibration_lines import CalibrationError
+from spots_device.reading.calibration_lines import CalibrationError as LinesError
 
-from ..errors import CommandError, NoReplyError, SpotsError, path_text
+from ..errors import BoardError, CalibrationError, NoReplyError, PortError, SpotsError, path_text
 from .board import Board
 from .lines import of_sensor
 from .ports import known, scheme, scheme_name
@@ -70,7 +70,7 @@ def open_with(
 
     Raises
     ------
-    SpotsError
+    PortError
         If no board or more than one board is found, or an argument is wrong.
     """
     port = path_text(port, "a port") if port is not None else None
@@ -82,14 +82,14 @@ def open_with(
     found, reasons = find()
     if not found:
         tried = "".join(f"; {reason}" for reason in reasons)
-        raise SpotsError(
+        raise PortError(
             f"no board found: plug a board in, or give {known(without)} as the port{tried}"
         )
     if len(found) > 1:
         names = ", ".join(board.port for board in found)
         for board in found:
             board.close()
-        raise SpotsError(f"more than one board found: give one of these as the port: {names}")
+        raise PortError(f"more than one board found: give one of these as the port: {names}")
     return found[0]
 
 
@@ -101,7 +101,7 @@ def _opened(port: str) -> Board:
     board = Board(SerialLink(name), int(number))
     if board.info.get("sensor", 0) != int(number):  # the firmware is for one strip
         board.close()
-        raise SpotsError(f"the board on {name} has one strip: leave out #{number}")
+        raise PortError(f"the board on {name} has one strip: leave out #{number}")
     return board
 
 
@@ -171,13 +171,13 @@ def of_id(boards: Sequence[Board], board_id: str) -> list[Board]:
 
     Raises
     ------
-    SpotsError
+    PortError
         If several boards have this id.
     """
     found = [board for board in boards if board.info["id"] == board_id]
     if len(found) > 1:
         ports = ", ".join(board.port for board in found)
-        raise SpotsError(f"the boards on {ports} have the id {board_id}: unplug all but one")
+        raise PortError(f"the boards on {ports} have the id {board_id}: unplug all but one")
     return found
 
 
@@ -240,7 +240,7 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
 
     Raises
     ------
-    SpotsError
+    BoardError, CalibrationError
         If the calibration is invalid, or was made on another board or with other settings. The
         board then keeps its previous calibration.
     """
@@ -249,13 +249,16 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     now = Conditions(i["id"], tuple(i["plan"]), i["gain"], i["exposure_us"], i["led_mA"])
     reason = made.mismatch(now)
     if reason is not None:
-        raise SpotsError(reason)
+        raise CalibrationError(reason)
     try:
         name = upload_lines(board, "cal", calibration, sensor)
-    except CommandError as error:
-        raise SpotsError(
+    except BoardError as error:
+        if error.why not in ("", "bad_calibration"):
+            raise
+        raise BoardError(
             f"the board refuses a calibration that is valid here ({error}): if the board has an "
-            "older firmware, run 'spots flash', then upload the calibration again"
+            "older firmware, run 'spots flash', then upload the calibration again",
+            error.why,
         ) from None
     if sensor:
         return
@@ -335,7 +338,7 @@ def ensured(board: Board, line: str) -> Mapping[str, Any]:
 def _checked(calibration: Sequence[str]) -> Any:
     try:
         return Calibration(calibration)
-    except CalibrationError as error:
-        raise SpotsError(
+    except LinesError as error:
+        raise CalibrationError(
             f"the calibration is invalid: {error}; calibrate the strip again"
         ) from None

@@ -20,7 +20,7 @@ from spots_device.fingers import contacts as fingers
 from spots_device.reading import decode, frame
 from spots_device.reading.kernel import TOUCH_BODY
 
-from ..errors import SpotsError
+from ..errors import SettingError
 
 _HEADER = struct.Struct("<BHHH")  # kind and sensor, sequence, time low, time high
 _TOUCH = struct.Struct(TOUCH_BODY)
@@ -413,7 +413,7 @@ class Decoder:
         """Add bytes, in any amount, and return the frames that are now complete."""
         kinds = bytes, bytearray, memoryview
         if not isinstance(data, kinds):  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise SpotsError(f"a decoder needs bytes, not {data!r:.40}")
+            raise SettingError(f"a decoder needs bytes, not {data!r:.40}")
         frames = [self._take(piece) for piece in self._completed(data).split(b"\0") if piece]
         return [found for found in frames if found is not None]
 

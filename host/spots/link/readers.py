@@ -13,7 +13,7 @@ from weakref import ref
 from spots_device.reading.decode import DROPPED
 
 from ..common.guarded import Guarded
-from ..errors import ClosedError, SpotsError
+from ..errors import ClosedError, SettingError, SpotsError
 from .frames import Contact, Key, LinkStats, Reading
 
 # A reader that lags by more frames than this loses the oldest ones.
@@ -165,9 +165,9 @@ class FrameIterator(Iterator[_ReadingT]):
 
 
 def check_callback(callback: object) -> None:
-    """Raise SpotsError if a callback cannot be called; later, its error would have no context."""
+    """Raise SettingError if a callback cannot be called; later, its error would have no context."""
     if not callable(callback):
-        raise SpotsError(f"the callback must be a function, not {callback!r}")
+        raise SettingError(f"the callback must be a function, not {callback!r}")
 
 
 class Handle:

@@ -4,7 +4,8 @@ from typing import Any, cast
 
 from spots_device import PROTOCOL
 
-from ..errors import PortLostError, RefusedError, SpotsError
+from ..errors import BoardError, PortError, PortLostError, RefusedError, SpotsError
+from .board_errors import reason_of
 from .channel import Channel
 from .clocksync import TRIPS, spread_s
 from .commands import HELLO_TIMEOUT_S, Commands
@@ -112,21 +113,22 @@ class Connection:
         port, only = self._channel.port, self._channel.only
         if reply is None:
             self._channel.check_prompt()
-            raise SpotsError(
+            raise PortError(
                 f"the device on {port} does not answer 'hello': it is not a SPOTS board, or "
                 "its firmware does not run; press its reset button, name another port, or flash "
                 "the board"
             )
         if refusal := reply.content.get("error"):
-            if only and "sensor" in refusal:
-                raise SpotsError(
+            why = reason_of(reply.content)
+            if only and why in ("", "no_sensor"):
+                raise PortError(
                     f"the board on {port} has no strip {only}: leave out #{only}, or write the "
                     "number of another strip"
                 )
-            raise SpotsError(f"the board on {port} refuses 'hello': {refusal}")
+            raise BoardError(f"the board on {port} refuses 'hello': {refusal}", why)
         version = reply.content.get("protocol")
         if version != PROTOCOL:
-            raise SpotsError(
+            raise PortError(
                 f"the board on {port} has protocol {version}, but the program has {PROTOCOL}: "
                 "update the firmware or the program, whichever is older"
             )

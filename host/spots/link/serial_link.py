@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,7 +12,7 @@ import serial
 from serial.tools import list_ports
 
 from ..common.kinds import kinds_of
-from ..errors import PortLostError, RefusedError, SpotsError
+from ..errors import ClosedError, PortError, PortLostError, RefusedError
 from .link import Link
 from .ports import no_port
 
@@ -22,6 +23,8 @@ except ImportError:  # Windows has no termios
 # Errors of a port that is disconnected or cannot be opened.
 _FAILURES = (serial.SerialException, OSError, *([termios.error] if termios else []))
 
+# The operating system's error at the end of pyserial's text; on Windows, it is only there.
+_WINDOWS = re.compile(r"Error\((\d+), ")
 WRITE_TIMEOUT_S = 2.0
 _BEGINNING = 1 << 16  # bytes of a file that show its kind
 _CHUNK = 4096  # most bytes of one read from a socket
@@ -98,9 +101,9 @@ class SerialLink(Link):
             self._serial.reset_input_buffer()
         except (*_FAILURES, ValueError) as error:
             self.close()
-            if self._was_open and _is_missing(error):
+            if self._was_open and _errno(error) == errno.ENOENT:
                 raise PortLostError(_lost(self.name)) from None
-            raise SpotsError(_why_not(self.name, error)) from None
+            raise PortError(_why_not(self.name, error)) from None
         self._was_open = self._connected = True
 
     def read(self, timeout_s: float) -> bytes:
@@ -109,7 +112,7 @@ class SerialLink(Link):
         Raises PortLostError if the port disappeared, SpotsError if the program has closed it.
         """
         if not self._serial.is_open:
-            raise SpotsError(f"the port {self.name} is closed: open the board again")
+            raise ClosedError(f"the port {self.name} is closed: open the board again")
         end_s = self.now_s() + timeout_s
         try:
             if self._is_url:
@@ -138,7 +141,7 @@ class SerialLink(Link):
         try:
             self._serial.write(data)
         except serial.SerialTimeoutException:
-            raise SpotsError(takes_nothing(self.name)) from None
+            raise PortError(takes_nothing(self.name)) from None
         except _FAILURES:
             raise self._lost() from None
 
@@ -239,7 +242,18 @@ def _socket(port: Any) -> str:
     return (getattr(port, "location", None) or "").partition(":")[0]  # without the interface
 
 
-def _no_port(port: str, reason: str) -> str:
+def _errno(error: BaseException) -> int | None:
+    """Return the number of the operating system's error behind an error of pyserial."""
+    for one in (error, error.__context__):
+        if termios and isinstance(one, termios.error):
+            return one.args[0]
+        if isinstance(number := getattr(one, "errno", None), int):
+            return number
+    found = _WINDOWS.search(str(error))
+    return int(found[1]) if found else None
+
+
+def _no_port(port: str, number: int | None) -> str:
     """Return what is at a path that cannot be opened as a port; empty if it may be a port."""
     if os.path.isdir(port):
         return "a folder"
@@ -247,30 +261,21 @@ def _no_port(port: str, reason: str) -> str:
         with suppress(OSError), open(port, "rb") as file:
             return next(iter(kinds_of(file.read(_BEGINNING))), "a file")
         return "a file"
-    return "another device" if "inappropriate ioctl" in reason else ""
-
-
-def _is_missing(error: Exception) -> bool:
-    """Return whether a port cannot be opened because it does not exist."""
-    text = str(error).lower()
-    missing = getattr(error, "errno", None) == errno.ENOENT
-    return missing or "no such file" in text or "cannot find" in text
+    return "another device" if number == errno.ENOTTY else ""
 
 
 def _why_not(port: str, error: Exception) -> str:
     """Return the message for a port that cannot be opened: the reason and a remedy."""
-    if _is_missing(error):
+    number = _errno(error)
+    if number == errno.ENOENT:
         return no_port(port)
-    number = getattr(error, "errno", None)
-    text = str(error).lower()
-    if what := _no_port(port, text):
+    if what := _no_port(port, number):
         known = "'spots ports' lists the ports"
         advice = f"give recording:{port}" if what == "a recording" else known
         return f"{port} is {what}, not a serial port: {advice}"
     # Windows denies access to a port that is open in another program.
-    denied = number == errno.EACCES or "permission" in text or "access is denied" in text
-    busy = number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in text
-    if busy or (denied and sys.platform == "win32"):
+    denied = number == errno.EACCES
+    if number in (errno.EBUSY, errno.EAGAIN) or (denied and sys.platform == "win32"):
         return f"{port} is busy: close the other program that uses it"
     if not denied:
         return f"{port} cannot be opened as a serial port: {error}"

@@ -6,7 +6,7 @@ from collections.abc import AsyncGenerator
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from ..errors import PortLostError, SpotsError
+from ..errors import PortError, PortLostError, SettingError, SpotsError
 from .channel import Channel
 from .commands import Commands
 from .frames import Contact, Key, Reading, Spectrum, Touch
@@ -154,11 +154,11 @@ class Streams:
                 return latest
         none = f"no reading within {timeout_s:g} s from the board on {channel.port}"
         if timeout_s < every_s:
-            raise SpotsError(
+            raise SettingError(
                 f"{none}, which sends one every {every_s:g} s: wait longer, or call latest(), "
                 "which does not wait"
             )
-        raise SpotsError(f"{none}: check its USB cable and the wires of its sensor")
+        raise PortError(f"{none}: check its USB cable and the wires of its sensor")
 
     def latest(self, sensor: int) -> Touch | None:
         """Return the newest reading that has arrived; see `Board.latest`."""
@@ -166,7 +166,7 @@ class Streams:
         channel.check_open()
         if sensor not in self.sensors:
             numbers = ", ".join(map(str, self.sensors))
-            raise SpotsError(f"the board has no strip {sensor!r}: its strips are {numbers}")
+            raise SettingError(f"the board has no strip {sensor!r}: its strips are {numbers}")
         # While another thread reads the link, `want` would wait for it.
         if not channel.wanted or not all("touch" in kinds for kinds in channel.wanted.values()):
             self.want(Touch)

@@ -8,7 +8,7 @@ over frames raise SpotsError after `PATIENCE_S`.
 
 import math
 
-from ..errors import SpotsError
+from ..errors import SettingError
 
 # States of a link; a program that has not found a board yet is in the state SEARCHING.
 SEARCHING, CONNECTED, STALLED = "searching", "connected", "stalled"
@@ -57,7 +57,7 @@ def duration_s(value: object, name: str) -> float:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the value is not a number.
     """
     try:
@@ -65,7 +65,7 @@ def duration_s(value: object, name: str) -> float:
     except (TypeError, ValueError):
         found = math.nan
     if math.isnan(found):
-        raise SpotsError(f"{name} must be a number of seconds, not {value!r}")
+        raise SettingError(f"{name} must be a number of seconds, not {value!r}")
     return found
 
 

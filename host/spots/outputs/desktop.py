@@ -5,7 +5,7 @@ it types on an American keyboard. This keyboard presses the key that types the s
 computer's own keyboard layout.
 """
 
-from ..errors import SpotsError
+from ..errors import RequirementError, SettingError
 from .devices import Keyboard
 from .usages import Usage
 
@@ -15,7 +15,7 @@ class DesktopKeyboard(Keyboard):
 
     Raises
     ------
-    SpotsError
+    RequirementError
         If pynput is missing, or there is no desktop.
     """
 
@@ -24,8 +24,8 @@ class DesktopKeyboard(Keyboard):
         try:
             from pynput import keyboard
         except ImportError as error:
-            why = "" if "pynput" in str(error) else f" ({error})"
-            raise SpotsError(
+            why = "" if error.name == "pynput" else f" ({error})"
+            raise RequirementError(
                 f"typing on this computer needs pynput and a desktop{why}: pip install pynput, or "
                 "use --dry-run to print the keys"
             ) from None
@@ -34,13 +34,15 @@ class DesktopKeyboard(Keyboard):
 
     def _check(self, one: Usage) -> None:
         if self._key(one) is None:
-            raise SpotsError(f"the keyboard of this computer has no {one.name}: choose another key")
+            raise SettingError(
+                f"the keyboard of this computer has no {one.name}: choose another key"
+            )
 
     def _set(self, one: Usage, pressed: bool) -> None:
         try:
             (self._controller.press if pressed else self._controller.release)(self._key(one))
         except Exception as error:  # the type depends on the desktop
-            raise SpotsError(
+            raise RequirementError(
                 f"the desktop refuses the key {one.name} ({error!r}): allow this program to type, "
                 "in the settings of the desktop"
             ) from None

@@ -14,7 +14,7 @@ device and releases its keys.
 from typing import NamedTuple, Protocol
 
 from ..common.signals import SECTION
-from ..errors import SpotsError
+from ..errors import SettingError, SpotsError
 from .usages import KEYBOARD, MODIFIERS, MODIFIERS_FROM, USAGES, Usage, name_of
 
 AXIS_MAX = 32_767  # as in the reports of `spots_device.keys.reports`
@@ -183,7 +183,9 @@ class Keyboard(Output):
 
     def _known(self, page: int, usage: int) -> Usage:
         if (page, usage) not in USAGES:
-            raise SpotsError(f"this keyboard has no key {name_of(page, usage)}: choose another key")
+            raise SettingError(
+                f"this keyboard has no key {name_of(page, usage)}: choose another key"
+            )
         self._check(USAGES[page, usage])
         return USAGES[page, usage]
 

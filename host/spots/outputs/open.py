@@ -2,7 +2,7 @@
 
 import sys
 
-from ..errors import SpotsError
+from ..errors import RequirementError
 from .desktop import DesktopKeyboard
 from .devices import Gamepad, Keyboard, PrintedGamepad, PrintedKeyboard
 from .uinput import UInputGamepad, UInputKeyboard
@@ -28,14 +28,14 @@ def open_gamepad(dry_run: bool) -> Gamepad:
 
     Raises
     ------
-    SpotsError
+    RequirementError
         If this system cannot emulate a gamepad, or a package, a permission or /dev/uinput is
         missing.
     """
     if dry_run:
         return PrintedGamepad()
     if not sys.platform.startswith("linux"):
-        raise SpotsError(
+        raise RequirementError(
             "this program can emulate a gamepad only on Linux: let the board be the gamepad "
             "('spots command set gamepad=1'), or use --dry-run"
         )

@@ -1,9 +1,12 @@
 """Virtual keyboard and gamepad for Linux, made with the kernel's uinput and python-evdev."""
 
+import errno
+import os
 import platform
 from collections.abc import Callable
+from pathlib import Path
 
-from ..errors import SpotsError
+from ..errors import RequirementError
 from .devices import AXIS_MAX, BUTTONS, Gamepad, Keyboard, State
 from .usages import USAGES, Usage
 
@@ -77,7 +80,7 @@ def _import_evdev():
     try:
         import evdev
     except ImportError:
-        raise SpotsError(
+        raise RequirementError(
             f"the package evdev is missing: pip install {_PACKAGE}, or use --dry-run"
         ) from None
     return evdev
@@ -87,24 +90,26 @@ def _open(evdev, events: dict, name: str):
     try:
         return evdev.UInput(events, name=f"SPOTS {name}", bustype=evdev.ecodes.BUS_VIRTUAL)
     except (evdev.UInputError, OSError) as error:
-        raise SpotsError(_why_not(error)) from None
+        raise RequirementError(_why_not(error)) from None
 
 
 def _why_not(error: Exception) -> str:
-    text = str(error)
-    if "does not exist" in text or isinstance(error, FileNotFoundError):
+    number = getattr(error, "errno", None)
+    if number in (errno.ENOENT, errno.ENODEV) or not Path(_NODE).is_char_device():
         return f"there is no {_NODE}: run 'sudo modprobe uinput', or use --dry-run"
-    if "for writing" in text or isinstance(error, PermissionError):
+    if number == errno.EACCES or not os.access(_NODE, os.W_OK):
         return (
             f"{_NODE} is not writable: put the rule at the end of this message into "
             "/etc/udev/rules.d/60-spots.rules, then run 'sudo udevadm control --reload' and "
             f"'sudo udevadm trigger {_NODE}': {_UINPUT_RULE}"
         )
-    return f"cannot create a virtual device with {_NODE} ({text}): use --dry-run"
+    return f"cannot create a virtual device with {_NODE} ({error}): use --dry-run"
 
 
 def _do(function: Callable[..., None], *arguments: int) -> None:
     try:
         function(*arguments)
     except OSError as error:
-        raise SpotsError(f"{_NODE} refuses events ({error}): start the command again") from None
+        raise RequirementError(
+            f"{_NODE} refuses events ({error}): start the command again"
+        ) from None

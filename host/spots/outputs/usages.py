@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from ..errors import SpotsError, did_you_mean
+from ..errors import SettingError, did_you_mean
 
 KEYBOARD = 0x07
 CONSUMER = 0x0C
@@ -112,7 +112,7 @@ def usage_of(name: str) -> tuple[int, int]:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If no key has this name; the message suggests similar names.
     """
     name = str(name)  # a number such as 5 is the key with this digit
@@ -120,7 +120,7 @@ def usage_of(name: str) -> tuple[int, int]:
     if raw:
         page, usage = (int(number, 0) for number in raw.groups())
         if usage not in _REPORTED.get(page, ()):
-            raise SpotsError(
+            raise SettingError(
                 f"a board cannot report '{name}': the page is 7 (0x04 to 0xDD, 0xE0 to 0xE7) or 12 "
                 "(1 to 0x3FF)"
             )
@@ -133,7 +133,7 @@ def usage_of(name: str) -> tuple[int, int]:
     if found is None:
         similar = {} if name.upper() in _NO_KEYS else _SIMILAR
         hint = did_you_mean(name, similar, "'spots keys names WORD' lists names", similar)
-        raise SpotsError(f"there is no key '{name}': {hint}")
+        raise SettingError(f"there is no key '{name}': {hint}")
     return found.page, found.usage
 
 
@@ -216,7 +216,7 @@ def modifier_bits(names: list[str]) -> int:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a key is unknown or no modifier key.
     """
     bits = 0
@@ -224,6 +224,6 @@ def modifier_bits(names: list[str]) -> int:
         page, usage = usage_of(modifier)
         if not is_modifier(page, usage):
             known = (name_of(KEYBOARD, MODIFIERS_FROM + i) for i in range(MODIFIERS))
-            raise SpotsError(f"'{modifier}' is not a modifier: use one of {', '.join(known)}")
+            raise SettingError(f"'{modifier}' is not a modifier: use one of {', '.join(known)}")
         bits |= 1 << usage - MODIFIERS_FROM
     return bits

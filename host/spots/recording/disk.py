@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..common.atomic import exists, not_written
 from ..common.guarded import Guarded
-from ..errors import SpotsError
+from ..errors import FileError
 
 _SYNC_EVERY_S = 1.0
 _NO_SYNC = errno.EINVAL, errno.ENOSYS, errno.ENOTSUP  # of file systems that cannot flush a file
@@ -52,7 +52,7 @@ class Disk:
         self._syncer.start()
 
     def append(self, data: bytes) -> None:
-        """Append bytes; raise SpotsError if the write fails, for example because the disk is full.
+        """Append bytes; raise FileError if the write fails, for example because the disk is full.
 
         Earlier bytes stay in the file.
         """
@@ -64,9 +64,10 @@ class Disk:
                 self.bytes += written
                 view = view[written:]
         except OSError as error:
-            raise SpotsError(
+            raise FileError(
                 f"{self.path}: the recording ended, because nothing more can be written "
-                f"({error.strerror}); the file has everything before: make room and record again"
+                f"({error.strerror}); the file has everything before: make room and record again",
+                self.path,
             ) from None
 
     def close(self) -> None:
@@ -79,10 +80,11 @@ class Disk:
     def _report(self) -> None:
         error, self._not_synced = self._not_synced, None
         if error is not None:
-            raise SpotsError(
+            raise FileError(
                 f"{self.path}: the recording ended, because the disk does not store it "
                 f"({error.strerror}); its last seconds may be missing: check the disk, and record "
-                "again on another one"
+                "again on another one",
+                self.path,
             )
 
     def _sync(self) -> None:

@@ -18,7 +18,7 @@ from numpy.lib import format as npy
 
 from ..common.atomic import not_written, replacing, sync
 from ..common.plugins import entry_points
-from ..errors import SpotsError, did_you_mean, missing, path_text
+from ..errors import SettingError, did_you_mean, missing, path_text
 from .arrays import RecordingBlocks
 from .foxglove import LOG_SCHEMA, log_message, schema
 from .table import Description, Table, described, rows
@@ -53,7 +53,7 @@ def _format(kind: str) -> Format:
     added = {one.name[len(_ADDED) :]: one for one in others if one.name.startswith(_ADDED)}
     if kind not in added:
         hint = did_you_mean(kind, (*EXPORTS, *added))
-        raise SpotsError(f"there is no format {kind!r}: {hint}")
+        raise SettingError(f"there is no format {kind!r}: {hint}")
     return added[kind].load()
 
 
@@ -86,7 +86,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None, warn=_qui
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the recording cannot be read, `out` ends like another format, the package mcap is
         missing, or a new file already exists or cannot be written. Then no file is written.
 
@@ -100,7 +100,7 @@ def export(path: str | Path, kind: str, out: str | Path | None = None, warn=_qui
         out = path_text(out, "the name of an export")
     named = Path(out or "").suffix[1:].lower()
     if named in EXPORTS and named != form.suffix:
-        raise SpotsError(
+        raise SettingError(
             f"{out} is the name of a {named} file, but the format is {kind}: choose one of them"
         )
     recording = RecordingBlocks(path)

@@ -10,7 +10,7 @@ import msgspec
 from spots_device import PROTOCOL
 
 from ..common import kinds
-from ..errors import SpotsError
+from ..errors import FileError
 from ..link.frames import Decoder, Note, note
 from ..link.replies import validated
 
@@ -123,7 +123,7 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the file has no header, its header is invalid, or this program cannot read its version or
         the board's protocol.
     """
@@ -142,9 +142,12 @@ def read(path: Path, blocks: Iterable[bytes]) -> Header:
             break
     if not pieces:
         kinds.check(path, bytes(searched), "a recording")
-        raise SpotsError(f"{path} is not a recording: name a file that 'spots record' has made")
-    raise SpotsError(
-        f"{path} cannot be read, because its header is damaged or incomplete: name another file"
+        raise FileError(
+            f"{path} is not a recording: name a file that 'spots record' has made", path
+        )
+    raise FileError(
+        f"{path} cannot be read, because its header is damaged or incomplete: name another file",
+        path,
     )
 
 
@@ -155,18 +158,20 @@ def _parsed(path: Path, pieces: dict) -> Header:
         header = msgspec.json.decode(text, type=Header) if version == VERSION else None
         info = validated("hello", header.info) if header else {}
     except (KeyError, TypeError, ValueError, RecursionError, msgspec.MsgspecError) as error:
-        raise SpotsError(
-            f"{path} has an invalid header ({error}): make a new recording with this program"
+        raise FileError(
+            f"{path} has an invalid header ({error}): make a new recording with this program", path
         ) from None
     if header is None:
-        raise SpotsError(
+        raise FileError(
             f"{path} has format version {version}, but this program reads {VERSION}: update this "
-            "program"
+            "program",
+            path,
         )
     protocol = header.info.get("protocol")
     if protocol != PROTOCOL:
-        raise SpotsError(
+        raise FileError(
             f"{path} was recorded from a board with protocol {protocol}, but this program reads "
-            f"{PROTOCOL}: read the file with the program that wrote it, {header.program}"
+            f"{PROTOCOL}: read the file with the program that wrote it, {header.program}",
+            path,
         )
     return msgspec.structs.replace(header, info=info)

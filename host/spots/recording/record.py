@@ -8,7 +8,7 @@ from rich.text import Text
 
 from spots_device.board.settings import checksum
 
-from ..errors import SpotsError, printable
+from ..errors import CalibrationError, printable
 from ..link.board import Board
 
 
@@ -36,14 +36,14 @@ def record(
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If `calibration` is not the one that the board uses, or the file cannot be written.
     """
     if calibration is not None:
         used, name = board.command("hello")["calibration"], checksum(calibration)
         if name != used:
             uses = f"calibration {used}" if used else "no calibration"
-            raise SpotsError(
+            raise CalibrationError(
                 f"the board uses {uses}, but the calibration file has {name}: name the file of the "
                 "calibration that the board uses, or leave out --calibration"
             )

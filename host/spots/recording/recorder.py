@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from ..errors import SpotsError
+from ..errors import SettingError
 from ..link.board import Board
 from ..link.lines import of_sensor
 from ..link.readers import Handle
@@ -26,14 +26,14 @@ class Recorder(Writer):
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the file exists or cannot be written, or the board is a recording.
     """
 
     def __init__(self, board: Board, path: str | Path, *, rotate_bytes: int | None = None):
         self._handles: list[Handle] = []
         if board.recorded:
-            raise SpotsError(f"{board.port} is already a recording: copy its file")
+            raise SettingError(f"{board.port} is already a recording: copy its file")
         info: dict[str, Any] = dict(board.command("hello"))
         if others := [board.command(of_sensor("hello", i)) for i in board.sensors[1:]]:
             info["strips"] = [dict(info), *others]

@@ -8,7 +8,7 @@ import msgspec
 
 from ..common import kinds
 from ..common.bounded import open_regular
-from ..errors import SpotsError, path_text
+from ..errors import FileError, SpotsError, path_text
 from ..link.clockmap import ClockMap
 from ..link.frames import Decoder, Frame, LinkStats, Note
 from .header import Clock, Header, read
@@ -162,8 +162,9 @@ def _noted(path: Path, content: object) -> ClockMap:
     try:
         return _clock_map(msgspec.convert(content, Clock))
     except msgspec.ValidationError as error:
-        raise SpotsError(
-            f"{path} is damaged: a block of its metadata is invalid ({error}); name another file"
+        raise FileError(
+            f"{path} is damaged: a block of its metadata is invalid ({error}); name another file",
+            path,
         ) from None
 
 
@@ -181,13 +182,16 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
         if header.set == first.set:
             if header.part != part:
                 right = part_path(path, header.part)
-                raise SpotsError(f"{file} is the file {right.name} of this recording: rename it")
+                raise FileError(
+                    f"{file} is the file {right.name} of this recording: rename it", file
+                )
             found[part] = (file, header)
     for part in range(1, max(found, default=0)):
         if part not in found:
-            raise SpotsError(
+            raise FileError(
                 f"{part_path(path, part)} is missing or damaged: restore it, or rename {path} and "
-                "read each file separately"
+                "read each file separately",
+                part_path(path, part),
             )
     return dict(found.values())
 
@@ -198,8 +202,8 @@ def _blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
             while block := file.read(size):
                 yield block
     except FileNotFoundError:
-        raise SpotsError(
-            f"there is no file {path}: name a file that 'spots record' has made"
+        raise FileError(
+            f"there is no file {path}: name a file that 'spots record' has made", path
         ) from None
     except OSError as error:
         raise kinds.not_read(path, error, "a recording") from None

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import SpotsError
+from ..errors import BoardError, SettingError, StateError
 from ..link.board import Board
 from ..link.frames import LinkStats, Reading, Text
 from ..link.link import POLL_S, FrameLink
@@ -74,14 +74,15 @@ class RecordedLink(FrameLink):
             return {**self.info}
         if name == "stream":
             return {"stream": [word for word in words if not word.startswith("sensor=")]}
-        raise SpotsError(
+        raise BoardError(
             f"'{line}' needs a connected board, but {self.name} is a recording: give the port of a "
-            "board"
+            "board",
+            "not_here",
         )
 
     def frames(self, timeout_s: float) -> Iterator[Reading | Text]:
         if self._next is None:
-            raise SpotsError(f"the recording {self.name} has ended: open it again")
+            raise StateError(f"the recording {self.name} has ended: open it again")
         self._wait_until(min(self._next[0], self.now_s() + timeout_s))
         now_s = self.now_s()
         for _ in range(_PUMPED_FRAMES):
@@ -117,11 +118,11 @@ def open_port(rest: str, options: Namespace | None = None) -> Board:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If `rest` is empty, or the recording cannot be read.
     """
     if not rest:
-        raise SpotsError("the port 'recording:' has no file: write recording:FILE.spots")
+        raise SettingError("the port 'recording:' has no file: write recording:FILE.spots")
     return open_recording(rest)
 
 
@@ -143,10 +144,10 @@ def open_recording(path: str | Path, speed: float = 1.0) -> Board:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the file is not a recording or has a later format version, if a later file is missing
         although a file after it exists, or if `speed` is not more than 0.
     """
     if not (isinstance(speed, (int, float)) and speed > 0):
-        raise SpotsError(f"the speed of a recording must be more than 0, not {speed!r}")
+        raise SettingError(f"the speed of a recording must be more than 0, not {speed!r}")
     return Board(RecordedLink(Recording(path), speed))

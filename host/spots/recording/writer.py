@@ -13,7 +13,7 @@ import msgspec
 from spots_device import __version__
 
 from ..common.atomic import exists
-from ..errors import SpotsError, path_text
+from ..errors import SettingError, SpotsError, path_text
 from ..link.frames import note, whole
 from .disk import Disk
 from .header import VERSION, Header, encoded
@@ -57,7 +57,7 @@ class Writer(AbstractContextManager):
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a file already exists or cannot be written.
     """
 
@@ -77,7 +77,7 @@ class Writer(AbstractContextManager):
         if rotate_bytes is not None and not (
             isinstance(rotate_bytes, (int, float)) and rotate_bytes > 0
         ):
-            raise SpotsError(f"rotate_bytes must be more than 0, not {rotate_bytes!r}")
+            raise SettingError(f"rotate_bytes must be more than 0, not {rotate_bytes!r}")
         self._rotate_bytes = rotate_bytes
         self._utc_s = utc_s
         self._set = secrets.token_hex(8)

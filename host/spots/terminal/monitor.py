@@ -5,7 +5,7 @@ from contextlib import suppress
 
 from rich.console import Group
 
-from ..errors import CommandError
+from ..errors import BoardError
 from ..link.advice import advice_for, streams
 from ..link.board import Board
 from ..link.calibrated import next_step
@@ -93,6 +93,6 @@ def _infos(board: Board) -> list[Hello]:
     for sensor in board.sensors[1:]:
         try:
             infos.append(board.command(of_sensor("hello", sensor)))
-        except CommandError:
+        except BoardError:
             infos.append(infos[0])
     return infos

@@ -9,7 +9,7 @@ import msgspec
 
 from ..common import toml
 from ..common.signals import released_by_signals
-from ..errors import SpotsError, did_you_mean
+from ..errors import FileError, SettingError, SpotsError, did_you_mean
 from ..link.board import Board
 from ..link.calibrated import fed, hello_often
 from ..link.timeouts import RELEASE_S
@@ -62,24 +62,26 @@ class Mapping:
 
     Raises
     ------
-    SpotsError
+    FileError, SettingError
         If the file does not exist or is invalid.
     """
 
     def __init__(self, path: str | Path = DEFAULT, text: str | None = None):
         if text is None:
             path, text = toml.find(path, FOLDER, "gestures")
-        file = toml.checked(text, GesturesFile, f"gestures file {path}")
+        file = toml.checked(text, GesturesFile, "gestures", path)
         self.least_confidence = file.least_confidence
         self.names = file.gestures
         self.keys = {}
         for gesture, action in file.gestures.items():
             try:
                 if gesture not in NAMES:
-                    raise SpotsError(f"no such gesture: {did_you_mean(gesture, NAMES)}")
+                    raise SettingError(f"no such gesture: {did_you_mean(gesture, NAMES)}")
                 self.keys[gesture] = chord_of(action)
             except SpotsError as error:
-                raise SpotsError(f"gestures file {path}, {gesture}: {error}") from None
+                raise FileError(
+                    f"gestures file {path}, {gesture}: {error}", path, f"gestures.{gesture}"
+                ) from None
 
     def pressed_by(self, gesture: Gesture) -> str:
         """Return the name of the key that a gesture presses; empty if it presses none."""

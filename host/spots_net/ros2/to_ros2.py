@@ -7,7 +7,7 @@ from itertools import count
 
 import zenoh
 
-from spots.errors import SpotsError
+from spots.errors import SettingError
 from spots.link.board import Board
 from spots.link.frames import Reading
 from spots.link.lines import of_sensor
@@ -97,7 +97,7 @@ class _Topic:
 
 def _domain(text: str) -> int:
     if not (text.isdecimal() and int(text) <= _DOMAIN_MAX):
-        raise SpotsError(
+        raise SettingError(
             f"{text!r} is not a ROS domain: give a number from 0 to {_DOMAIN_MAX} with "
             "--to ros2=DOMAIN or ROS_DOMAIN_ID"
         )

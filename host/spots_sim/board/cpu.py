@@ -14,7 +14,7 @@ import msgspec
 
 from spots.common import toml
 from spots.deploy.staging import device_of
-from spots.errors import SpotsError
+from spots.errors import SettingError
 
 _FILE = Path(__file__).parents[1] / "data" / "cpus.toml"
 _Time = Annotated[float, msgspec.Meta(ge=0, le=10_000_000)]
@@ -77,14 +77,14 @@ def load(name: str, board: str) -> Cpu:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If there is no such processor, or the board runs CircuitPython, whose times are unknown.
     """
-    known = toml.checked(_FILE.read_text(encoding="utf-8"), _CpusFile, "processor file").cpus
+    known = toml.checked(_FILE.read_text(encoding="utf-8"), _CpusFile, "processor", _FILE).cpus
     if name not in known:
-        raise SpotsError(f"there is no processor '{name}': use one of {', '.join(known)}")
+        raise SettingError(f"there is no processor '{name}': use one of {', '.join(known)}")
     if device_of(board).runtime != "micropython":
-        raise SpotsError(
+        raise SettingError(
             f"the times of the processor '{name}' are known only for MicroPython: leave out the "
             "processor, or use the board 'virtual'"
         )

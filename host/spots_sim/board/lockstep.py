@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from spots.errors import SpotsError
+from spots.errors import ClosedError, PortError
 from spots.link.serial_link import WRITE_TIMEOUT_S, takes_nothing
 
 from ..chip.bus import I2CBus, SimulatedClock
@@ -153,7 +153,7 @@ class LockstepLink:
         deadline_us = self.clock.now_us() + 1e6 * WRITE_TIMEOUT_S
         while data := data[self._board.send(data) :]:
             if self.clock.now_us() >= deadline_us:
-                raise SpotsError(takes_nothing(self.name))
+                raise PortError(takes_nothing(self.name))
             self._board.step()
 
     def close(self) -> None:
@@ -163,4 +163,4 @@ class LockstepLink:
 
     def _check_open(self) -> None:
         if not self._is_open:
-            raise SpotsError("the virtual board is closed: open it again")
+            raise ClosedError("the virtual board is closed: open it again")

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from spots.deploy.staging import device_of
-from spots.errors import SpotsError
+from spots.errors import PortError
 
 from ..chip.bus import I2CBus
 from . import server
@@ -165,7 +165,7 @@ class PipedBoard:
             elif not server.is_reset(request):
                 return request
             self._machine.boot()
-        raise SpotsError(
+        raise PortError(
             "the virtual board restarts again and again: check main.py and what it prints"
         )
 
@@ -190,7 +190,7 @@ class PipedBoard:
             self._sent = self.received()
             hangs_s = hangs_s or time.monotonic() + _HANGS_S
             if time.monotonic() >= hangs_s:
-                raise SpotsError(
+                raise PortError(
                     f"the virtual board hangs: no request for {_HANGS_S:.0f} s; open it again"
                 )
         return server.read_request(requests)

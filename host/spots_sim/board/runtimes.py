@@ -7,7 +7,7 @@ import os
 
 from spots.deploy.build import mpy_cross_command
 from spots.deploy.staging import device_of
-from spots.errors import SpotsError
+from spots.errors import SettingError, SpotsError
 
 from .vm import micropython_command
 
@@ -78,7 +78,7 @@ def _wanted(name: str, values: tuple[str, str]) -> str | None:
     value = os.environ.get(name) or None
     if value not in (None, *values):
         choices = " or ".join(f"'{one}'" for one in values)
-        raise SpotsError(
+        raise SettingError(
             f"the environment variable {name} must be {choices}, not '{value}': change or unset it"
         )
     return value

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 
-from spots.errors import SpotsError
+from spots.errors import PortError
 
 from ..chip.bus import I2CBus
 from . import thermometer
@@ -112,7 +112,7 @@ def answer(
 
     Raises
     ------
-    SpotsError
+    PortError
         If the pipe is full, because the board does not read the answers to its requests.
     """
     data, error = b"", 0
@@ -155,6 +155,6 @@ def answer(
     except BrokenPipeError:
         pass  # the board has ended; the caller detects it at the next request
     except BlockingIOError:
-        raise SpotsError(
+        raise PortError(
             "the virtual board reads no answers to its requests: close it and open it again"
         ) from None

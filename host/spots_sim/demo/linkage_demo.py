@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from spots.errors import SpotsError
+from spots.errors import FileError, SettingError
 from spots_linkage.digital_twin import Terminal, Twin
 from spots_linkage.mounted import is_mounted
 from spots_linkage.twin import Lines, show
@@ -58,12 +58,12 @@ def endless(
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a file is missing or invalid, the linkage cannot follow the path, or `linkage` is the
         file of a real linkage.
     """
     if is_mounted(linkage):
-        raise SpotsError(
+        raise SettingError(
             f"{linkage} is the file of a linkage with real boards: leave out --port virtual, or "
             "name the file of a simulated linkage, such as 'default'"
         )
@@ -112,12 +112,12 @@ def run(options) -> None:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a file is missing or invalid, an option needs ``--port``, or several ports are named.
     """
     options = given(options)
     if len(options.port) > 1:
-        raise SpotsError(
+        raise SettingError(
             f"'virtual' simulates a whole linkage, but --port was given {len(options.port)} times: "
             "give --port virtual once, or name the ports of real boards"
         )
@@ -128,7 +128,7 @@ def run(options) -> None:
         with driven(linkage, options.record) as source:
             show(source, options.seconds, options.json)
     elif options.record or options.seconds:
-        raise SpotsError("--record and --seconds need boards: name the boards with --port")
+        raise SettingError("--record and --seconds need boards: name the boards with --port")
     else:
         compare(options)
 
@@ -189,7 +189,7 @@ def compare(options) -> None:
 
     Raises
     ------
-    SpotsError
+    FileError, SettingError
         If a file is missing or invalid, the linkage cannot follow the path, or the picture cannot
         be written.
     """
@@ -199,9 +199,9 @@ def compare(options) -> None:
     if picture:
         maps.require()
         if picture.suffix.lower() != ".png":
-            raise SpotsError(f"--picture needs a file name that ends in .png, not '{picture}'")
+            raise SettingError(f"--picture needs a file name that ends in .png, not '{picture}'")
         if not picture.parent.is_dir():
-            raise SpotsError(f"there is no folder {picture.parent}: make it first")
+            raise FileError(f"there is no folder {picture.parent}: make it first", picture.parent)
     exposure_us = options.exposure_us or EXPOSURE_US
     found = follow(*files, options.seed, exposure_us, _ignore if options.json else Lines())
     if picture:

@@ -27,7 +27,7 @@ from spots.deploy.drive import Drive
 from spots.deploy.place import Place
 from spots.deploy.prompt import Prompt
 from spots.deploy.staging import Device
-from spots.errors import SpotsError
+from spots.errors import PortError, SettingError, SpotsError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.serial_link import SerialLink
@@ -83,7 +83,7 @@ def check(rest: str, options: Namespace | None = None) -> None:
 
 def _check_rest(rest: str) -> None:
     if rest:
-        raise SpotsError(f"there is no port {VIRTUAL}:{rest}: write {VIRTUAL}")
+        raise SettingError(f"there is no port {VIRTUAL}:{rest}: write {VIRTUAL}")
 
 
 def calibration_setup(options, made_with, path: Path, guide: Guide) -> Bench:
@@ -191,7 +191,7 @@ def _await_drive(folder: Path) -> None:
             return
         except SpotsError:
             if time.monotonic() > end_s:
-                raise SpotsError(
+                raise PortError(
                     f"the virtual board did not start within {_START_S:g} s: try again"
                 ) from None
         time.sleep(_POLL_S)
@@ -216,11 +216,11 @@ def open_virtual(sensor: str, scenario: str, seed: int) -> tuple[Board, float]:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a file is missing or invalid, `seed` is negative, or the board does not start.
     """
     if not isinstance(seed, int) or seed < 0:
-        raise SpotsError(f"the seed must be a whole number of 0 or more, not {seed!r}")
+        raise SettingError(f"the seed must be a whole number of 0 or more, not {seed!r}")
 
     load(ScenarioFile, scenario)  # before the strip is calibrated
     file = load(SensorFile, sensor)
@@ -286,7 +286,7 @@ def start_simulator(
 
     Raises
     ------
-    SpotsError
+    PortError
         If the board does not start.
     """
     if not folder and is_cpython(board):
@@ -311,5 +311,5 @@ def start_simulator(
     start = json.loads(line or '{"error": "the simulator did not start: see its error above"}')
     if "error" in start:
         stop()
-        raise SpotsError(start["error"])
+        raise PortError(start["error"])
     return start, stop

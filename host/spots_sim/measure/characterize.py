@@ -6,7 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from spots.errors import SpotsError, printable
+from spots.errors import SettingError, printable
 from spots_device.reading.decode import AVERAGE_MAX
 from spots_device.sensor.exposure import MAX_US, MIN_US
 
@@ -52,13 +52,13 @@ def measure(
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a file or an option is invalid, or the sensor cannot be calibrated.
     """
     if not MIN_US <= exposure_us <= MAX_US:
-        raise SpotsError(f"--exposure-us must be from {MIN_US} to {MAX_US}, not {exposure_us}")
+        raise SettingError(f"--exposure-us must be from {MIN_US} to {MAX_US}, not {exposure_us}")
     if not 1 <= average <= AVERAGE_MAX:
-        raise SpotsError(f"--average must be from 1 to {AVERAGE_MAX}, not {average}")
+        raise SettingError(f"--average must be from 1 to {AVERAGE_MAX}, not {average}")
     hand.check()
     sensor = load(SensorFile, sensor_name)
     change = NONE if change_name is None else load_change(change_name)

@@ -21,7 +21,7 @@ import numpy as np
 
 from spots.cli import arguments
 from spots.common import toml
-from spots.errors import SpotsError
+from spots.errors import SettingError, SpotsError
 
 from ..person.by_hand import calibrate_by_hand
 from ..strip.files import SensorFile, load
@@ -81,7 +81,7 @@ def with_keys(sensor: SensorFile, keys: dict[str, object]) -> SensorFile:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If a key is unknown, or a value is invalid.
     """
     content = msgspec.to_builtins(sensor)
@@ -94,7 +94,7 @@ def with_keys(sensor: SensorFile, keys: dict[str, object]) -> SensorFile:
     try:
         return toml.convert(content, SensorFile)
     except toml.WrongKeyError as error:
-        raise SpotsError(str(error)) from None
+        raise SettingError(str(error)) from None
 
 
 def errors(
@@ -176,11 +176,11 @@ def _keys(texts: list[str]) -> dict[str, object]:
         try:
             keys[name] = toml.loads(f"value = {value}")["value"]
         except msgspec.ValidationError:
-            raise SpotsError(
+            raise SettingError(
                 f"--set and --later need KEY=VALUE with a value as in a TOML file, not {text!r}"
             ) from None
         if not equals:
-            raise SpotsError(f"--set and --later need KEY=VALUE, not {text!r}")
+            raise SettingError(f"--set and --later need KEY=VALUE, not {text!r}")
     return keys
 
 

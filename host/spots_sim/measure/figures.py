@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from spots.common import atomic
-from spots.errors import SpotsError, missing
+from spots.errors import FileError, missing
 
 # Okabe and Ito's colours, distinct with any colour vision; markers differ as well.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -30,23 +30,23 @@ def folder(path: str | Path) -> Path:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the folder cannot be created.
     """
     path = Path(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SpotsError(
-            f"cannot make the folder {path} ({error.strerror}): name another folder"
+        raise FileError(
+            f"cannot make the folder {path} ({error.strerror}): name another folder", path
         ) from None
     return path
 
 
 def check_folder(path: str | Path) -> None:
-    """Raise SpotsError if a path is a file, so that `folder` could not create a folder there."""
+    """Raise FileError if a path is a file, so that `folder` could not create a folder there."""
     if Path(path).is_file():
-        raise SpotsError(f"{path} is a file: name a folder")
+        raise FileError(f"{path} is a file: name a folder", path)
 
 
 def draw(run, responses: dict, out: Path) -> list[Path]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from spots.calibrate.decoded import coarse_of
-from spots.errors import SpotsError
+from spots.errors import SettingError
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import TOO_DARK, TOUCHING
 
@@ -99,7 +99,7 @@ def characterize(
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the sensor cannot be calibrated at this exposure.
     """
     run = Run()
@@ -109,7 +109,7 @@ def characterize(
     with Rig(sensor, seed, exposure_us, average) as rig:
         touch_mN = Calibration(rig.lines).touch_on_mN
         if touch_mN > FORCE_MN:
-            raise SpotsError(
+            raise SettingError(
                 f"this strip needs {touch_mN / 1000:g} N for a touch, but is measured with "
                 f"{FORCE_MN / 1000:.0f} N: choose a brighter strip or a longer exposure"
             )

@@ -17,7 +17,7 @@ from spots.calibrate.guide import Guide
 from spots.calibrate.presses import FIRM_MN, MARKS
 from spots.calibrate.rezero import rezero
 from spots.calibrate.steps import DARK_S
-from spots.errors import SpotsError
+from spots.errors import SettingError
 from spots_device.sensor.exposure import DEFAULT_US
 
 from ..person.kept import kept
@@ -59,11 +59,11 @@ class Hand:
     by_hand: bool = False
 
     def check(self) -> None:
-        """Raise SpotsError if `marks` or `error_um` is invalid."""
+        """Raise SettingError if `marks` or `error_um` is invalid."""
         if self.marks not in (0, 1, len(MARKS)):
-            raise SpotsError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
+            raise SettingError(f"--rezero must be 0, 1 or {len(MARKS)} marks, not {self.marks}")
         if not 0 <= self.error_um < math.inf:
-            raise SpotsError(f"--mark-error-um must be 0 or more, not {self.error_um:g}")
+            raise SettingError(f"--mark-error-um must be 0 or more, not {self.error_um:g}")
 
 
 NO_HAND = Hand()

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from spots.errors import SpotsError
+from spots.errors import SettingError
 from spots_linkage import kinematics
 from spots_linkage.digital_twin import Terminal, Twin
 from spots_linkage.encoder import Angle
@@ -253,7 +253,7 @@ def follow(
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the linkage cannot follow the path, the path is too short for two estimates, or the
         sensor cannot be calibrated.
     """
@@ -270,7 +270,7 @@ def follow(
         lost = sum(board.stats.lost for board in simulation.boards)
     found = np.array([(t.time_s, t.x_mm, t.y_mm) for t in terminals if not t.limit]).T
     if found.size < 6:
-        raise SpotsError(
+        raise SettingError(
             "the path gives fewer than two positions of the end point: name the file of a longer "
             "path"
         )

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from spots.errors import SpotsError
+from spots.errors import SettingError
 
 from ..strip.change import NONE, Change
 from ..strip.files import (
@@ -154,14 +154,14 @@ class Mechanism:
 
         Raises
         ------
-        SpotsError
+        SettingError
             If the linkage cannot follow the motion.
         """
         angles_deg = self.angles_deg(motion.x_mm, motion.y_mm)
         off = ~((angles_deg >= 0) & (angles_deg <= self.travel_deg)).all(axis=0)
         if off.any():
             i = int(np.argmax(off))
-            raise SpotsError(
+            raise SettingError(
                 f"the linkage cannot follow the path: ({motion.x_mm[i]:.1f}, {motion.y_mm[i]:.1f}) "
                 "mm is out of reach of its bars, or beyond the travel of a joint: move the points "
                 "of the path"

@@ -16,7 +16,7 @@ from spots.calibrate.dialog import Dialog
 from spots.calibrate.practice import Practice, Score
 from spots.calibrate.presser import Presser
 from spots.calibrate.session import Session, Wanted
-from spots.errors import SpotsError
+from spots.errors import SettingError
 from spots_device.reading.calibration import Calibration
 
 from ..port import given
@@ -89,13 +89,13 @@ def practice(options, path: Path, guide: Dialog) -> Iterator[Practice]:
 
     Raises
     ------
-    SpotsError
+    SettingError
         If the sensor file is invalid, or has another length than the options.
     """
     options = given(options)
     sensor = load(SensorFile, options.sensor)
     if options.length_mm not in (None, sensor.length_mm):
-        raise SpotsError(
+        raise SettingError(
             f"the simulated strip is {sensor.length_mm:g} mm long, not {options.length_mm:g} mm: "
             "give this length, or name another strip with --sensor"
         )

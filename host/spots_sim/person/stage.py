@@ -8,7 +8,7 @@ from spots.calibrate import rest
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.calibrate.spectra import SpectrumReader
-from spots.errors import SpotsError
+from spots.errors import CalibrationError
 from spots.link.board import Board
 
 from ..board.lockstep import LockstepLink
@@ -285,7 +285,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
 
     Raises
     ------
-    SpotsError
+    CalibrationError
         If a press is too dark or saturated. The message names the position of the press.
     """
     too_dark = "too dark: choose a longer exposure or a brighter strip"
@@ -296,7 +296,7 @@ def check_light(along: Presses, pressed: Presses) -> None:
     ):
         if bad.any():
             where_mm = presses.position_um[bad][0] / 1000
-            raise SpotsError(f"the press at {where_mm:g} mm is {trouble}")
+            raise CalibrationError(f"the press at {where_mm:g} mm is {trouble}")
 
 
 def board_lines(lines, board_id: str) -> list[str]:

@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from spots.errors import SpotsError
+from spots.errors import SettingError
 from spots.keyboard.layout import KeyLayout, parts_of
 from spots.outputs.usages import KEYBOARD, USAGES, name_of, usage_of
 from spots_device.keys import layout as lines_of
@@ -196,7 +196,7 @@ class Typist:
                     if there is not None and there not in seen:
                         seen.add(there)
                         waiting.append((there, [*way, (layer, i, slot)]))
-        raise SpotsError(f"the layout '{self._layout.name}' has no key for '{character}'")
+        raise SettingError(f"the layout '{self._layout.name}' has no key for '{character}'")
 
     def _sticky_layer(self, action: int) -> int | None:
         kind, number, _ = parts_of(action)

@@ -650,8 +650,8 @@ def load_change(name: str | Path) -> Change:
     """
     path, text = toml.find(name, DATA / "changes", "change")
     if re.search(r"^\s*\[change\]", text, re.MULTILINE):
-        return toml.checked(text, _ChangeFile, f"change file {path}").change
-    return toml.checked(text, Change, f"change file {path}")
+        return toml.checked(text, _ChangeFile, "change", path).change
+    return toml.checked(text, Change, "change", path)
 
 
 @contextmanager
@@ -704,7 +704,7 @@ def load(kind: type[_File], name: str | Path) -> _File:
     """
     what = _KINDS[kind]
     path, text = toml.find(name, DATA / f"{what}s", what)
-    file = toml.checked(text, kind, f"{what} file {path}")
+    file = toml.checked(text, kind, what, path)
     return _with_spectra(file, path.parent) if isinstance(file, SensorFile) else file
 
 

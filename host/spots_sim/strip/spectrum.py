@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from spots.common.bounded import read_text
-from spots.errors import SpotsError
+from spots.errors import FileError
 
 Table = tuple[tuple[float, float], ...]
 
@@ -34,14 +34,16 @@ def read(path: Path) -> Table:
 
     Raises
     ------
-    SpotsError
+    FileError
         If the file cannot be read, or is not a spectrum of visible light.
     """
     try:
         lines = read_text(path).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise SpotsError(f"cannot read the spectrum {path} ({reason}): give a CSV file") from None
+        raise FileError(
+            f"cannot read the spectrum {path} ({reason}): give a CSV file", path
+        ) from None
     rows: dict[float, float] = {}
     for number, line in enumerate(lines, 1):
         words = _BETWEEN.split(line.strip())
@@ -54,22 +56,29 @@ def read(path: Path) -> Table:
         if not (math.isfinite(nm) and math.isfinite(value)):
             if not rows:
                 continue  # a header
-            raise SpotsError(
+            raise FileError(
                 f"line {number} of the spectrum {path} must be a wavelength in nm and a value, "
-                f"such as 450,0.83, not {line.strip()!r}"
+                f"such as 450,0.83, not {line.strip()!r}",
+                path,
+                f"line {number}",
             )
         if nm in rows:
-            raise SpotsError(f"line {number} of the spectrum {path} repeats {nm:g} nm: remove it")
+            raise FileError(
+                f"line {number} of the spectrum {path} repeats {nm:g} nm: remove it",
+                path,
+                f"line {number}",
+            )
         rows[nm] = max(value, 0.0)
     table = tuple((nm, rows[nm]) for nm in sorted(rows) if _LOW_NM <= nm <= _HIGH_NM)
     low_nm, high_nm = _NEEDED_NM
     if not table or table[0][0] > low_nm or table[-1][0] < high_nm:
-        raise SpotsError(
+        raise FileError(
             f"the spectrum {path} must have lines such as 450,0.83 from {low_nm:g} nm or less to "
-            f"{high_nm:g} nm or more"
+            f"{high_nm:g} nm or more",
+            path,
         )
     if not any(value for _, value in table):
-        raise SpotsError(f"the spectrum {path} has no value above 0")
+        raise FileError(f"the spectrum {path} has no value above 0: name another file", path)
     return table
 
 
