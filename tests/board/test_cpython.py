@@ -61,11 +61,16 @@ def test_a_program_reads_it_as_any_board(port):
     with spots.open("virtual") as board:
         assert board.port.startswith(port)
         assert board.info["runtime"].startswith("cpython 3.")
-        touches = [touch for touch, _ in zip(board.touches(), range(50))]
+        # On a busy machine, a second can pass before the first press is seen.
+        touches = []
+        for touch, count in zip(board.touches(), range(2000)):
+            touches.append(touch)
+            if count >= 50 and touch.trusted:
+                break
         assert board.stats.lost == board.stats.bad_crc == 0
     times_s = [touch.time_s for touch in touches]
     assert times_s == sorted(times_s)
-    assert any(touch.trusted for touch in touches)
+    assert touches[-1].trusted
 
 
 def test_its_port_is_for_one_program_and_can_be_opened_again(port):
