@@ -618,9 +618,7 @@ def test_fuzzed_messages_change_nothing(tmp_path):
         'name = "x"\n[[layer]]\nname = "a"\nkeys = [' + '"A",' * 8000 + "]",
     ],
 )
-def test_the_longest_texts_are_checked_in_bounded_time(tmp_path, text):
+def test_the_longest_texts_are_refused(tmp_path, text):
     editor = LayoutEditor(tmp_path / "mine.toml", DIGITS, PageState())
-    begun_s = time.process_time()
     answer = editor.submit(editor.decode(json.dumps({"do": "check", "text": text}).encode()))
     assert isinstance(answer.exception(), SpotsError)
-    print(f"{1000 * (time.process_time() - begun_s):.0f} ms")

@@ -649,7 +649,7 @@ def load_change(name: str | Path) -> Change:
         If the file does not exist, or a key is unknown or out of range.
     """
     path, text = toml.find(name, DATA / "changes", "change")
-    if re.search(r"^\s*\[change\]", text, re.MULTILINE):
+    if re.search(r"^[ \t]*\[change\]", text, re.MULTILINE):
         return toml.checked(text, _ChangeFile, "change", path).change
     return toml.checked(text, Change, "change", path)
 
