@@ -5,10 +5,11 @@ import contextlib
 import pytest
 from cobs import cobs
 from support.boards import DEADLINE_S, running, until
+from support.refusals import refusal
 
 import spots
 from spots.deploy.staging import stage
-from spots.errors import SpotsError
+from spots.errors import BoardError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.serial_link import SerialLink
@@ -103,8 +104,9 @@ def test_a_drive_that_is_the_hosts_refuses_a_save_and_the_board_goes_on(sensor, 
         board.command("reboot")
         link.read(1.0)
         board.command("set gain=7")
-        with pytest.raises(SpotsError, match="read-only"):
+        with refusal(BoardError, why="no_flash") as caught:
             board.command("save")
+        assert "read-only" in str(caught.value)
         assert board.command("get")["gain"] == 7
     assert not (tmp_path / "settings-a.txt").exists()
 

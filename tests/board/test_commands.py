@@ -1,10 +1,15 @@
 """Commands to the real firmware: each line gets one reply, and an invalid line changes nothing."""
 
-import pytest
+import ast
+from pathlib import Path
 
-from spots import SpotsError
-from spots.errors import BoardError
+import pytest
+from support.refusals import refusal
+
+import spots_device
+from spots.errors import BoardError, CalibrationError, NoReplyError, SettingError
 from spots.link.board import Board
+from spots.link.board_errors import REASONS
 from spots.link.connect import upload
 from spots_device.board.settings import checksum
 from spots_sim.board.link_wrapper import LinkWrapper
@@ -73,7 +78,7 @@ def test_a_late_reply_is_not_that_to_the_next_command(sensor, loses):
     link = Hesitant(LockstepLink(sensor, Held()), loses)
     with Board(link) as board:
         link.hold(4.1)
-        with pytest.raises(SpotsError, match="no reply to 'stream touch' within 4 s"):
+        with refusal(NoReplyError):
             board.command("stream touch")
         assert board.command("stream spectrum")["stream"] == ["spectrum"]
         assert board.command("stream off")["stream"] == ["off"]
@@ -87,23 +92,27 @@ def test_a_reply_may_take_some_seconds(sensor):
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "why"),
     [
-        ("dance", "no such command; use one of auto, cal, dark"),
-        ("set", "name a setting"),
-        ("set gain=99", "0 to 10"),
-        ("set gain=3 colour=red", "no setting is called 'colour'"),
-        ("stream", "touch, spectrum"),
-        ("stream touch off", "off takes no other word"),
-        ("stream sideways", "touch, spectrum, contact"),
-        ("cal end 0000", "cal begin"),
-        ("cal", "cal begin"),
+        ("dance", "no_command"),
+        ("gain 3", "no_command"),
+        ("set", "bad_value"),
+        ("set gain=99", "bad_value"),
+        ("set gain=x", "bad_value"),
+        ("set gain=3 colour=red", "bad_value"),
+        ("set plan=F1,F1,F2,F3,F4,F5", "bad_value"),
+        ("stream", "bad_value"),
+        ("stream touch off", "bad_value"),
+        ("stream sideways", "bad_value"),
+        ("cal end 0000", "no_begin"),
+        ("cal", "no_begin"),
+        ("get sensor=1", "no_sensor"),
     ],
 )
-def test_a_bad_line_changes_nothing(rig, line, says):
+def test_a_bad_line_changes_nothing(rig, line, why):
     made = rig()
     before = made.board.command("get")
-    with pytest.raises(SpotsError, match=says):
+    with refusal(BoardError, why=why):
         made.board.command(line)
     assert made.board.command("get") == before
 
@@ -149,15 +158,15 @@ def test_a_calibration_is_taken_only_whole(rig, calibration):
     made = rig(calibration=calibration)
     before = made.board.command("hello")["calibration"]
     assert before == checksum(calibration)
-    for lines, code in (
-        (calibration[:-1], checksum(calibration)),  # truncated
-        (calibration[:-40], checksum(calibration[:-40])),  # complete upload, invalid content
-        (["nonsense 1", *calibration], checksum(["nonsense 1", *calibration])),
+    for lines, code, why in (
+        (calibration[:-1], checksum(calibration), "bad_checksum"),  # truncated
+        (calibration[:-40], checksum(calibration[:-40]), "bad_calibration"),
+        (["nonsense 1", *calibration], checksum(["nonsense 1", *calibration]), "bad_calibration"),
     ):
         made.board.command("cal begin")
         for line in lines:
             made.board.command("cal " + line)
-        with pytest.raises(SpotsError, match="refuses"):
+        with refusal(BoardError, why=why):
             made.board.command("cal end " + code)
         assert made.board.command("hello")["calibration"] == before
     made.board.command("cal clear")
@@ -169,7 +178,7 @@ def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibra
     made.board.command("cal begin")
     for _ in range(65):
         made.board.command("cal x " + "9" * 240)
-    with pytest.raises(SpotsError, match="too large"):
+    with refusal(BoardError, why="too_large"):
         made.board.command("cal x " + "9" * 240)
     assert made.board.command("hello")["calibration"] == checksum(calibration)
 
@@ -177,19 +186,19 @@ def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibra
 def test_an_empty_statement_is_refused(rig):
     made = rig()
     made.board.command("cal begin")
-    with pytest.raises(SpotsError, match="needs a line"):
+    with refusal(BoardError, why="bad_value"):
         made.board.command("cal")
 
 
 @pytest.mark.parametrize("line", ["", "  ", "x" * 256, "hello\nhello", "h\x03", "höhe"])
 def test_what_is_no_command_is_not_sent(rig, line):
     made = rig()
-    with pytest.raises(SpotsError, match="printable ASCII"):
+    with refusal(SettingError):
         made.board.command(line)
 
 
 def test_a_long_unknown_name_is_answered_all_the_same(rig):
-    with pytest.raises(SpotsError, match="no such command"):
+    with refusal(BoardError, why="no_command"):
         rig().board.command("a" * 100)
 
 
@@ -199,18 +208,58 @@ def test_a_request_cut_short_by_a_reboot_is_answered(rig):
     made.settle(0.3)
     replies = [reply.content for reply in made.board._channel.replies]
     assert [reply["re"] for reply in replies] == ["dark", "reboot"]
-    assert "rebooted" in replies[0]["error"]
+    assert replies[0]["why"] == "canceled"
 
 
 def test_a_calibration_for_something_else_is_refused_with_what_to_do(rig, calibration):
     made = rig()
     foreign = ["board 0000" if line.startswith("board") else line for line in calibration]
-    with pytest.raises(SpotsError, match="made on board 0000"):
+    with refusal(CalibrationError):
         upload(made.board, foreign)
     made.board.command("set gain=8")
-    with pytest.raises(SpotsError, match="made at gain=9 led_mA=20"):
+    with refusal(CalibrationError):
         upload(made.board, calibration)
     assert made.board.command("hello")["calibration"] is None
+
+
+def test_memory_that_runs_out_is_no_older_firmware(rig, calibration, monkeypatch):
+    made = rig()
+    command = made.board.command
+
+    def without_memory(line, **options):
+        if line.startswith("cal end"):
+            raise BoardError("no memory is left", "no_memory")
+        return command(line, **options)
+
+    monkeypatch.setattr(made.board, "command", without_memory)
+    with refusal(BoardError, why="no_memory") as caught:
+        upload(made.board, calibration)
+    assert "spots flash" not in str(caught.value)
+
+
+def test_a_line_that_is_too_long_or_not_ascii_has_a_code(rig):
+    made = rig()
+    for line in (b"x" * 300, b"hello\xff"):
+        made.board._channel.replies.clear()
+        made.board._link.write(line + b"\n")
+        made.settle(0.3)
+        (reply,) = [reply.content for reply in made.board._channel.replies]
+        assert (reply["re"], reply["why"]) == ("", "bad_line")
+
+
+def test_each_code_of_the_firmware_is_in_the_table():
+    folder = Path(spots_device.__file__).parent
+    codes = set()
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "ValueError":
+                codes.update(ast.unparse(one) for one in node.args[1:])
+            elif isinstance(node, ast.Dict):
+                pairs = zip(map(ast.unparse, filter(None, node.keys)), node.values)
+                codes.update(ast.unparse(value) for key, value in pairs if key == "'why'")
+    codes = {code.strip("'") for code in codes} - {"why"}
+    assert len(codes) > 10
+    assert codes <= set(REASONS)
 
 
 def test_a_calibration_that_is_too_new_for_the_firmware_says_flash(rig, calibration, monkeypatch):
@@ -223,8 +272,9 @@ def test_a_calibration_that_is_too_new_for_the_firmware_says_flash(rig, calibrat
         return command(line, **options)
 
     monkeypatch.setattr(made.board, "command", of_earlier_firmware)
-    with pytest.raises(SpotsError, match=r"needs 4 integers.*run 'spots flash'"):
+    with refusal(BoardError, why="") as caught:
         upload(made.board, calibration)
+    assert "'spots flash'" in str(caught.value)
     assert made.board.command("hello")["calibration"] is None
 
 

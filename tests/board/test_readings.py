@@ -5,8 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from support.refusals import refusal
 from support.sensors import replaced
 
+from spots.errors import BoardError
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots_device.reading import decode
@@ -238,7 +240,7 @@ def test_auto_fills_the_converter_to_60_to_90_percent(rig, sensor, irradiance):
 def test_auto_without_light_changes_nothing_and_says_why(rig):
     made = rig()
     before = made.board.command("get")
-    with pytest.raises(Exception, match="too dark"):
+    with refusal(BoardError, why="too_dark"):
         made.board.command("auto", timeout_s=60)
     after = made.board.command("get")
     for name in ("gain", "led_mA", "exposure_us"):

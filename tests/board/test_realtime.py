@@ -11,10 +11,12 @@ import time
 from itertools import islice
 
 import pytest
+from support.refusals import refusal
 from support.taps import TAPS
 
 import spots
 from spots.cli import main
+from spots.errors import PortError
 from spots.link.frames import Text
 from spots.link.serial_link import SerialLink
 from spots_device.reading.decode import DROPPED
@@ -33,7 +35,7 @@ def test_open_read_close_and_open_again():
 
 def test_no_program_can_open_the_boards_own_end_of_its_console():
     console = Console()
-    with pytest.raises(spots.SpotsError, match="is busy"):
+    with refusal(PortError):
         SerialLink(os.ttyname(console.board_in))
     SerialLink(console.name).close()
 
@@ -41,7 +43,7 @@ def test_no_program_can_open_the_boards_own_end_of_its_console():
 def test_a_port_is_for_one_program_and_can_be_opened_again():
     board, _ = open_virtual("default", "demo", 0)
     with board:
-        with pytest.raises(spots.SpotsError, match="is busy"):
+        with refusal(PortError):
             spots.open(board.port)
         board._link.close()
         with spots.open(board.port) as again:

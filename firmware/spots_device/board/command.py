@@ -1,8 +1,9 @@
 """Text commands from the host: one ASCII line each; the reply is one JSON object.
 
 docs/extend/protocol.md describes the commands. An invalid line changes no settings, calibration or
-layout; the reply to it contains an error sentence. Commands allocate memory, which is acceptable
-because they are rare.
+layout; the reply to it contains an error sentence, and the code of the reason as ``why``. A
+ValueError has this code as its second argument, unless `_WHY` has it. Commands allocate memory,
+which is acceptable because they are rare.
 """
 
 import gc
@@ -19,6 +20,8 @@ _BYTES_MAX = 16_000
 _PART_MAX = TEXT_MAX - 60  # characters of the lines in a reply, with quotes and commas
 NAME_MAX = 20  # characters of an unknown name that the reply repeats
 _NO_MEMORY = "no memory is left for this command: reboot and try again"
+# Code of a ValueError that has none, by command. All other commands have "bad_value".
+_WHY = {"cal": "bad_calibration", "layout": "bad_layout"}
 
 
 def _noted(reply, note):
@@ -26,6 +29,19 @@ def _noted(reply, note):
     if note:
         reply["note"] = note
     return reply
+
+
+def refusal(error, why="bad_value"):
+    """Return the reply (dict) to a command that raised `error`, a ValueError or OSError.
+
+    `why` is the code of a ValueError without a code.
+    """
+    text = str(error)
+    if isinstance(error, OSError):
+        why = "no_bus"
+    elif len(error.args) > 1:
+        text, why = error.args
+    return {"error": text, "why": why}
 
 
 class LineReader:
@@ -54,10 +70,10 @@ class LineReader:
         """
         size, self._size = self._size, 0
         if size > LINE_MAX:
-            raise ValueError("a line must have at most %d characters" % LINE_MAX)
+            raise ValueError("a line must have at most %d characters" % LINE_MAX, "bad_line")
         line = bytes(memoryview(self._line)[:size])
         if min(line) < 32 or max(line) > 126:
-            raise ValueError("the line must be printable ASCII")
+            raise ValueError("the line must be printable ASCII", "bad_line")
         return line.decode()
 
 
@@ -86,17 +102,20 @@ class Replies:
         self._time.update()
         try:
             data = json.dumps(reply).encode()
-            error = "the reply is too long" if len(data) > TEXT_MAX else None
+            error = None
+            if len(data) > TEXT_MAX:
+                error = {"error": "the reply is too long", "why": "too_large"}
         except MemoryError:
-            error = _NO_MEMORY
+            error = {"error": _NO_MEMORY, "why": "no_memory"}
         if error:
-            data = json.dumps({"re": reply.get("re"), "error": error}).encode()
+            error["re"] = reply.get("re")
+            data = json.dumps(error).encode()
         self._framer.text(data)
 
     def check_unclaimed(self):
         """Raise ValueError if the reply to an earlier command is still pending."""
         if self._claimed:
-            raise ValueError("'%s' still runs: wait for its reply" % self._claimed)
+            raise ValueError("'%s' still runs: wait for its reply" % self._claimed, "busy")
 
     def claim(self, name):
         """Record that the reply to the command `name` is sent later, with `finish`."""
@@ -111,7 +130,8 @@ class Replies:
     def abandon(self, why):
         """If a reply is pending, send an error instead; `why` is the reason."""
         if self._claimed:
-            self.finish(self._claimed, {"error": why + " before the command ended"})
+            error = why + " before the command ended"
+            self.finish(self._claimed, {"error": error, "why": "canceled"})
 
 
 class Upload:
@@ -170,13 +190,13 @@ class Upload:
         if verb == "lines" and self._lines is None:
             return self._part(words)
         if self._lines is None:
-            raise ValueError("send '%s begin' first" % self._command)
+            raise ValueError("send '%s begin' first" % self._command, "no_begin")
         if verb != "end":
             return self._keep(" ".join(words))
         lines = self._lines
         self.forget()
         if words[1:] != [checksum(lines)]:
-            raise ValueError("the checksum differs: send the %s again" % self._what)
+            raise ValueError("the checksum differs: send the %s again" % self._what, "bad_checksum")
         return _noted({self._what: words[1]}, self._use(lines))
 
     def _part(self, words):
@@ -193,13 +213,16 @@ class Upload:
 
     def _keep(self, line):
         if not line:
-            raise ValueError("'%s' needs a line of the %s after it" % (self._command, self._what))
+            raise ValueError(
+                "'%s' needs a line of the %s after it" % (self._command, self._what), "bad_value"
+            )
         self._bytes += len(line) + 1
         if self._bytes > _BYTES_MAX or len(self._lines) >= _LINES_MAX:
             self.forget()
             raise ValueError(
                 "the %s is too large: send at most %d lines and %d bytes"
-                % (self._what, _LINES_MAX, _BYTES_MAX)
+                % (self._what, _LINES_MAX, _BYTES_MAX),
+                "too_large",
             )
         self._lines.append(line)
         gc.collect()  # keeps the lines together, so that the heap has large free pieces
@@ -256,25 +279,27 @@ class Commands:
         """
         words = line.split()
         if not words:
-            return {"re": "", "error": "the line is empty: send a command"}
+            return {"re": "", "error": "the line is empty: send a command", "why": "bad_line"}
         name = words[0]
-        if words[-1].startswith("sensor="):
-            return {"re": name, "error": "this board has one sensor: leave sensor= out"}
-        if name in LIMITS:
-            return {"re": name, "error": "'%s' is a setting: send 'set %s=VALUE'" % (name, name)}
-        if name not in self._TABLE:
-            known = ", ".join(sorted(self._TABLE))
-            return {"re": name[:NAME_MAX], "error": "no such command; use one of " + known}
         try:
+            if words[-1].startswith("sensor="):
+                raise ValueError("this board has one sensor: leave sensor= out", "no_sensor")
+            if name in LIMITS:
+                raise ValueError(
+                    "'%s' is a setting: send 'set %s=VALUE'" % (name, name), "no_command"
+                )
+            if name not in self._TABLE:
+                known = ", ".join(sorted(self._TABLE))
+                raise ValueError("no such command; use one of " + known, "no_command")
             reply = self._TABLE[name](self, words)
         except (ValueError, OSError) as error:
-            reply = {"error": str(error)}
+            reply = refusal(error, _WHY.get(name, "bad_value"))
         except MemoryError:
             for upload in self._uploads.values():
                 upload.forget()
-            reply = {"error": _NO_MEMORY}
+            reply = {"error": _NO_MEMORY, "why": "no_memory"}
         if reply is not None:
-            reply["re"] = name
+            reply["re"] = name[:NAME_MAX]
         return reply
 
     def _hello(self, words):
@@ -313,7 +338,7 @@ class Commands:
             if not app.strip.lit_flags:
                 from .light import NO_DARK
 
-                raise ValueError(NO_DARK)
+                raise ValueError(NO_DARK, "no_dark")
             return {"dark": app.strip.dark_frame()}
         app.strip.request_dark(self._dark_done)
         self._replies.claim("dark")
@@ -342,9 +367,11 @@ class Commands:
         if outcome == DONE:
             reply = _noted(app.settings.reply(), note)
         elif outcome == TOO_DARK:
-            reply = {"error": "too dark at full gain and LED current; press harder, check the LED"}
+            error = "too dark at full gain and LED current; press harder, check the LED"
+            reply = {"error": error, "why": "too_dark"}
         else:
-            reply = {"error": "too bright at the least gain and LED current; shade the sensor"}
+            error = "too bright at the least gain and LED current; shade the sensor"
+            reply = {"error": error, "why": "too_bright"}
         self._replies.finish("auto", reply)
 
     def _save(self, words):
@@ -353,7 +380,8 @@ class Commands:
         except OSError as error:
             # The numbers are the same on all runtimes; the host has a sentence for each.
             number = error.args[0] if error.args else None
-            return {"error": "the flash cannot be written: error %s" % number, "errno": number}
+            error = "the flash cannot be written: error %s" % number
+            return {"error": error, "errno": number, "why": "no_flash"}
         return {}
 
     def _sync(self, words):

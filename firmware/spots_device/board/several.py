@@ -237,7 +237,8 @@ class SeveralApp(StripApp):
             known = [str(i) for i in range(len(self.parts))]
             number = words.pop()[len(_PREFIX) :]
             if number not in known:
-                return {"re": name, "error": "sensor must be one of " + ", ".join(known)}
+                error = "sensor must be one of " + ", ".join(known)
+                return {"re": name, "error": error, "why": "no_sensor"}
             index = int(number)
             line = " ".join(words)
         elif name in _UPLOADS and words[1:2] != ["lines"] and words[1:] not in _FIRST:

@@ -39,7 +39,7 @@ REASONS = {
     "bad_value": "an argument of the command is missing or invalid",
     "no_begin": "the command `begin` of an upload is missing",
     "bad_checksum": "an upload does not have its checksum",
-    "too_large": "an upload has too many lines or bytes",
+    "too_large": "an upload has too many lines or bytes, or a reply has too many",
     "bad_calibration": "the uploaded lines are not a valid calibration",
     "bad_layout": "the uploaded lines are not a valid layout",
     "busy": "an earlier command still runs",
