@@ -67,6 +67,7 @@ class Feel:
         self._down: dict[tuple, tuple] = {}  # pressed keys: event of the press -> key in the layout
         self._shown: dict[str, object] = {}
         length_um = info.get("length_um")
+        self._light = info.get("decay"), None, info.get("cross")  # arguments of `KeyEngine`
         if length_um:
             self._gestures = Gestures()
             with contextlib.suppress(SpotsError):  # the board is too slow for a gamepad
@@ -75,10 +76,10 @@ class Feel:
                 self._controller = controller_for(board, settings)
             if not info["keys"] or _is_on(info, layout):
                 sink = SimpleNamespace(key=lambda *event: None) if info["keys"] else self
-                self._engine = KeyEngine(layout, length_um, sink, info.get("decay"))
+                self._engine = KeyEngine(layout, length_um, sink, *self._light)
         engines = self._engine, self._gestures, self._controller
         self._engines = self._untried = [one for one in engines if one is not None]
-        self._draft, self._tried, self._sizes = draft, None, (length_um, info.get("decay"))
+        self._draft, self._tried, self._length_um = draft, None, length_um
         self.release()
         self._show()
 
@@ -108,12 +109,14 @@ class Feel:
 
     def _try(self) -> None:
         """If a browser edits a draft of the layout, compute pressed keys with this draft, too."""
-        length_um, decay = self._sizes
+        length_um = self._length_um
         draft = self._draft() if length_um else None
         if draft != self._tried:  # an equal draft that is sent again must not end a touch
             self._tried, self._engines = draft, self._untried
             if draft:
-                trial = KeyEngine(draft, length_um, SimpleNamespace(key=self._tried_key), decay)
+                trial = KeyEngine(
+                    draft, length_um, SimpleNamespace(key=self._tried_key), *self._light
+                )
                 self._engines = [*self._untried, trial]
 
     def _tried_key(self, page: int, usage: int, modifiers: int, pressed: bool) -> None:

@@ -6,13 +6,14 @@ touches.
 
 import numpy as np
 import pytest
+from support.sensors import replaced
 
 from spots.calibrate.shift import shifted
 from spots_sim.demo.demo import open_fast
 from spots_sim.demo.demo_applications import type_on_board
 from spots_sim.demo.typing_speed import added, typed
 from spots_sim.person.stage import calibrate
-from spots_sim.strip.files import Finger, ScenarioFile
+from spots_sim.strip.files import Finger, ScenarioFile, to_toml
 from spots_sim.strip.scenario import Scenario
 
 # Limits by words a minute: errors in percent of the touches, keys without a finger, and 99th
@@ -78,6 +79,15 @@ def test_fingers_that_roll_or_slide_are_one_key(hands, errors):
 def test_two_fingers_at_the_same_time_are_two_keys():
     figures = typed("two-fingers", 100, 31)
     assert figures["right"] >= 99
+
+
+@pytest.mark.parametrize("contact", [{"gap_percent": 15.0}, {"mode_percent": -7.0}])
+def test_two_fingers_are_two_keys_if_the_colour_depends_on_the_force(tmp_path, sensor, contact):
+    strip = tmp_path / "strip.toml"
+    strip.write_text(to_toml(replaced(sensor, contact=contact)))
+    figures = typed("two-fingers", 100, 33, sensor=str(strip))
+    assert figures["right"] >= 99
+    assert figures["host_agrees"]
     assert figures["wrong"] + figures["extra"] <= 1
 
 

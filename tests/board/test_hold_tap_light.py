@@ -62,7 +62,9 @@ def play(sensor, lines, folder, some, times, exposure_us):
             push(board, layout)
             info = board.command("hello")
             computer = Computer()
-            engine = KeyEngine(layout, info["length_um"], computer, info["decay"])
+            engine = KeyEngine(
+                layout, info["length_um"], computer, info["decay"], cross=info["cross"]
+            )
             board.command("stream touch")
             assert board.now_s() < starts_s[i]
             before = len(reports)

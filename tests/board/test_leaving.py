@@ -66,7 +66,9 @@ def play(sensor, lines, fingers, settings="", keys=True, stream="touch", after_s
             layout = load_layout("digits")
             push(board, layout)
             info = board.command("hello")
-            engine = KeyEngine(layout, info["length_um"], events, info["decay"])
+            engine = KeyEngine(
+                layout, info["length_um"], events, info["decay"], cross=info["cross"]
+            )
         board.command("stream " + stream)
         for frame in board.frames(end_s - board.now_s()):
             if isinstance(frame, Key):

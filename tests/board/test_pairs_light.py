@@ -73,7 +73,9 @@ def test_any_two_actions_under_two_fingers_type_what_each_of_them_means(
             push(board, layout)
             info = board.command("hello")
             computer, before = Computer(), len(reports)
-            engine = KeyEngine(layout, info["length_um"], computer, info["decay"])
+            engine = KeyEngine(
+                layout, info["length_um"], computer, info["decay"], cross=info["cross"]
+            )
             board.command("stream touch")
             assert board.now_s() < began_s
             for frame in board.frames(ended_s - board.now_s()):

@@ -63,7 +63,7 @@ def play(sensor, calibration):
             chosen = load(layout)
             push(board, chosen)
             info = board.command("hello")
-            engine = KeyEngine(chosen, info["length_um"], here, info["decay"])
+            engine = KeyEngine(chosen, info["length_um"], here, info["decay"], cross=info["cross"])
             board.command("stream touch")
             assert board.now_s() < min(finger.points[0][0] for finger in fingers)
             for frame in board.frames(end_s - board.now_s()):

@@ -1,5 +1,7 @@
 """Strips whose colour depends on the force: positions are as good as those of an ideal strip."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from support.press_model import ALONG, OFF_CENTRE, PRESSED, Strip, has_cross
@@ -7,8 +9,11 @@ from support.press_model import ALONG, OFF_CENTRE, PRESSED, Strip, has_cross
 from spots.calibrate.decoded import Decoded
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
+from spots_device.fingers.tracker import ContactTracker
+from spots_device.keys.layout import default_lines, parse
 from spots_device.reading.calibration import Calibration
-from spots_device.reading.decode import MISFIT, MISFIT_Q12, TOLERANCE_Q12, TOO_DARK
+from spots_device.reading.decode import FOUND, MISFIT, MISFIT_Q12, TOLERANCE_Q12, TOO_DARK
+from spots_device.reading.rescale import rescale
 from spots_sim.measure.effects import errors, with_keys
 from spots_sim.measure.rig import Rig
 
@@ -152,3 +157,61 @@ def test_the_firmware_corrects_a_coloured_strip(sensor, keys):
         assert np.mean([row.error_mm for row in rows]) <= 0.03
         assert max(row.worst_error_mm for row in rows) <= 0.12
         assert not any(row.untrusted_percent or row.missing_percent for row in rows)
+
+
+def second_finger_um(strip, lines, at_mm, force_mN, to_mm, to_mN):
+    """Return where a second finger is found at `to_mm` while the first one rests at `at_mm`."""
+    decode = Decoded()
+    decode.calibration = made = Calibration(lines)
+    fingers = Mock(**{"second.return_value": True, "at.return_value": False})
+    tracker = ContactTracker(fingers)
+    tracker.set_layout(parse(default_lines()), made.length_um, made.decay, made.cross)
+    alone = strip.bound.counts(1000 * at_mm, force_mN)
+    rising = [np.zeros(6)] + [strip.bound.counts(1000 * to_mm, s * to_mN) for s in (0.5, 0.8, 1, 1)]
+    for t in range(0, 100, 10):  # a new tracker ignores a finger that touches already
+        tracker.take(TOO_DARK, 0, 0, 0, t)
+    for number, second in enumerate([0, 0, 0, 0, *rising]):
+        decode.update_mean(alone + second)
+        what = decode.flags, decode.position_um, decode.force_mN, decode.brightness
+        tracker.take(*what, 100 + 10 * number)
+    assert fingers.down.called
+    return fingers.moved.call_args[0][0] if fingers.moved.called else fingers.second.call_args[0][0]
+
+
+@pytest.mark.parametrize(
+    "contact", [{"gap_percent": 12.0}, {"gap_percent": -9.0}, {"mode_percent": 6.0}]
+)
+@pytest.mark.parametrize("at_mm", [(25, 65), (60, 20)])
+def test_each_of_two_fingers_has_the_colour_of_its_own_force(contact, at_mm):
+    strip, ideal = Strip(seed=4, **contact), Strip(seed=4)
+    one_mm, other_mm = at_mm
+    found, wanted = (
+        second_finger_um(one, one.lines(), one_mm, 2500.0, other_mm, 1800.0)
+        for one in (strip, ideal)
+    )
+    assert found == pytest.approx(wanted, abs=450)
+
+
+@pytest.mark.parametrize("keys", [{"gap_percent": 12.0}, {"mode_percent": -5.0}])
+def test_the_slope_of_the_correction_follows_the_exposure(keys):
+    strip = Strip(seed=6, **keys)
+    made = Calibration(strip.lines())
+    near_um, far_um, brightness = made.cross
+    decode = Decoded()
+    decode.calibration = made
+    for share, slope_um in ((0, near_um), (1, far_um)):
+        weak, firm = (
+            moved_um(decode, strip.bound.counts(share * strip.length_um, force_mN))
+            for force_mN in (600, FULL_MN)
+        )
+        assert weak - firm == pytest.approx(slope_um, abs=0.25 * max(abs(near_um), abs(far_um)))
+    assert brightness == made.brightnesses[-1]
+    rescale(made, 50_000)
+    assert made.cross == (near_um, far_um, pytest.approx(brightness - (1 << 20), abs=4))
+    assert Calibration(Strip(seed=6).lines()).cross is None
+
+
+def moved_um(decode, counts):
+    """Return by how much the cross-sensitivity corrects a position."""
+    decode.update_mean(counts)
+    return decode.state[FOUND + 3] * decode.state[FOUND + 2] / 4096

@@ -28,6 +28,7 @@ EACH_SAMPLE = {
     "sensor/as7341": "poll",
     "sensor/fifo": "read",
     "sensor/registers": "read fetch stamp",
+    "fingers/pair": "_separate",
     "fingers/tracker": "take",
     "keys/caps": "press shifted",
     "keys/dance": "press released beside tick forget _decide",

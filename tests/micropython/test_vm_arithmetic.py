@@ -428,13 +428,15 @@ def test_fingers_that_overlap(machine, cpython, rng, monkeypatch):
     for _ in range(7):
         length_um, decay = rng.choice(((85_000, 289), (85_000, 289), (200_000, 120)))
         limits = rng.choice(([], ["stuck_ms 600"], ["detect 1", "release_ms 0"]))
+        slopes = [rng.randint(-(1 << 18), 1 << 18) for _ in range(2)]
+        cross = rng.choice((None, [-1100, -900, 11_600_000], [*slopes, rng.randint(0, 24 << 20)]))
         readings = some_fingers(rng, length_um, decay)
-        cases.append([[*limits, *default_lines()], length_um, decay, *readings])
+        cases.append([[*limits, *default_lines()], length_um, decay, cross, *readings])
     kinds = {-1, 0, REMAINS, FOUND, MOVED, LIFTED, SAME, FADED}
     seen = results_of_watch(cases, monkeypatch)
     assert seen >= kinds
     expected = cpython.run("contacts", cases)
-    assert len(expected) == sum((len(case) - 3) // 5 for case in cases)
+    assert len(expected) == sum((len(case) - 4) // 5 for case in cases)
     assert machine.run("contacts", cases) == expected
 
 
@@ -448,9 +450,9 @@ def results_of_watch(cases, monkeypatch):
         return what
 
     monkeypatch.setattr(tracker, "watch", watch)
-    for lines, length_um, decay, *readings in cases:
+    for lines, length_um, decay, cross, *readings in cases:
         fingers = tracker.ContactTracker(Mock(**{"second.return_value": True}))
-        fingers.set_layout(parse(lines), length_um, decay)
+        fingers.set_layout(parse(lines), length_um, decay, cross)
         for i in range(0, len(readings), 5):
             fingers.take(*readings[i : i + 5])
     return seen

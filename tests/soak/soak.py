@@ -89,7 +89,9 @@ class Watch:
         for sensor, layout in zip(board.sensors, _LAYOUTS):
             info = board.command(of_sensor("hello", sensor))
             host = self.strips[sensor]["host"]
-            self._engines.append(KeyEngine(layout, info["length_um"], host, info["decay"]))
+            self._engines.append(
+                KeyEngine(layout, info["length_um"], host, info["decay"], cross=info["cross"])
+            )
             self._usages.append({action & 0xFF for action in layout.typed})
         self._gaps = self._told_gaps()
         self._brown_outs = 0

@@ -441,6 +441,7 @@ class BoardApp:
         reply["calibration"] = calibration and self._sums[0]
         reply["length_um"] = calibration and calibration.length_um
         reply["decay"] = calibration and calibration.decay
+        reply["cross"] = calibration and calibration.cross
         reply["relative_force"] = calibration and calibration.relative_force
         reply["layout"] = self._sums[1] if self.uses.layout_lines else None
         reply["boot"] = self.boot_faults()

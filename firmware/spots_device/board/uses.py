@@ -138,8 +138,8 @@ class Uses:
                     if self.keyboard_of.merger is None:
                         self.keyboard_of.merger = Merger()
                     self._keypad = Keypad(self, self.keyboard_of.merger)
-                layout = self._get_layout()
-                self._keypad.set_layout(layout, calibration.length_um, calibration.decay)
+                strip = calibration.length_um, calibration.decay, calibration.cross
+                self._keypad.set_layout(self._get_layout(), *strip)
             except MemoryError:
                 self._memory_fault = _NO_MEMORY
                 self._keys_on = False
@@ -402,7 +402,8 @@ class Uses:
 
                     self._contacts = Fingers(self._framer)
                 tracker = self._contacts.tracker
-                tracker.set_layout(self._get_layout(), calibration.length_um, calibration.decay)
+                strip = calibration.length_um, calibration.decay, calibration.cross
+                tracker.set_layout(self._get_layout(), *strip)
                 if begins:
                     tracker.state[STATE] = UP  # a finger may touch already
                 tracker.state[STUCK_T] = 0  # an object is a contact, too

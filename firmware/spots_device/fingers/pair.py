@@ -6,7 +6,7 @@
 from ..reading import decode as d
 from . import state as c
 from .evidence import guess, remains, slides
-from .locate import estimate, noise
+from .locate import estimate, noise, power
 
 
 def watch(s, b):
@@ -75,6 +75,9 @@ def watch(s, b):
 def _compare(s):
     # Updates the extremes of the brightness, the first reading at the present position, and the
     # last two readings.
+    s[c.CROSS_UM] = 0
+    if s[c.KNOWN] and (s[c.CROSS_NEAR_UM] or s[c.CROSS_FAR_UM]):
+        _separate(s)
     x_um = s[c.X_NOW_UM]
     b = s[c.B_NOW]
     if b >= s[c.PEAK]:
@@ -104,6 +107,21 @@ def _compare(s):
         s[c.B_SINCE] = b
     s[c.STEP_LAST_UM] = s[c.STEP_UM]
     s[c.STEP_UM] = abs(x_um - s[c.X_UM]) - abs(x_last_um - s[c.X_UM])
+
+
+def _separate(s):
+    # Corrects the position of a reading of two fingers. The board has corrected it as that of one
+    # press with the light l of both fingers, but the colour of each finger depends on its own light
+    # l1 or l2. The correction is linear in the light, because both depend on the contact area. So
+    # the weighted mean of both corrections differs from that of l by 2 l1 l2 / l times its slope.
+    first = s[c.B]
+    if first >= s[c.B_NOW]:
+        return
+    share = power(min(first - s[c.CROSS_B], 0)) * (1024 - power(first - s[c.B_NOW])) >> 10
+    slope_um = s[c.CROSS_FAR_UM] - s[c.CROSS_NEAR_UM]
+    slope_um = slope_um * (s[c.X_NOW_UM] // (s[c.LENGTH_UM] + 255 >> 8)) >> 8
+    s[c.CROSS_UM] = share * (s[c.CROSS_NEAR_UM] + slope_um) >> 9
+    s[c.X_NOW_UM] += s[c.CROSS_UM]
 
 
 def _resolve(s):

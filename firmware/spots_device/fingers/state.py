@@ -121,7 +121,12 @@ DETECT = 69  # readings: limit of the layout
 PRESS_MN = 70  # mN: limit of the layout
 RELEASE_T = 71  # ticks: limit of the layout
 JUMP_UM = 72  # um: limit of the layout
-SIZE = 73
+# Cross-sensitivity of the strip, see `pair._separate`.
+CROSS_NEAR_UM = 73  # um: change of its correction from the weakest to the strongest light, at 0
+CROSS_FAR_UM = 74  # um: at the far end of the strip
+CROSS_B = 75  # Q20: the strongest light, as brightness
+CROSS_UM = 76  # um, in TWO: what was added to the position of the present reading
+SIZE = 77
 
 # States of a tracker.
 UP = 0  # no finger

@@ -129,7 +129,7 @@ class ContactTracker:
         """Whether more than one finger may touch the strip."""
         return self.state[c.STATE] == c.TWO
 
-    def set_layout(self, layout, length_um=0, decay=0):
+    def set_layout(self, layout, length_um=0, decay=0, cross=None):
         """Set the limits and the strip length; a finger that touches is ignored until it lifts.
 
         Parameters
@@ -141,8 +141,11 @@ class ContactTracker:
             is a slide, and readings that do not fit one press are ignored.
         decay : int
             Decay of the light by the dye, see `locate.locate`.
+        cross : sequence of int or None
+            Cross-sensitivity of the strip, see `calibration.Calibration.cross`.
         """
         s = self.state
+        s[c.CROSS_NEAR_UM], s[c.CROSS_FAR_UM], s[c.CROSS_B] = (length_um and cross) or (0, 0, 0)
         self._layout = layout
         s[c.RELEASE_MN] = layout.release_mN
         s[c.PRESS_MN] = layout.press_mN
@@ -403,6 +406,7 @@ class ContactTracker:
             self.sink.moved(s[c.FOUND_UM], s[c.FOUND_SLACK_UM])
             return True
         t = s[c.T_NOW]
+        s[c.X_NOW_UM] -= s[c.CROSS_UM]  # only one finger remains
         if what < c.MOVED:
             if what & c.FOUND:
                 self._add(s[c.SLACK_GUESS_UM] * c.SOON >> 3)

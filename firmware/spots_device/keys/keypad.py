@@ -36,7 +36,7 @@ class Keypad:
         self._s = self.contact.state
         self._clear()
 
-    def set_layout(self, layout, length_um, decay):
+    def set_layout(self, layout, length_um, decay, cross=None):
         """Release all keys, and use another layout.
 
         Parameters
@@ -47,10 +47,12 @@ class Keypad:
             Length of the strip, in um.
         decay : int
             Decay of the light by the dye, see `locate.locate`.
+        cross : sequence of int or None
+            Cross-sensitivity of the strip, see `calibration.Calibration.cross`.
         """
         self.engine.set_layout(layout, length_um)
         self._clear()
-        self.contact.set_layout(layout, length_um, decay)
+        self.contact.set_layout(layout, length_um, decay, cross)
 
     def tick(self, t):
         """Process a reading's events, and what has a time limit at the time `t` in ticks.

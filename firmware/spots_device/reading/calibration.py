@@ -6,6 +6,8 @@ calibration_lines.py describes and reads the lines. A board imports it when it r
 from collections import namedtuple
 
 from ..runtime.modules import drop
+from ..sensor.smux import CHANNELS
+from .decode import BOUNDS, CROSS, FORCES, SEGMENTS
 
 # Settings of a reading, for which a calibration is valid: unique id of the board (str), diodes of
 # ADC 0 to 5 (tuple of str), register code of the gain, exposure in us, LED current in mA.
@@ -61,6 +63,28 @@ class Calibration:
             self.conditions = Conditions(*calibration_lines.fill(self, lines, strain_ppm))
         finally:
             drop(calibration_lines)
+
+    @property
+    def cross(self):
+        """The cross-sensitivity of the strip for two fingers, or None (tuple of three int).
+
+        Change of the correction of positions, in um, from the weakest to the strongest calibrated
+        light, at the ends of the strip; and this light as brightness, Q20 of log2.
+        """
+        tables = self.tables
+        if not tables[CROSS]:
+            return None
+        forces = tables[FORCES]
+        last = forces + tables[forces]
+        shares = last + 1 + 2 * tables[forces]
+        change = tables[shares] - tables[shares + tables[forces] - 1]
+        near = tables[BOUNDS + 1] + 2 * CHANNELS
+        far = tables[BOUNDS + 2 * tables[SEGMENTS] - 1] + 2 * CHANNELS
+        return (
+            tables[near + 4 * tables[near] + 1] * change >> 12,
+            tables[far + 5 * tables[far]] * change >> 12,
+            tables[last],
+        )
 
     def mismatch(self, conditions):
         """Return why this calibration cannot be used for readings under `conditions`, or None.

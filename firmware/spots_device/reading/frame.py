@@ -20,7 +20,7 @@ CONTACT = 5
 
 KEY_BODY = "<BHBB"  # usage page, usage, modifiers, pressed
 CONTACT_BODY = "<BBiHH"  # id, state, position_um, sigma_um, force_mN
-TEXT_MAX = 848  # bytes; the longest reply is that to `hello`
+TEXT_MAX = 888  # bytes; the longest reply is that to `hello`
 
 # Bytes of the bodies.
 _SPECTRUM = const(14)

@@ -143,7 +143,7 @@ def controller_for(board: Board, settings: ControllerSettings) -> Controller:
     every_ms = info["exposure_us"] * info["average"] / 1000
     release_ms = max(settings.release_ms, _READINGS_BRIDGED * every_ms)
     settings = msgspec.structs.replace(settings, release_ms=release_ms)
-    return Controller(settings, info["length_um"], info.get("decay"))
+    return Controller(settings, info["length_um"], info.get("decay"), info.get("cross"))
 
 
 class ControllerView:

@@ -8,6 +8,7 @@ all axes are 0 and all buttons are released.
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 from spots_device.fingers.tracker import TWO_FIT
 from spots_device.reading import decode
@@ -46,6 +47,8 @@ class Controller:
     decay : int, optional
         Decay of the light by the dye in log2 units per um, times 2**24, from the board's reply to
         the command ``hello``; used to find a second finger. A typical value if not given.
+    cross : sequence of int, optional
+        Cross-sensitivity of the strip, from this reply.
 
     Attributes
     ----------
@@ -59,7 +62,13 @@ class Controller:
 
     rests = 0  # a controller detects no objects that are not fingers, see `link.calibrated.fed`
 
-    def __init__(self, settings: ControllerSettings, length_um: float, decay: int | None = None):
+    def __init__(
+        self,
+        settings: ControllerSettings,
+        length_um: float,
+        decay: int | None = None,
+        cross: Sequence[int] | None = None,
+    ):
         self.length_um = length_um
         self._hold_s = settings.hold_ms / 1000
         self._release_s = settings.release_ms / 1000
@@ -68,7 +77,7 @@ class Controller:
         self._axes = {name: _Axis(one, length_um) for name, one in axes.items() if one is not None}
         self._buttons = [_BUTTONS[type(one)](one, length_um / 100) for one in settings.button]
         anchored = any(isinstance(one, Anchored) for one in settings.button)
-        self._finder = ContactFinder(round(length_um), decay) if anchored else None
+        self._finder = ContactFinder(round(length_um), decay, cross) if anchored else None
         self._began_us = self._last_us = self._located_us = 0
         self._until_s = -math.inf
         self._reset()

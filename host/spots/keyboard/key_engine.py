@@ -1,5 +1,7 @@
 """Computes key events on the host: from readings and a key layout, with the firmware's code."""
 
+from collections.abc import Sequence
+
 from spots_device.keys.keypad import Keypad
 from spots_device.keys.layout import parse
 from spots_device.keys.merge import Merger
@@ -28,6 +30,8 @@ class KeyEngine:
         ``decay`` in the board's reply to ``hello``. If not given, or 0, a typical value is used.
     merger : spots_device.keys.merge.Merger, optional
         State of the keyboard, if several strips are one keyboard.
+    cross : sequence of int, optional
+        Cross-sensitivity of the strip: the value of ``cross`` in the board's reply to ``hello``.
 
     Attributes
     ----------
@@ -47,6 +51,7 @@ class KeyEngine:
         sink: KeySink | Keyboard,
         decay: int | None = None,
         merger: Merger | None = None,
+        cross: Sequence[int] | None = None,
     ):
         # A keyboard of this computer takes single usages, other receivers take key events.
         if isinstance(sink, Keyboard):
@@ -59,7 +64,7 @@ class KeyEngine:
         self._pad = Keypad(self, merger or Merger())
         limits = parse(layout.lines)
         self.firm_mN = limits.firm_mN
-        self._pad.set_layout(limits, length_um, decay or TYPICAL_DECAY)
+        self._pad.set_layout(limits, length_um, decay or TYPICAL_DECAY, cross)
         self._heard_s: float | None = None
 
     @property

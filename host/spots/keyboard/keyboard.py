@@ -71,7 +71,7 @@ def type_on(
         refuses events.
     """
     info = hello_often(board, RELEASE_S)
-    engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"])
+    engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"], cross=info.get("cross"))
     board.patience_s = math.inf  # waits for a lost board, while `engine` holds no key
     try:
         for _ in fed(board, engine, seconds, _TICK_S):

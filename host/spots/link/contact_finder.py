@@ -4,6 +4,7 @@ A contact is one finger in one reading.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from spots_device.fingers import contacts as fingers
@@ -45,13 +46,17 @@ class ContactFinder:
     decay : int, optional
         Attenuation of the light by the dye in log2 units per um, times 2**24: the value of
         ``decay`` in the board's reply to ``hello``. If not given, or 0, a typical value is used.
+    cross : sequence of int, optional
+        Cross-sensitivity of the strip: the value of ``cross`` in the board's reply to ``hello``.
     """
 
-    def __init__(self, length_um: int, decay: int | None = None):
+    def __init__(
+        self, length_um: int, decay: int | None = None, cross: Sequence[int] | None = None
+    ):
         self._fingers: Any = fingers.Fingers(self)
         self._tracker: Any = self._fingers.tracker
         self._tracker.set_layout(
-            parse(["stuck_ms 0", *default_lines()]), length_um, decay or TYPICAL_DECAY
+            parse(["stuck_ms 0", *default_lines()]), length_um, decay or TYPICAL_DECAY, cross
         )
         self._found: list[Contact] = []
         self._touch: Touch | None = None

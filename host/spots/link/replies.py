@@ -9,7 +9,7 @@ from spots_device.sensor.smux import CHANNELS
 from ..errors import printable
 from .board_errors import in_words
 
-# Longest JSON text from another machine. A board's reply has up to 848 bytes (`frame.TEXT_MAX`); a
+# Longest JSON text from another machine. A board's reply has up to 888 bytes (`frame.TEXT_MAX`); a
 # published sample has less than twice that.
 JSON_BYTES_MAX = 4096
 _NESTING_MAX = 64  # largest number of opening brackets in such a text

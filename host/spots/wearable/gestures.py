@@ -6,6 +6,7 @@ gesture depends on the position of a touch, and only a squeeze depends on its fo
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from spots_device.fingers.tracker import ContactTracker
@@ -83,6 +84,8 @@ class Gestures:
         Decay of the light along the strip, caused by its dye, in log2 units per um, times 2**24.
         The board's reply to ``hello`` contains it. Used for gestures of two fingers; a typical
         value if not given.
+    cross : sequence of int, optional
+        Cross-sensitivity of the strip: the value of ``cross`` in the board's reply to ``hello``.
 
     Attributes
     ----------
@@ -91,8 +94,10 @@ class Gestures:
         set it to 0.
     """
 
-    def __init__(self, length_um: int = 0, decay: int | None = None):
-        self._two = TwoFingers(length_um, decay) if length_um else None
+    def __init__(
+        self, length_um: int = 0, decay: int | None = None, cross: Sequence[int] | None = None
+    ):
+        self._two = TwoFingers(length_um, decay, cross) if length_um else None
         self._contact = ContactTracker(self)
         self._contact.set_layout(parse([*_TUNING, *default_lines()]), 0)
         self._found: list[Gesture] = []

@@ -6,6 +6,7 @@ finger has lifted: the measured position of the other finger must agree with its
 """
 
 import math
+from collections.abc import Sequence
 
 from spots_device.fingers.contacts import CONFIRMED
 from spots_device.reading.decode import LED_OFF, SATURATED
@@ -36,6 +37,8 @@ class TwoFingers:
         Length of the strip, in um.
     decay : int, optional
         Decay of the light along the strip, see `link.contact_finder.ContactFinder`.
+    cross : sequence of int, optional
+        Cross-sensitivity of the strip, see `link.contact_finder.ContactFinder`.
 
     Attributes
     ----------
@@ -44,8 +47,10 @@ class TwoFingers:
         in typing), and at least one of them still touches.
     """
 
-    def __init__(self, length_um: int, decay: int | None = None):
-        self._finder = ContactFinder(length_um, decay)
+    def __init__(
+        self, length_um: int, decay: int | None = None, cross: Sequence[int] | None = None
+    ):
+        self._finder = ContactFinder(length_um, decay, cross)
         self._pair: _Pair | None = None
         self.both = False
 

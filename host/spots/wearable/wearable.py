@@ -156,7 +156,7 @@ def play(
     """
     info, found = hello_often(board, RELEASE_S), []
     length_um = info["length_um"]
-    engine = Gestures(length_um, info.get("decay"))
+    engine = Gestures(length_um, info.get("decay"), info.get("cross"))
     pace, last = Pace(), None
     with drawn(drawing) as display:
         for touch, gestures in fed(board, engine, seconds, _TICK_S):

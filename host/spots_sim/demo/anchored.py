@@ -103,7 +103,8 @@ def followed(file: ScenarioFile, seed: int) -> list[tuple[float, float]]:
     board, _ = open_fast("default", truth, seed)
     found = []
     with board:
-        finder = ContactFinder(board.info["length_um"] or 0, board.info["decay"])
+        info = board.info
+        finder = ContactFinder(info["length_um"] or 0, info["decay"], info["cross"])
         board.command("stream touch")
         for touch in board.frames(file.seconds - board.now_s()):
             if not isinstance(touch, Touch):

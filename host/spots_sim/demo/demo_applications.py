@@ -121,7 +121,7 @@ def type_on_board(
     typed, here, there = TypedText(), _Events(), _Events()
     push(board, layout)
     info = hello_calibrated(board)
-    engine = KeyEngine(layout, info["length_um"], here, info["decay"])
+    engine = KeyEngine(layout, info["length_um"], here, info["decay"], cross=info["cross"])
     board.command("stream touch")
     length_mm = engine.length_um / 1000
     score = TypingScore(truth.file, layout, length_mm, board.now_s() - started_s)

@@ -1,8 +1,8 @@
 """Processes readings of fingers while the heap is locked; prints two sums after each reading.
 
-Each line of given.json is a case: lines of a layout, length of the strip in um, decay, and five
-integers for each reading, which are the arguments of `tracker.ContactTracker.take`. The sums depend
-on the state of the tracker and on all its events.
+Each line of given.json is a case: lines of a layout, length of the strip in um, decay,
+cross-sensitivity, and five integers for each reading, which are the arguments of
+`tracker.ContactTracker.take`. The sums depend on the state of the tracker and on all its events.
 """
 
 import gc
@@ -75,8 +75,8 @@ with open("given.json") as file:
         given = json.loads(line)
         events = Sum()
         tracker = ContactTracker(events)
-        tracker.set_layout(parse(given[0]), given[1], given[2])
-        readings = array("i", given[3:])
+        tracker.set_layout(parse(given[0]), given[1], given[2], given[3])
+        readings = array("i", given[4:])
         del given
         results = array("i", readings)
         locked(track, readings, results)
