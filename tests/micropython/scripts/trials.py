@@ -23,7 +23,7 @@ from spots_device.sensor.pacing import Pacing
 _BURST_US = 390
 _CLEAR_US = 73
 
-_encoded = bytearray(880)
+_encoded = bytearray(920)
 _COMPARED = 17  # elements of a state, up to the tolerance of the misfit
 _decode = Decode()
 _decode.scale(1, 4)
