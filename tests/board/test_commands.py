@@ -104,8 +104,8 @@ def test_a_reply_may_take_some_seconds(sensor):
         ("stream", "bad_value"),
         ("stream touch off", "bad_value"),
         ("stream sideways", "bad_value"),
-        ("cal end 0000", "no_begin"),
-        ("cal", "no_begin"),
+        ("cal end 0000", "bad_calibration"),
+        ("cal", "bad_calibration"),
         ("get sensor=1", "no_sensor"),
     ],
 )
@@ -118,14 +118,16 @@ def test_a_bad_line_changes_nothing(rig, line, why):
 
 
 @pytest.mark.parametrize(
-    ("raw", "says"),
-    [(b"\xffhello\n", "printable ASCII"), (b"x" * 300 + b"\n", "at most 255"), (b" \n", "empty")],
+    ("raw", "why"),
+    [(b"\xffhello\n", "bad_line"), (b"x" * 300 + b"\n", "bad_line"), (b" \n", "no_command")],
 )
-def test_a_line_that_is_no_text_is_answered_and_the_next_one_works(rig, raw, says):
+def test_a_line_that_is_no_text_is_answered_and_the_next_one_works(rig, raw, why):
     made = rig()
     made.board._link.write(raw)
     made.settle(0.05)
-    assert says in made.board._channel.replies[-1].content["error"]
+    reply = made.board._channel.replies[-1].content
+    assert (reply["re"], reply["why"]) == ("", why)
+    assert reply["error"]
     assert made.board.command("hello")["protocol"] == 2
 
 
@@ -159,7 +161,7 @@ def test_a_calibration_is_taken_only_whole(rig, calibration):
     before = made.board.command("hello")["calibration"]
     assert before == checksum(calibration)
     for lines, code, why in (
-        (calibration[:-1], checksum(calibration), "bad_checksum"),  # truncated
+        (calibration[:-1], checksum(calibration), "bad_calibration"),  # truncated
         (calibration[:-40], checksum(calibration[:-40]), "bad_calibration"),
         (["nonsense 1", *calibration], checksum(["nonsense 1", *calibration]), "bad_calibration"),
     ):
@@ -178,7 +180,7 @@ def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibra
     made.board.command("cal begin")
     for _ in range(65):
         made.board.command("cal x " + "9" * 240)
-    with refusal(BoardError, why="too_large"):
+    with refusal(BoardError, why="bad_calibration"):
         made.board.command("cal x " + "9" * 240)
     assert made.board.command("hello")["calibration"] == checksum(calibration)
 
@@ -186,7 +188,7 @@ def test_a_calibration_without_end_is_dropped_and_the_board_goes_on(rig, calibra
 def test_an_empty_statement_is_refused(rig):
     made = rig()
     made.board.command("cal begin")
-    with refusal(BoardError, why="bad_value"):
+    with refusal(BoardError, why="bad_calibration"):
         made.board.command("cal")
 
 
@@ -237,16 +239,6 @@ def test_memory_that_runs_out_is_no_older_firmware(rig, calibration, monkeypatch
     assert "spots flash" not in str(caught.value)
 
 
-def test_a_line_that_is_too_long_or_not_ascii_has_a_code(rig):
-    made = rig()
-    for line in (b"x" * 300, b"hello\xff"):
-        made.board._channel.replies.clear()
-        made.board._link.write(line + b"\n")
-        made.settle(0.3)
-        (reply,) = [reply.content for reply in made.board._channel.replies]
-        assert (reply["re"], reply["why"]) == ("", "bad_line")
-
-
 def test_each_code_of_the_firmware_is_in_the_table():
     folder = Path(spots_device.__file__).parent
     codes = set()
@@ -258,7 +250,7 @@ def test_each_code_of_the_firmware_is_in_the_table():
                 pairs = zip(map(ast.unparse, filter(None, node.keys)), node.values)
                 codes.update(ast.unparse(value) for key, value in pairs if key == "'why'")
     codes = {code.strip("'") for code in codes} - {"why"}
-    assert len(codes) > 10
+    assert len(codes) >= 9
     assert codes <= set(REASONS)
 
 

@@ -161,9 +161,9 @@ def test_a_command_between_the_lines_of_an_upload_does_not_change_its_strip():
         for line in strip_lines(lines, 1):
             board.command("cal " + line)
             board.command("sync")
-        with refusal(BoardError, why="bad_checksum"):
+        with refusal(BoardError, why="bad_calibration"):
             board.command("cal end 00000000")
-        with refusal(BoardError, why="no_begin"):
+        with refusal(BoardError, why="bad_calibration"):
             board.command("cal end 00000000 sensor=0")
 
 

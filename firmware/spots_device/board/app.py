@@ -8,7 +8,7 @@ from ..reading.calibration import CalibrationSlot
 from ..reading.frame import Framer, Time32
 from ..reading.strip import Strip
 from ..sensor.as7341 import SensorError
-from .command import LINE_MAX, Commands, LineReader, Replies, refusal
+from .command import LINE_MAX, Commands, LineReader, Replies
 from .reconnect import Reconnect
 from .settings import BoardSettings, checksum
 from .store import Store
@@ -547,8 +547,7 @@ class BoardApp:
         try:
             reply = self._commands.handle(self._reader.line())
         except ValueError as error:
-            reply = refusal(error)
-            reply["re"] = ""
+            reply = {"re": "", "error": str(error), "why": "bad_line"}
         if reply is not None:
             self.replies.send(reply)
         # A collection costs samples, but here a host expects a pause.

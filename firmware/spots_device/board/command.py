@@ -2,8 +2,8 @@
 
 docs/extend/protocol.md describes the commands. An invalid line changes no settings, calibration or
 layout; the reply to it contains an error sentence, and the code of the reason as ``why``. A
-ValueError has this code as its second argument, unless `_WHY` has it. Commands allocate memory,
-which is acceptable because they are rare.
+ValueError has this code as its second argument, or gets it from `Commands.handle`. Commands
+allocate memory, which is acceptable because they are rare.
 """
 
 import gc
@@ -20,8 +20,6 @@ _BYTES_MAX = 16_000
 _PART_MAX = TEXT_MAX - 60  # characters of the lines in a reply, with quotes and commas
 NAME_MAX = 20  # characters of an unknown name that the reply repeats
 _NO_MEMORY = "no memory is left for this command: reboot and try again"
-# Code of a ValueError that has none, by command. All other commands have "bad_value".
-_WHY = {"cal": "bad_calibration", "layout": "bad_layout"}
 
 
 def _noted(reply, note):
@@ -29,19 +27,6 @@ def _noted(reply, note):
     if note:
         reply["note"] = note
     return reply
-
-
-def refusal(error, why="bad_value"):
-    """Return the reply (dict) to a command that raised `error`, a ValueError or OSError.
-
-    `why` is the code of a ValueError without a code.
-    """
-    text = str(error)
-    if isinstance(error, OSError):
-        why = "no_bus"
-    elif len(error.args) > 1:
-        text, why = error.args
-    return {"error": text, "why": why}
 
 
 class LineReader:
@@ -70,10 +55,10 @@ class LineReader:
         """
         size, self._size = self._size, 0
         if size > LINE_MAX:
-            raise ValueError("a line must have at most %d characters" % LINE_MAX, "bad_line")
+            raise ValueError("a line must have at most %d characters" % LINE_MAX)
         line = bytes(memoryview(self._line)[:size])
         if min(line) < 32 or max(line) > 126:
-            raise ValueError("the line must be printable ASCII", "bad_line")
+            raise ValueError("the line must be printable ASCII")
         return line.decode()
 
 
@@ -102,14 +87,12 @@ class Replies:
         self._time.update()
         try:
             data = json.dumps(reply).encode()
-            error = None
-            if len(data) > TEXT_MAX:
-                error = {"error": "the reply is too long", "why": "too_large"}
+            error = "the reply is too long" if len(data) > TEXT_MAX else None
         except MemoryError:
-            error = {"error": _NO_MEMORY, "why": "no_memory"}
+            error = _NO_MEMORY
         if error:
-            error["re"] = reply.get("re")
-            data = json.dumps(error).encode()
+            reply = {"re": reply.get("re"), "error": error, "why": "no_memory"}
+            data = json.dumps(reply).encode()
         self._framer.text(data)
 
     def check_unclaimed(self):
@@ -155,7 +138,7 @@ class Upload:
 
     def __init__(self, command, what, use, stored):
         self._command = command
-        self._what = what
+        self.what = what
         self._use = use
         self._stored = stored
         self.forget()
@@ -190,14 +173,14 @@ class Upload:
         if verb == "lines" and self._lines is None:
             return self._part(words)
         if self._lines is None:
-            raise ValueError("send '%s begin' first" % self._command, "no_begin")
+            raise ValueError("send '%s begin' first" % self._command)
         if verb != "end":
             return self._keep(" ".join(words))
         lines = self._lines
         self.forget()
         if words[1:] != [checksum(lines)]:
-            raise ValueError("the checksum differs: send the %s again" % self._what, "bad_checksum")
-        return _noted({self._what: words[1]}, self._use(lines))
+            raise ValueError("the checksum differs: send the %s again" % self.what)
+        return _noted({self.what: words[1]}, self._use(lines))
 
     def _part(self, words):
         # As many lines as fit into a reply. With their quotes, commas and the rest of the reply,
@@ -213,16 +196,13 @@ class Upload:
 
     def _keep(self, line):
         if not line:
-            raise ValueError(
-                "'%s' needs a line of the %s after it" % (self._command, self._what), "bad_value"
-            )
+            raise ValueError("'%s' needs a line of the %s after it" % (self._command, self.what))
         self._bytes += len(line) + 1
         if self._bytes > _BYTES_MAX or len(self._lines) >= _LINES_MAX:
             self.forget()
             raise ValueError(
                 "the %s is too large: send at most %d lines and %d bytes"
-                % (self._what, _LINES_MAX, _BYTES_MAX),
-                "too_large",
+                % (self.what, _LINES_MAX, _BYTES_MAX)
             )
         self._lines.append(line)
         gc.collect()  # keeps the lines together, so that the heap has large free pieces
@@ -277,23 +257,24 @@ class Commands:
         dict or None
             Reply to send; None if the reply is sent later, when the work is done.
         """
-        words = line.split()
-        if not words:
-            return {"re": "", "error": "the line is empty: send a command", "why": "bad_line"}
+        words = line.split() or [""]
         name = words[0]
         try:
             if words[-1].startswith("sensor="):
                 raise ValueError("this board has one sensor: leave sensor= out", "no_sensor")
-            if name in LIMITS:
-                raise ValueError(
-                    "'%s' is a setting: send 'set %s=VALUE'" % (name, name), "no_command"
-                )
             if name not in self._TABLE:
-                known = ", ".join(sorted(self._TABLE))
-                raise ValueError("no such command; use one of " + known, "no_command")
+                text = "no such command; use one of " + ", ".join(sorted(self._TABLE))
+                if name in LIMITS:
+                    text = "'%s' is a setting: send 'set %s=VALUE'" % (name, name)
+                raise ValueError(text, "no_command")
             reply = self._TABLE[name](self, words)
         except (ValueError, OSError) as error:
-            reply = refusal(error, _WHY.get(name, "bad_value"))
+            if isinstance(error, OSError):
+                reply = {"error": str(error), "why": "no_bus"}
+            else:
+                what = self._uploads[name].what if name in self._uploads else "value"
+                text, why = (error.args + ("bad_" + what,))[:2]
+                reply = {"error": text, "why": why}
         except MemoryError:
             for upload in self._uploads.values():
                 upload.forget()
@@ -364,14 +345,13 @@ class Commands:
     def _auto_done(self, outcome):
         app = self._app
         note = app.apply_calibration()
+        error = "too bright at the least gain and LED current; shade the sensor"
+        reply = {"error": error, "why": "too_bright"}
         if outcome == DONE:
             reply = _noted(app.settings.reply(), note)
         elif outcome == TOO_DARK:
-            error = "too dark at full gain and LED current; press harder, check the LED"
-            reply = {"error": error, "why": "too_dark"}
-        else:
-            error = "too bright at the least gain and LED current; shade the sensor"
-            reply = {"error": error, "why": "too_bright"}
+            reply["error"] = "too dark at full gain and LED current; press harder, check the LED"
+            reply["why"] = "too_dark"
         self._replies.finish("auto", reply)
 
     def _save(self, words):

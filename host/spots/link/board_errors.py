@@ -33,18 +33,15 @@ _WORDS = {
 }
 # Codes of a `BoardError`: of the firmware, then of this program.
 REASONS = {
-    "bad_line": "the line is empty, too long, or not printable ASCII",
+    "bad_line": "the line is too long, or not printable ASCII",
     "no_command": "the firmware has no such command",
     "no_sensor": "the board has no sensor of this number",
     "bad_value": "an argument of the command is missing or invalid",
-    "no_begin": "the command `begin` of an upload is missing",
-    "bad_checksum": "an upload does not have its checksum",
-    "too_large": "an upload has too many lines or bytes, or a reply has too many",
-    "bad_calibration": "the uploaded lines are not a valid calibration",
-    "bad_layout": "the uploaded lines are not a valid layout",
+    "bad_calibration": "an uploaded calibration is incomplete, damaged, too large or invalid",
+    "bad_layout": "an uploaded layout is incomplete, damaged, too large or invalid",
     "busy": "an earlier command still runs",
     "canceled": "the command ended early, because the sensor or the board restarted",
-    "no_memory": "too little memory is left on the board",
+    "no_memory": "too little memory is left on the board, or its reply is too long",
     "no_flash": "the flash of the board cannot be written",
     "no_bus": "the sensor or another device of the board does not answer",
     "too_dark": "the search for settings found too little light",
