@@ -8,6 +8,8 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 HOST = ROOT / "host"
 ROW = re.compile(r"^\| `?([\w/]+?)/?`? \| .* \| (.*) \|$", re.MULTILINE)
@@ -18,6 +20,7 @@ NAMES = {".".join(p.relative_to(top).with_suffix("").parts): p for top, p in PAT
 MODULES = {name.removesuffix(".__init__"): path for name, path in NAMES.items()}
 FUNCTION = (ast.FunctionDef, ast.AsyncFunctionDef)
 OURS = "spots_device", *(path.name for path in HOST.iterdir() if path.is_dir())
+SOURCES = ".py", ".js", ".html", ".css"
 OPTIONAL = "aiohttp", "mcap"  # packages that only some functions need
 
 
@@ -117,9 +120,11 @@ def test_functions_import_only_modules_that_need_an_optional_package_or_are_disp
     assert unexpected == []
 
 
-def test_the_host_package_names_no_package_beside_it():
-    files = [*(HOST / "spots").rglob("*.py")]
-    named = re.compile("spots_(?!device)[a-z]+")
+@pytest.mark.parametrize("package", ["spots", "spots_web", "spots_net", "spots_linkage"])
+def test_a_package_that_is_used_alone_names_no_package_beside_it(package):
+    files = [path for path in (HOST / package).rglob("*") if path.suffix in SOURCES]
+    others = "|".join(name for name in OURS if name not in (package, "spots", "spots_device"))
+    named = re.compile(rf"\b({others})\b")
     assert [path for path in files if named.search(path.read_text(encoding="utf-8"))] == []
 
 
@@ -130,6 +135,14 @@ def test_tests_share_code_only_through_the_package_support():
     found = {p.name: tests & {*importing.findall(p.read_text(encoding="utf-8"))} for p in files}
     assert {name: imported for name, imported in found.items() if imported} == {}
     assert len(tests) > 100  # the test finds them
+
+
+def test_packages_plug_in_by_three_groups_of_entry_points():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    groups = re.findall(r'^\[project\.entry-points\."(.+)"\]$', text, re.MULTILINE)
+    assert groups == ["spots.ports", "spots.commands", "spots.panels"]
+    section = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").partition("## Entry points")[2]
+    assert re.findall(r"^- `(spots\.\w+)`", section.partition("\n## ")[0], re.MULTILINE) == groups
 
 
 def test_no_import_lists_more_than_fifteen_names():

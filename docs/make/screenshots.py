@@ -12,18 +12,20 @@ from playwright.async_api import Browser, async_playwright, expect
 
 from spots.keyboard.layout import load
 from spots.link.board import Board
+from spots.link.finder import finder
+from spots_linkage.panel import driven_sources
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.board.paced import PacedLink
 from spots_sim.demo.linkage_demo import endless
 from spots_sim.strip.files import SensorFile
 from spots_sim.strip.files import load as load_file
 from spots_sim.strip.scenario import Held, Press
-from spots_web.board_feed import BoardReader, finder
+from spots_web.board_feed import BoardReader
 from spots_web.calibration import PageCalibration
 from spots_web.editors import LayoutEditor, SettingsEditor
+from spots_web.panel_feed import readers_of, shower
 from spots_web.serve import Server
 from spots_web.state import PageState
-from spots_web.twin_feed import driven_readers
 
 _FOLDER = Path(__file__).parents[1] / "pictures"
 sys.path.append(str(_FOLDER.parents[1] / "tests"))
@@ -77,7 +79,7 @@ async def strip(browser: Browser) -> None:
 async def linkage(browser: Browser) -> None:
     """Take the screenshot of a simulated linkage that has written its letters."""
     state = PageState()
-    readers = driven_readers(endless(), load("digits"), state)
+    readers = readers_of(driven_sources(endless(), shower(state, "twin")), load("digits"), state)
     async with Server(state) as server:
         for reader in readers:
             reader.start()
@@ -88,7 +90,7 @@ async def linkage(browser: Browser) -> None:
         page = await context.new_page()
         await page.goto(server.url)
         await asyncio.sleep(_AFTER_S)
-        await page.locator("#twin").screenshot(path=_FOLDER / "page-twin.png")
+        await page.locator("#panel-twin").screenshot(path=_FOLDER / "page-twin.png")
         await context.close()
         print(_FOLDER / "page-twin.png")
     for reader in readers:

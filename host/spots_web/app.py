@@ -28,10 +28,10 @@ from spots.outputs.usages import ALIASES_FILE, USAGES_FILE
 from .guard import Guard, host_of
 from .orders import Orders
 from .pace import PagePace
+from .panels import installed
 from .state import PageState
 
 STATIC = Path(__file__).parent / "static"
-# Files by name: no name from a request reaches the file system.
 _FILES = {p.relative_to(STATIC).as_posix(): p for p in STATIC.rglob("*") if p.is_file()}
 _FILES |= {"usages.txt": USAGES_FILE, "aliases.txt": ALIASES_FILE}
 _CLIENTS_MAX = 64  # browser windows
@@ -79,6 +79,12 @@ class PageApp:
     def __init__(self, state: PageState, guard: Guard, orders: Mapping[str, Orders] = NOTHING):
         self.on_page: Callable[[asyncio.BaseTransport | None], None] = lambda transport: None
         self._state, self._guard, self._orders = state, guard, orders
+        panels = installed()
+        self._panels = [panel.message() for panel in panels]
+        # Files by name: no name from a request reaches the file system.
+        self._files = {f"static/{name}": path for name, path in _FILES.items()}
+        for panel in panels:
+            self._files |= {f"panels/{panel.name}/{name}": p for name, p in panel.files.items()}
         self._loop = asyncio.get_running_loop()
         self._clients: dict[web.WebSocketResponse, asyncio.Event] = {}
         self._waking = False
@@ -90,7 +96,7 @@ class PageApp:
         self.web.router.add_get("/live", self._live)
         for path, receiver in orders.items():
             self.web.router.add_post("/" + path, partial(self._order, receiver))
-        self.web.router.add_get("/static/{name:.*}", self._static)
+        self.web.router.add_get("/{name:(?:static|panels)/.*}", self._static)
         self.web.on_response_prepare.append(_add_headers)
         self.web.on_shutdown.append(self._close)
 
@@ -116,8 +122,8 @@ class PageApp:
 
     async def _static(self, request: web.Request) -> web.Response:
         # Not a FileResponse: its sendfile raises RuntimeError if the client has disconnected.
-        name = request.match_info.get("name", "index.html")
-        path = _FILES.get(name)
+        name = request.match_info.get("name", "static/index.html")
+        path = self._files.get(name)
         if path is None:
             raise web.HTTPNotFound
         kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
@@ -159,7 +165,7 @@ class PageApp:
         news.set()
         self._clients[socket] = news
         may_command = self._orders and self._guard.may_command(request)
-        first = {"may_command": True} if may_command else {}
+        first = {"panels": self._panels, **({"may_command": True} if may_command else {})}
         sending = asyncio.create_task(self._send_news(socket, news, pace, first))
         try:
             async for message in socket:

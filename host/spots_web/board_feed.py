@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from argparse import Namespace
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
@@ -16,14 +15,12 @@ from spots.errors import BoardError, PortError, RefusedError, SpotsError
 from spots.keyboard.layout import KeyLayout
 from spots.link.board import Board
 from spots.link.calibrated import start_fault
-from spots.link.connect import find, of_id, open_with
 from spots.link.frames import (
     Contact,
     Key,
     Spectrum,
     Touch,
 )
-from spots.link.ports import scheme
 from spots.link.timeouts import (
     CONNECTED,
     LOST,
@@ -317,54 +314,3 @@ class _Health:
             "latency_ms": 1000 * median(one for _, one in latest) if latest else None,
         }
         self._state.put("link", link)
-
-
-def finder(port: str | None, options: Namespace | None = None) -> Callable[[str | None], Board]:
-    """Return a function that finds and opens a board: the `open_board` of a `BoardReader`.
-
-    Parameters
-    ----------
-    port : str or None
-        Port as for `spots.open`; if None, the board is found on USB.
-    options : Namespace, optional
-        Options of this kind of port, see `spots.link.ports`.
-
-    Returns
-    -------
-    callable
-        ``open_board(board_id)`` opens the board with this id, or any board if the id is None.
-
-    Raises
-    ------
-    SpotsError
-        If the options are invalid.
-    """
-    module, rest = scheme(port)
-    if hasattr(module, "check"):
-        module.check(rest, options)
-
-    def open_board(board_id: str | None) -> Board:
-        if board_id is None:
-            return open_with(port, options)
-        found = []
-        if port is not None:
-            try:
-                found.append(open_with(port, options))
-            except SpotsError:
-                if module is not None:
-                    raise
-        refusal = RefusedError if found else SpotsError
-        if not found or found[0].info["id"] != board_id:
-            found += find()[0]  # after a restart a serial port may have another name
-        wanted = []
-        try:
-            wanted = of_id(found, board_id)
-        finally:
-            for one in found:
-                if one not in wanted:
-                    one.close()
-        if not wanted:
-            raise refusal(f"waiting for board {board_id}: plug it in again")
-        return wanted[0]
-
-    return open_board

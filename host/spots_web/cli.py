@@ -5,6 +5,8 @@ import argparse
 from spots.cli import arguments
 from spots.cli.parser import Parser, calls
 
+from .panels import installed
+
 PURPOSE = "look at a board"
 
 
@@ -16,7 +18,6 @@ def serve(parser: Parser):
       spots serve --http-port 8080
     """
     arguments.add_ports(parser, {"virtual": (_is_simulated, "add --port virtual")})
-    parser.option("--linkage", "FILE.toml", "show the five-bar linkage of this file")
     arguments.add_layout(parser)
     parser.add_argument(
         "--address",
@@ -56,6 +57,9 @@ def serve(parser: Parser):
     parser.flag(
         "--practice", "let browsers with the token practise a calibration; no file is written"
     )
+    # Last: an option of a panel does not replace one of these.
+    for panel in installed():
+        panel.add_options(parser)
     return calls("spots_web.serve:serve_command")
 
 

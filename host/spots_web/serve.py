@@ -18,18 +18,19 @@ from spots.common import atomic, signals
 from spots.errors import RequirementError, SettingError, SpotsError, missing, printable
 from spots.keyboard.layout import load
 from spots.link.board import Board
-from spots.link.ports import offered
-from spots_linkage.twin_source import is_recording, linkage_factory
+from spots.link.finder import finder
+from spots.link.ports import offered, scheme_name
 
-from .board_feed import BoardReader, finder
+from .board_feed import BoardReader
 from .calibration import PageCalibration
 from .connections import Connections
 from .orders import Orders
+from .panel_feed import OpenPanels, readers_of
+from .panels import Panel, installed
 from .practice import PagePractice
 from .recordings import Recordings
 from .state import PageState
 from .strip_choice import StripChoice
-from .twin_feed import driven_readers, linkage_readers
 
 try:
     from aiohttp import web
@@ -126,11 +127,16 @@ class Server:
 def serve_command(options: argparse.Namespace) -> None:
     """Run ``spots serve`` with the options that `cli` parsed."""
     state, layout, ports = PageState(), load(options.layout), options.port
+    several = [panel for panel in installed() if panel.boards_option]
+    several_shown = " or ".join(panel.boards_option for panel in several)
+    read_by_panel = any(panel.reads(options) for panel in several)
     if options.practice:
-        if options.session or options.record_to or options.linkage or ports not in ([], [_VIRTUAL]):
+        others = options.session or options.record_to or read_by_panel
+        if others or ports not in ([], [_VIRTUAL]):
+            names = "--port", "--session", "--record-to", *map(_option, several)
             raise SettingError(
-                "--practice shows a simulated strip: leave out --port, --session, --record-to and "
-                "--linkage"
+                f"--practice shows a simulated strip: leave out {', '.join(names[:-1])} and "
+                f"{names[-1]}"
             )
         ports = [_VIRTUAL]
     orders: dict[str, Orders] = {}
@@ -148,13 +154,13 @@ def serve_command(options: argparse.Namespace) -> None:
             orders[name] = SettingsEditor(name, Path(path), state)
     if orders:
         orders["strip"] = StripChoice()
-    if orders and (options.linkage is not None or any(map(is_recording, ports))):
+    played = any(scheme_name(port) == "recording" for port in ports)
+    if orders and (read_by_panel or played):
         named = "record_to", "session", "edit", *(f"edit_{name}" for name in KINDS)
         given = (name for name in named if getattr(options, name) is not None)
         option = f"--{next(given).replace('_', '-')}"
-        raise SettingError(
-            f"{option} works with one board: do not use it with --linkage or a recording"
-        )
+        others = " or ".join([*map(_option, several), "a recording"])
+        raise SettingError(f"{option} works with one board: do not use it with {others}")
     if options.record_to is not None and options.session is not None:
         raise SettingError("--record-to and --session exclude each other: use only one of them")
     if options.session and ports and offered(ports[0], "calibration_setup"):
@@ -163,25 +169,34 @@ def serve_command(options: argparse.Namespace) -> None:
             f"use 'spots serve --practice' or 'spots calibrate --port {ports[0]}', which simulate "
             "the presses"
         )
-    if options.linkage is None:
-        if len(ports) > 1:
-            raise SettingError(
-                f"'spots serve' shows one board, but --port was given {len(ports)} times: name one "
-                "port, or add --linkage FILE for the two boards of a linkage"
-            )
+    if len(ports) > 1 and not read_by_panel:
+        advice = f", or add {several_shown}" if several else ""
+        raise SettingError(
+            f"'spots serve' shows one board, but --port was given {len(ports)} times: name one "
+            f"port{advice}"
+        )
+    panels = OpenPanels(state, options)
+    if panels.sources:
+        readers = readers_of(panels.sources, layout, state)
+    else:
+        orders |= panels.requests
         port = ports[0] if ports else None
         open_board = _announced(finder(port, options))
-        readers = [BoardReader(open_board, layout, state, orders=orders.values())]
-    elif simulated := linkage_factory(ports):
-        machine = simulated(options)
-        readers = driven_readers(machine, layout, state)
-    else:
-        readers = linkage_readers(options.linkage, ports, layout, state)
+        readers = [
+            BoardReader(open_board, layout, state, on_touch=panels.on_touch, orders=orders.values())
+        ]
+    for panel in installed():
+        if panel.fault:
+            print(f"spots: {panel.fault}", file=sys.stderr)
     for order in orders.values():
         if isinstance(order, FileEditor) and not order.file.path.exists():
             print(f"{printable(str(order.file.path))} is a new file: the first change writes it")
     hosts = options.host or ()
     serve(state, options.address, options.http_port, readers, orders=orders, hosts=hosts)
+
+
+def _option(panel: Panel) -> str:
+    return panel.boards_option.partition(" ")[0]
 
 
 def _announced(open_board: Callable[[str | None], Board]) -> Callable[[str | None], Board]:

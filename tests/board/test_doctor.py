@@ -13,11 +13,12 @@ from spots.deploy.doctor import examine, examine_board
 from spots.deploy.staging import stage
 from spots.keyboard.layout import load as layout
 from spots.link.connect import upload
+from spots.link.finder import finder
 from spots_sim.chip.as7341 import AS7341
 from spots_sim.person.stage import NEAR_UM, Stage, calibrate
 from spots_sim.strip.change import Change
 from spots_sim.strip.files import SensorFile, load
-from spots_web.board_feed import BoardReader, finder
+from spots_web.board_feed import BoardReader
 from spots_web.state import PageState
 
 UNWIRED = {"irradiance_uW_cm2_per_mA": 1e-9}

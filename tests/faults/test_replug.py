@@ -19,13 +19,14 @@ from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load
 from spots.link import connect, serial_link
 from spots.link import timeouts as absence
+from spots.link.finder import finder
 from spots.link.serial_link import SerialLink
 from spots.link.timeouts import CONNECTED, LOST, REFUSED
 from spots.terminal.monitor import watch
 from spots_sim.board.faults import Faults, FaultyLink
 from spots_sim.demo.virtual import start_simulator
 from spots_sim.strip import files
-from spots_web.board_feed import BoardReader, finder
+from spots_web.board_feed import BoardReader
 from spots_web.state import PageState
 
 CYCLES = 100

@@ -17,13 +17,13 @@ from spots import SpotsError
 from spots.calibrate import calibration_file as file
 from spots.keyboard import layout
 from spots.link.board import Board
-from spots_linkage import Encoder, Linkage, Twin, mounted, twin_source
+from spots_linkage import Encoder, Linkage, Twin, mounted, panel, twin_source
 from spots_linkage.mounted import Mounted, Mounting
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.measure.simulated_linkage import START_S, calibrated, moved
 from spots_sim.person.mechanism import Mechanism, guided
 from spots_sim.strip.files import LinkageFile, PathFile, load
-from spots_web import twin_feed
+from spots_web.panel_feed import readers_of, shower
 from spots_web.state import PageState
 
 EXPOSURE_US = 30_000
@@ -101,15 +101,16 @@ class Shown(PageState):
 
     def put(self, name, value):
         super().put(name, value)
-        if name == "twin" and value["x_mm"] is not None:
+        if name == "panel-twin" and value["x_mm"] is not None:
             self.position.set()
 
 
 def test_the_web_ui_follows_both_joints_of_one_board(arm, monkeypatch):
     path, _, open_board = arm
-    monkeypatch.setattr(twin_feed, "finder", lambda port: lambda board_id: open_board(port))
+    monkeypatch.setattr(panel, "finder", lambda port: lambda board_id: open_board(port))
     state = Shown()
-    (reader,) = twin_feed.linkage_readers(str(path), ["here"], layout.load("digits"), state)
+    sources = panel.linkage_sources(str(path), ["here"], shower(state, "twin"))
+    (reader,) = readers_of(sources, layout.load("digits"), state)
     reader.start()
     try:
         assert state.position.wait(60)
@@ -129,12 +130,13 @@ def test_each_of_two_boards_is_found_by_its_id_and_only_the_strip_of_its_joint_c
         "loaded": lambda linkage, ports: (None, strips),
         "finder": lambda port: search,
         "give": lambda board, strip, number: strips.index(strip),
-        "TwinFeed": lambda twin, state: SimpleNamespace(take=lambda *pair: taken.append(pair)),
-        "BoardReader": lambda open_board, layout, state, on_touch: (open_board, on_touch),
+        "TwinFeed": lambda twin, show: SimpleNamespace(
+            take=lambda *pair: taken.append(pair), lost=print
+        ),
     }
     for name, substitute in replaced.items():
-        monkeypatch.setattr(twin_feed, name, substitute)
-    for open_board, on_touch in twin_feed.linkage_readers("arm.toml", [], None, PageState()):
+        monkeypatch.setattr(panel, name, substitute)
+    for open_board, on_touch, _ in panel.linkage_sources("arm.toml", [], print):
         open_board(None)
         for sensor in (0, 1):
             on_touch(reading(10_000)._replace(sensor=sensor))

@@ -12,9 +12,10 @@ from support.bring_browser import launch_options
 from support.serving import Bench, Serving
 
 from spots.keyboard.layout import load
+from spots_linkage.panel import driven_sources
 from spots_sim.demo.linkage_demo import endless
+from spots_web.panel_feed import readers_of, shower
 from spots_web.state import PageState
-from spots_web.twin_feed import driven_readers
 
 # Playwright's default timeout of 5 s is too short for a machine under load.
 expect.set_options(timeout=60_000)
@@ -158,9 +159,13 @@ def linkage_page(running, serve, open_page):
 
     def make(**options):
         state = PageState()
-        running(driven_readers(endless("default"), load("digits"), state))
+        running(
+            readers_of(
+                driven_sources(endless("default"), shower(state, "twin")), load("digits"), state
+            )
+        )
         page = open_page(serve(state).url, **options)
-        expect(page.locator("#twin .figures")).to_contain_text(" mm")
+        expect(page.locator("#panel-twin .figures")).to_contain_text(" mm")
         return page
 
     return make

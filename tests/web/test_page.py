@@ -233,7 +233,7 @@ def test_a_lost_board_and_a_lost_server_have_a_next_step(bench, serve, open_page
 def test_a_linkage_is_shown_as_long_as_somebody_tells_of_one(bench, serve, open_page):
     one = bench(Held())
     page = open_page(serve(one.state).url)
-    twin = page.locator("#twin")
+    twin = page.locator("#panel-twin")
     expect(page.locator("#board")).to_have_attribute("data-state", "connected", timeout=LONG_MS)
     expect(twin).to_be_hidden()
     message = {
@@ -241,17 +241,17 @@ def test_a_linkage_is_shown_as_long_as_somebody_tells_of_one(bench, serve, open_
         "cov": [1.0, 0.2, 1.0], "trail": [[30.0, 150.0], [40.0, 150.0]],
         "base_mm": 80.0, "bar_mm": [100.0, 100.0, 100.0, 100.0],
     }  # fmt: skip
-    one.state.put("twin", message)
+    one.state.put("panel-twin", message)
     expect(twin).to_be_visible()
-    one.state.put("twin", message)
+    one.state.put("panel-twin", message)
     painted = """() => {
-      const c = document.querySelector('#twin canvas');
+      const c = document.querySelector('#panel-twin canvas');
       return c && c.width && new Uint32Array(
         c.getContext('2d').getImageData(0, 0, c.width, c.height).data.buffer
       ).some((pixel) => pixel);
     }"""
     until(page, painted)
-    one.state.put("twin", None)
+    one.state.put("panel-twin", None)
     expect(twin).to_be_hidden()
 
 

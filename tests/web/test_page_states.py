@@ -117,14 +117,14 @@ def test_the_application_that_was_asked_for_is_in_sight(
 
 def test_a_linkage_comes_first_and_fills_its_place(linkage_page, screen):
     page = linkage_page(**screen)
-    assert page.evaluate(IN_SIGHT, "#twin canvas")
-    assert page.evaluate(IN_SIGHT, "#twin .figures")
+    assert page.evaluate(IN_SIGHT, "#panel-twin canvas")
+    assert page.evaluate(IN_SIGHT, "#panel-twin .figures")
     tops = """[...document.querySelectorAll('main > section:not([hidden])')].map((one) =>
       [one.getBoundingClientRect().top, one.id])"""
-    assert min(page.evaluate(tops))[1] == "twin"
+    assert min(page.evaluate(tops))[1] == "panel-twin"
     # The drawing fills most of the height or of the width of its panel.
     share = """() => {
-      const c = document.querySelector('#twin canvas');
+      const c = document.querySelector('#panel-twin canvas');
       const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
       let [left, right, top, bottom] = [c.width, 0, c.height, 0];
       for (let y = 0; y < c.height; y++) for (let x = 0; x < c.width; x++) {

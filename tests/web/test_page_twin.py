@@ -16,10 +16,10 @@ from support.serving import apart, until
 from spots import SpotsError, cli
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
-from spots_linkage import Encoder, Linkage, Twin
+from spots_linkage import Encoder, Linkage, Twin, panel
 from spots_sim.board.paced import PacedLink
 from spots_sim.demo.linkage_demo import endless
-from spots_web import twin_feed
+from spots_web.panel_feed import readers_of, shower
 from spots_web.state import PageState
 
 LONG_MS = 60_000
@@ -27,7 +27,7 @@ LINKAGE = Linkage(100, 80)
 
 # Pixels in the colour of the trail.
 DRAWN = """() => {
-  const c = document.querySelector('#twin canvas');
+  const c = document.querySelector('#panel-twin canvas');
   if (!c || !c.width) return 0;
   const [r, g, b] = [0x1f, 0x7a, 0x8c];
   const data = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
@@ -36,6 +36,10 @@ DRAWN = """() => {
     found += data[i] === r && data[i + 1] === g && data[i + 2] === b;
   return found;
 }"""
+
+
+def twin(state):
+    return shower(state, "twin")
 
 
 def at(theta_rad, i):
@@ -49,7 +53,7 @@ def machine(sensor, tmp_path_factory):
 
 def part(state):
     _, news = state.since(state.begin()._replace(version=0))
-    return news.get("twin")
+    return news.get("panel-twin")
 
 
 def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, serve, open_page):
@@ -57,9 +61,9 @@ def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, se
         "spots_sim.measure.simulated_linkage._strips", lambda *_: [machine.strip] * 2
     )
     state = PageState()
-    running(twin_feed.driven_readers(endless(), load_layout("digits"), state))
+    running(readers_of(panel.driven_sources(endless(), twin(state)), load_layout("digits"), state))
     page = open_page(serve(state).url)
-    expect(page.locator("#twin")).to_be_visible(timeout=LONG_MS)
+    expect(page.locator("#panel-twin")).to_be_visible(timeout=LONG_MS)
     # The page shows the strip of joint 1 like any other strip, and the trail gets longer.
     expect(page.locator(".press.on")).to_have_count(1, timeout=LONG_MS)
     until(page, f"({DRAWN})() > 20")
@@ -79,19 +83,18 @@ def test_boards_of_a_linkage_file_are_waited_for(machine, monkeypatch, running):
 
         return open_board
 
-    monkeypatch.setattr(twin_feed, "finder", finder)
+    monkeypatch.setattr(panel, "finder", finder)
     state = PageState()
-    layout = load_layout("digits")
-    readers = twin_feed.linkage_readers(str(machine.arm), ["0", "1"], layout, state)
+    sources = panel.linkage_sources(str(machine.arm), ["0", "1"], twin(state))
     assert part(state)["note"] == "waiting for readings of both joints"
-    running(readers)
+    running(readers_of(sources, load_layout("digits"), state))
     awaited(lambda: part(state)["note"] == "joint 2: no board on 1, plug it in")
     assert part(state)["x_mm"] is None
     there.add("1")
     awaited(lambda: part(state)["x_mm"] is not None)
     assert part(state)["note"] == ""
     with pytest.raises(SpotsError, match="--port was given 3 times"):
-        twin_feed.linkage_readers(str(machine.arm), ["0", "1", "2"], layout, state)
+        panel.linkage_sources(str(machine.arm), ["0", "1", "2"], twin(state))
 
 
 def awaited(condition, timeout_s=60.0):
@@ -103,7 +106,7 @@ def awaited(condition, timeout_s=60.0):
 
 def test_the_trail_is_no_finer_than_a_page_shows_it_and_limits_are_named(serve, open_page):
     state = PageState()
-    feed = twin_feed.TwinFeed(Twin(LINKAGE, (Encoder(JOINT), Encoder(JOINT))), state)
+    feed = panel.TwinFeed(Twin(LINKAGE, (Encoder(JOINT), Encoder(JOINT))), twin(state))
     assert part(state)["note"] == "waiting for readings of both joints"
     for i in range(100):
         for joint in (0, 1):
@@ -114,7 +117,7 @@ def test_the_trail_is_no_finer_than_a_page_shows_it_and_limits_are_named(serve, 
     assert min(steps) >= 0.49
     assert max(steps) < 1
     page = open_page(serve(state).url)
-    words = page.locator("#twin .remark")
+    words = page.locator("#panel-twin .remark")
     expect(words).to_have_text("")
     for i in range(100, 110):
         for joint in (0, 1):
@@ -133,7 +136,7 @@ def test_the_trail_is_no_finer_than_a_page_shows_it_and_limits_are_named(serve, 
 
 def test_recordings_that_are_played_again_are_followed_again():
     state, counts = PageState(), []
-    feed = twin_feed.TwinFeed(Twin(LINKAGE, (Encoder(JOINT), Encoder(JOINT))), state)
+    feed = panel.TwinFeed(Twin(LINKAGE, (Encoder(JOINT), Encoder(JOINT))), twin(state))
     for _ in range(3):
         before = part(state)["trail"]
         for i in range(200):
@@ -156,14 +159,11 @@ def test_boards_with_named_ports_are_found_again_by_their_ids(machine, monkeypat
 
         return open_board
 
-    monkeypatch.setattr(twin_feed, "finder", finder)
+    monkeypatch.setattr(panel, "finder", finder)
     for ports, known in ((["0", "1"], None), (["0", "1"], "an id")):
-        readers = twin_feed.linkage_readers(
-            str(machine.arm), ports, load_layout("digits"), PageState()
-        )
-        for one in readers:
+        for open_board, *_ in panel.linkage_sources(str(machine.arm), ports, lambda value: None):
             with pytest.raises(SpotsError):
-                one._open_board(known)
+                open_board(known)
     assert asked == [("0", None), ("1", None), ("0", "an id"), ("1", "an id")]
 
 

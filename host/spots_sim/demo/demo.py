@@ -11,10 +11,12 @@ from spots.errors import SettingError
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare
+from spots.link.finder import finder
 from spots.terminal.monitor import watch
-from spots_web.board_feed import BoardReader, finder
+from spots_linkage.panel import driven_sources
+from spots_web.board_feed import BoardReader
+from spots_web.panel_feed import readers_of, shower
 from spots_web.state import PageState
-from spots_web.twin_feed import driven_readers
 
 from ..board.faults import Faults, FaultyLink, of_scenario
 from ..board.link_wrapper import Tap
@@ -267,7 +269,8 @@ def show_page(
         _check_use(use)
     state, keys = PageState(), load_layout(layout or _PAGE_LAYOUT)
     if use == FIVEBAR:
-        readers = driven_readers(endless(sensor, seed=seed), keys, state)
+        sources = driven_sources(endless(sensor, seed=seed), shower(state, "twin"))
+        readers = readers_of(sources, keys, state)
     else:
         options = Namespace(sensor=sensor, scenario=scenario, seed=seed)
         readers = [BoardReader(finder(VIRTUAL, options), keys, state)]

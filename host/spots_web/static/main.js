@@ -2,6 +2,7 @@
 
 import { placed } from "./dom.js";
 import { connect } from "./link.js";
+import { load } from "./plugins.js";
 import { board } from "./panels/board.js";
 import { figures } from "./panels/figures.js";
 import { calibration } from "./panels/calibration.js";
@@ -15,7 +16,6 @@ import { history } from "./panels/history.js";
 import { spectrum } from "./panels/spectrum.js";
 import { keyboard } from "./panels/keyboard.js";
 import { stick } from "./panels/stick.js";
-import { twin } from "./panels/twin.js";
 import { recordings } from "./panels/recordings.js";
 import { recording } from "./panels/recording.js";
 import { next } from "./panels/next.js";
@@ -34,7 +34,6 @@ const PANELS = [
   [figures, READ, "board", "touch"],
   [board, READ, "board", "connection"],
   [stick, LOOK, "stick"],
-  [twin, LOOK, "twin"],
   [spectrum, LOOK, "board", "touch", "spectrum"],
   [history, LOOK, "touch", "board"],
   [beside, LOOK, "beside", "board"],
@@ -51,10 +50,26 @@ const QUIET_MS = 100;
 // has the newest value of every part. `news` has the parts that changed since the panel's last
 // drawing. It also has lists of everything since then: `events`, `touches` (values of the part touch)
 // and `besides` (values of the part beside). If the draw function returns true, it is called again.
-const panels = PANELS.map(([make, rate, ...parts]) => ({
-  draw: make(document.getElementById(make.name)), parts,
-  every_ms: 1000 / rate, due_ms: 0, news: null,
-}));
+const panels = PANELS.map(([make, ...how]) => panel(make(document.getElementById(make.name)), ...how));
+
+function panel(draw, rate, ...parts) {
+  return { draw, parts, every_ms: 1000 / rate, due_ms: 0, news: null };
+}
+
+const EMPTY = () => ({ events: [], touches: [], besides: [] });
+const loaded = new Set();
+
+// Adds the panels of other packages, which the server lists in its first message.
+function add(listed) {
+  for (const one of listed) {
+    if (loaded.has(one.name)) continue;
+    loaded.add(one.name);
+    load(one, (draw, ...parts) => {
+      panels.push({ ...panel(draw, LOOK, ...parts), news: EMPTY() });
+      ask();
+    });
+  }
+}
 
 const state = {};
 let asked = false, arrived = false, quiet = 0, newest = null;
@@ -81,6 +96,7 @@ function clear() {
 function take(parts, events = []) {
   const touched = placed(state.touch);
   Object.assign(state, parts);
+  if (parts.panels) add(parts.panels);
   if (parts.application) document.body.dataset.application = parts.application;
   // When a press begins or ends, no panel waits for its drawing interval.
   if (placed(state.touch) !== touched) for (const panel of panels) panel.due_ms = 0;
@@ -88,7 +104,7 @@ function take(parts, events = []) {
   arrived = true;
   for (const panel of panels) {
     if (!panel.news && !events.length && !panel.parts.some((part) => part in parts)) continue;
-    const news = panel.news ??= { events: [], touches: [], besides: [] };
+    const news = panel.news ??= EMPTY();
     Object.assign(news, parts);
     news.events.push(...events);
     if (parts.touch) news.touches.push(parts.touch);
@@ -115,7 +131,7 @@ function frame(now_ms) {
     const { news } = panel;
     panel.due_ms = now_ms + panel.every_ms;
     panel.news = null;
-    if (panel.draw(state, news, now_ms / 1000)) panel.news = { events: [], touches: [], besides: [] };
+    if (panel.draw(state, news, now_ms / 1000)) panel.news = EMPTY();
   }
   arrived = false;
   clearTimeout(quiet);

@@ -1,24 +1,19 @@
 // A five-bar linkage: bars, end point with its error ellipse, and path of the end point.
 // docs/try/web.md describes the message.
-import { canvas, colours, list, make } from "../dom.js";
+import { canvas, colours, list, make } from "../../static/dom.js";
 
 const MARGIN = 24, ERRORS = 3;  // px; size of the drawn error ellipse in standard errors
 
-export function twin(root) {
+export function panel(root) {
   let paint = null;
   const words = make("p", "remark"), figures = make("dl", "figures"), picture = make("div", "picture");
   const legend = make("ul", "key-of", make("li", "path", "path"), make("li", "error", "three standard errors"));
   picture.role = "img";
-  root.append(picture, make("div", "beside", words, figures, legend));
+  root.append(picture, make("div", "side", words, figures, legend));
   // The range of all points that were drawn. It only grows, so that the picture does not move.
   const box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
 
-  return (state, news) => {
-    const it = news.twin;
-    if (it === undefined) return;
-    root.hidden = it === null;
-    document.body.dataset.twin = it === null ? "off" : "on";
-    if (it === null) return;
+  return (it) => {
     put(words, it.note ?? "");
     const known = it.x_mm !== null;
     const sigma = it.cov && known ? Math.sqrt(Math.max(it.cov[0], it.cov[2])) : null;

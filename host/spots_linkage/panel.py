@@ -1,27 +1,32 @@
-"""Shows a linkage in the web UI: computes its digital twin from the readings of both joints."""
+"""The panel of the web UI that shows a linkage, with the boards of its joints."""
 
 import math
 import threading
+from argparse import Namespace
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
+from typing import Any
 
-from spots.keyboard.layout import KeyLayout
+from spots.cli.parser import Parser
 from spots.link.board import Board
+from spots.link.finder import finder
 from spots.link.frames import Touch
-from spots.link.timeouts import CONNECTED
 from spots.terminal.view import Pace
-from spots_linkage.digital_twin import Terminal, Twin
-from spots_linkage.twin_source import (
+
+from .digital_twin import Terminal, Twin
+from .twin_source import (
     DrivenLinkage,
     board_of,
     give,
+    linkage_factory,
     loaded,
 )
 
-from .board_feed import BoardReader, finder
-from .state import PageState
+Show = Callable[[Any], object]  # replaces the value that browsers draw
+Sources = list[tuple[Callable, Callable, Callable]]  # see `TwinPanel.boards`
 
 _SHOWN_PER_S = 20  # states of the linkage
 # Each message contains the whole trail, so the trail's step and length are limited.
@@ -36,12 +41,12 @@ class TwinFeed:
     ----------
     twin : Twin
         Twin that computes the linkage's state from the readings.
-    state : PageState
-        State of the web UI; its part ``twin`` is set, see `PageState.put`.
+    show : callable
+        ``show(value)`` shows a new state, see docs/page.md.
     """
 
-    def __init__(self, twin: Twin, state: PageState):
-        self._twin, self._state = twin, state
+    def __init__(self, twin: Twin, show: Show):
+        self._twin, self._show = twin, show
         self._lock = threading.Lock()
         self._pace = Pace(_SHOWN_PER_S)
         self._trail: deque[tuple[float, float]] = deque(maxlen=_TRAIL)
@@ -105,25 +110,44 @@ class TwinFeed:
             self._trail.append((round(terminal.x_mm, 2), round(terminal.y_mm, 2)))
 
     def _put(self, note: str) -> None:
-        self._state.put("twin", {**self._shown, "trail": list(self._trail), "note": note})
+        self._show({**self._shown, "trail": list(self._trail), "note": note})
 
 
-class _Aside(PageState):
-    """Discards the state of a joint's board, but reports a disconnection to a `TwinFeed`."""
+class TwinPanel:
+    """Panel ``twin`` of the web UI, an entry point of the group ``spots.panels``.
 
-    def __init__(self, feed: TwinFeed, joint: int):
-        super().__init__()
-        self._feed, self._joint = feed, joint
+    Parameters
+    ----------
+    show : callable
+        ``show(value)`` replaces the value that browsers draw.
+    options : Namespace
+        Options of ``spots serve``.
+    """
 
-    def put(self, name, value):
-        if name == "board" and value["state"] != CONNECTED:
-            self._feed.lost(self._joint, value["message"] or value["next"])
+    title = "Linkage"
+    static = Path(__file__).parent / "static"
+    boards_option = "--linkage FILE.toml"
+
+    def __init__(self, show: Show, options: Namespace):
+        self._show, self._options = show, options
+
+    @staticmethod
+    def add_options(parser: Parser) -> None:
+        """Add the option that shows the panel."""
+        parser.option("--linkage", "FILE.toml", "show the five-bar linkage of this file")
+
+    def boards(self) -> Sources:
+        """Return how to open, follow and miss the boards of ``--linkage``; empty without it."""
+        options = self._options
+        if options.linkage is None:
+            return []
+        if simulated := linkage_factory(options.port):
+            return driven_sources(simulated(options), self._show)
+        return linkage_sources(options.linkage, options.port, self._show)
 
 
-def linkage_readers(
-    linkage: str, ports: list[str], layout: KeyLayout, state: PageState
-) -> list[BoardReader]:
-    """Return the readers of the one or two boards that belong to a linkage file.
+def linkage_sources(linkage: str, ports: list[str], show: Show) -> Sources:
+    """Return the one or two boards that belong to a linkage file.
 
     Parameters
     ----------
@@ -132,14 +156,13 @@ def linkage_readers(
     ports : list of str
         Port of joint 1 and port of joint 2, or the port of a board that has both strips. If empty,
         the boards are found by their ids.
-    layout : KeyLayout
-        Key layout to show for the strip of joint 1.
-    state : PageState
-        State of the web UI, for the twin and the strip of joint 1.
+    show : callable
+        ``show(value)`` shows a new state of the linkage.
 
     Returns
     -------
-    list of BoardReader
+    list of tuple
+        Of each board: how to open it, to follow its readings, and to miss it.
 
     Raises
     ------
@@ -147,11 +170,11 @@ def linkage_readers(
         If a file is invalid, or there are more than two ports.
     """
     twin, strips = loaded(linkage, ports)
-    feed = TwinFeed(twin, state)
+    feed = TwinFeed(twin, show)
     # One search at a time: a search cannot open a board that the other search has opened.
     searching = threading.Lock()
 
-    def reader(port: str | None, joints: Sequence[int], of_board: PageState) -> BoardReader:
+    def source(port: str | None, joints: Sequence[int]):
         search, found_by = finder(port), board_of(strips[joints[0]])
         joint_of: dict[int, int] = {}  # by number of the joint's strip on the board
 
@@ -167,37 +190,26 @@ def linkage_readers(
             if touch.sensor in joint_of:
                 feed.take(joint_of[touch.sensor], touch)
 
-        return BoardReader(open_board, layout, of_board, on_touch=take)
+        return open_board, take, partial(feed.lost, joints[0])
 
     if len(ports) == 1 or (not ports and board_of(strips[0]) == board_of(strips[1])):
-        return [reader((ports or [None])[0], (0, 1), state)]
+        return [source((ports or [None])[0], (0, 1))]
     port1, port2 = ports or (None, None)
-    return [reader(port1, (0,), state), reader(port2, (1,), _Aside(feed, 1))]
+    return [source(port1, (0,)), source(port2, (1,))]
 
 
-def driven_readers(driven: DrivenLinkage, layout: KeyLayout, state: PageState) -> list[BoardReader]:
-    """Return the readers of the two boards that a `DrivenLinkage` opens.
+def driven_sources(driven: DrivenLinkage, show: Show) -> Sources:
+    """Return the two boards that a `DrivenLinkage` opens, as `linkage_sources` does.
 
     Parameters
     ----------
     driven : DrivenLinkage
         The linkage, for example a simulated linkage.
-    layout : KeyLayout
-        Key layout to show for the strip of joint 1.
-    state : PageState
-        State of the web UI, for the twin and the strip of joint 1.
-
-    Returns
-    -------
-    list of BoardReader
+    show : callable
+        ``show(value)`` shows a new state of the linkage.
     """
-    feed = TwinFeed(Twin(driven.linkage, driven.encoders()), state)
+    feed = TwinFeed(Twin(driven.linkage, driven.encoders()), show)
     return [
-        BoardReader(
-            lambda board_id, joint=i: driven.open(joint),
-            layout,
-            of_board,
-            on_touch=partial(feed.take, i),
-        )
-        for i, of_board in enumerate((state, _Aside(feed, 1)))
+        (lambda board_id, joint=i: driven.open(joint), partial(feed.take, i), partial(feed.lost, i))
+        for i in (0, 1)
     ]

@@ -1,0 +1,62 @@
+"""Finds a board again by its id, after it was unplugged or its port got another name."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable
+
+from ..errors import RefusedError, SpotsError
+from .board import Board
+from .connect import find, of_id, open_with
+from .ports import scheme
+
+
+def finder(port: str | None, options: Namespace | None = None) -> Callable[[str | None], Board]:
+    """Return a function that finds and opens a board, also after a restart.
+
+    Parameters
+    ----------
+    port : str or None
+        Port as for `spots.open`; if None, the board is found on USB.
+    options : Namespace, optional
+        Options of this kind of port, see `ports`.
+
+    Returns
+    -------
+    callable
+        ``open_board(board_id)`` opens the board with this id, or any board if the id is None.
+
+    Raises
+    ------
+    SpotsError
+        If the options are invalid.
+    """
+    module, rest = scheme(port)
+    if hasattr(module, "check"):
+        module.check(rest, options)
+
+    def open_board(board_id: str | None) -> Board:
+        if board_id is None:
+            return open_with(port, options)
+        found = []
+        if port is not None:
+            try:
+                found.append(open_with(port, options))
+            except SpotsError:
+                if module is not None:
+                    raise
+        refusal = RefusedError if found else SpotsError
+        if not found or found[0].info["id"] != board_id:
+            found += find()[0]  # after a restart a serial port may have another name
+        wanted = []
+        try:
+            wanted = of_id(found, board_id)
+        finally:
+            for one in found:
+                if one not in wanted:
+                    one.close()
+        if not wanted:
+            raise refusal(f"waiting for board {board_id}: plug it in again")
+        return wanted[0]
+
+    return open_board
