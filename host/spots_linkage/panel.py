@@ -207,6 +207,10 @@ def driven_sources(driven: DrivenLinkage, show: Show) -> Sources:
         The linkage, for example a simulated linkage.
     show : callable
         ``show(value)`` shows a new state of the linkage.
+
+    Returns
+    -------
+    list of tuple
     """
     feed = TwinFeed(Twin(driven.linkage, driven.encoders()), show)
     return [

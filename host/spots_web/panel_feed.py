@@ -116,6 +116,10 @@ def readers_of(
         State of the web UI.
     **options
         Further arguments of the first `BoardReader`.
+
+    Returns
+    -------
+    list of BoardReader
     """
     first, *others = (Source(*one) for one in sources)
     shown = BoardReader(first.open_board, layout, state, on_touch=first.on_touch, **options)
