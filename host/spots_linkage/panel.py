@@ -42,7 +42,7 @@ class TwinFeed:
     twin : Twin
         Twin that computes the linkage's state from the readings.
     show : callable
-        ``show(value)`` shows a new state, see docs/page.md.
+        ``show(value)`` shows a new state, see docs/try/web.md.
     """
 
     def __init__(self, twin: Twin, show: Show):

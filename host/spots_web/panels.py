@@ -10,7 +10,7 @@ needs no import of this package. The class must have
     them from ``/panels/NAME/``, with the policy of the web UI: nothing from other machines, and
     no scripts or styles inside of HTML. ``panel.js`` exports a function ``panel(root, request)``.
     It fills the element `root`, and returns a function ``draw(value, state, now_s)``, which draws
-    the newest value; `state` has all parts, see docs/page.md. ``request(body)`` sends a
+    the newest value; `state` has all parts, see docs/try/web.md. ``request(body)`` sends a
     request to ``on_request``, and resolves to its answer, or to ``{refused: why}``. The files
     ``../../static/dom.js`` and ``../../static/controls.js`` help to make elements.
 

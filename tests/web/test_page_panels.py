@@ -11,9 +11,9 @@ from pathlib import Path
 import aiohttp
 import pytest
 from playwright.sync_api import expect
+from support.serving import apart, run, until
 from yarl import URL
 
-from serving import apart, run, until
 from spots import cli
 from spots.common import plugins
 from spots.keyboard.layout import load
