@@ -80,6 +80,7 @@ doctor: .venv/demo
 
 pictures: .venv/test browser
 	@$(BIN)/python docs/make/pictures.py
+	@$(BIN)/python docs/make/timings.py
 	@$(BIN)/python docs/make/screenshots.py
 
 paper: .venv/test

@@ -1,4 +1,4 @@
-"""Picture and table of tap and hold in docs/type/keyboard.md are those of the engine."""
+"""Picture and table of tap and hold in docs/type/tap-hold.md are those of the engine."""
 
 import re
 from pathlib import Path
@@ -19,7 +19,7 @@ def first(flavor, gesture):
 
 
 def test_the_table_of_the_flavors_is_that_of_the_engine():
-    text = (DOCS / "type" / "keyboard.md").read_text(encoding="utf-8")
+    text = (DOCS / "type" / "tap-hold.md").read_text(encoding="utf-8")
     rows = dict(
         re.findall(r"^\| `([\w-]+)`(?: \(default\))? (\|(?:[^|]*\|){4})$", text, re.MULTILINE)
     )

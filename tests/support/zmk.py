@@ -87,7 +87,7 @@ def outcome_of(events):
 
 
 def tables():
-    """Return the two tables of docs/type/keyboard.md: cases by folder, and what is different."""
+    """Return the two tables of docs/evidence/zmk.md: cases by folder, and what is different."""
     same = [f"hold-tap/{one.name}" for one in hold_tap_cases()] + [one.name for one in cases()]
     other = [name for one in DIFFERS for name in one["cases"]]
     counts = [Counter(name.split("/")[0] for name in names) for names in (same, other)]

@@ -80,7 +80,7 @@ KEYS_MAX = 128
 BEHAVIOURS_MAX = 64
 STEPS_MAX = 1024  # of all texts
 
-# Name of a statement: minimum, maximum, default. docs/type/keyboard.md explains the statements.
+# Name of a statement: minimum, maximum, default. docs/type/layouts.md explains the statements.
 LIMITS = {
     "detect": (1, 8, 2),
     "press_mN": (0, 65_535, 0),  # 0: the force at which a touch begins in the calibration

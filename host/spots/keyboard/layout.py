@@ -3,7 +3,7 @@
 A file contains layers, and a layer contains keys. A key is either the action of a tap, or a table
 of actions: ``tap``, ``double``, ``hold``, ``firm``, ``slide_minus`` (towards the sensor) and
 ``slide_plus`` (away from the sensor). A layer may also contain an action for a swipe (a quick
-movement along the strip) in each direction. docs/type/keyboard.md describes the actions.
+movement along the strip) in each direction. docs/type/actions.md describes the actions.
 """
 
 import re
@@ -33,7 +33,7 @@ from .writing import Writing
 FOLDER = Path(__file__).parent / "layouts"
 SWIPES = ("swipe_minus", "swipe_plus")  # of a layer
 SLOTS = ("tap", "double", "hold", "firm", "slide_minus", "slide_plus")
-# Rules that decide between tap and hold, see docs/type/keyboard.md; the index is the number that
+# Rules that decide between tap and hold, see docs/type/tap-hold.md; the index is the number that
 # the firmware has for a rule.
 FLAVORS = ("hold-preferred", "balanced", "tap-preferred", "tap-unless-interrupted")
 LAYER_VERBS = {
