@@ -142,20 +142,6 @@ def test_the_light_of_a_finger_that_arrives_does_not_stick(sensor, calibration, 
     assert places == pytest.approx([64.4] * len(places), abs=0.4)
 
 
-@pytest.mark.parametrize(("lifted_mm", "x_mm"), [(20, 70), (70, 20), (30, 45), (75, 50)])
-@pytest.mark.parametrize(("weak_mN", "exposure_us"), [(200, 10_000), (270, 10_000), (270, 3000)])
-def test_a_weak_press_elsewhere_is_no_contact_that_sticks(
-    sensor, calibration, lifted_mm, x_mm, weak_mN, exposure_us
-):
-    lifted = press(lifted_mm, (0, 0), (0.05, 9900), (0.5, 9900), (0.8, 0))
-    points = (0.6, 0), (0.65, weak_mN), (0.95, weak_mN), (0.98, 1500), (1.5, 1500), (1.53, 0)
-    settings = f"exposure_us={exposure_us}"
-    events = play(sensor, calibration, [lifted, press(x_mm, *points)], settings, keys=False)
-    firm = [t for t in events.touches if START_S + 1.05 < t.time_s < START_S + 1.48]
-    assert len(firm) > 30
-    assert abs(np.mean([t.force_mN for t in firm]) - 1500) < 40
-
-
 @pytest.mark.parametrize("percent", [0.0, 1.0])
 @pytest.mark.parametrize("decay_s", [1.0, 30.0])
 def test_a_finger_that_eases_keeps_its_key(sensor, calibration, percent, decay_s):

@@ -47,8 +47,7 @@ EACH_SAMPLE = {
     "reading/kernel": "process _add _stamp estimate _take_logs _locate _beyond _judge "
     "_follow_light _odd_light",
     "reading/log2": "log2_q20",
-    "reading/sticking": "unstick _fade _set_floor _forget _peak _measure _save _restore "
-    "_is_elsewhere _net _correct",
+    "reading/sticking": "unstick _fade _set_floor _forget _peak _measure _net _correct",
     "sensor/burst": "unpack",
     "sensor/pacing": "early found held skip",
     "runtime/micropython": "write _has_room _put read",

@@ -259,12 +259,7 @@ def a_sticking_strip(rng):
     state[decode.PEAK_LIGHT] = rng.choice((0, 100, 1000, CHANNELS * FULL))
     state[decode.FADE] = rng.randint(decode.FADE_MIN, decode.FADE_MAX)
     state[decode.AGREE] = rng.choice((-1, 0, 1, 2, 3, 8, decode.AGREE_MAX))
-    state[decode.FORCE_MN] = rng.choice((0, 200))
-    state[decode.POSITION_UM] = rng.randint(0, 85_000)
-    state[decode.LOW_UM] = rng.randint(0, 85_000)
-    state[decode.HIGH_UM] = rng.randint(state[decode.LOW_UM], 85_000)
     for i in range(CHANNELS):
-        state[decode.BEFORE + i] = rng.randint(0, decode.STICK_MAX)
         stick = min(rng.randint(0, brightest << 12), decode.STICK_MAX)
         state[decode.STICK + i] = stick
         state[decode.STUCK] += stick >> 4

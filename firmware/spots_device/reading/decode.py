@@ -107,12 +107,9 @@ FAINT = 86  # whether the last reading of this touch had less than a tenth of it
 AGREE = 87
 FADE = 88  # Q24: share of `STICK` that decays in 64 us
 TOUCHED = 89  # `TOUCHING` if a finger touched in the last reading with the LED on, else 0
-LOW_UM = 90  # um: range of the positions of this touch since its largest brightness, in
-HIGH_UM = 91  # readings with more than a quarter of its light
-BEFORE = 92  # counts in Q12: `STICK` before it was measured after this touch; six elements
 # `TOO_DARK` if position or force is beyond the calibrated range, else 0; only in portable code.
-BEYOND = 98
-STATE_SIZE = 99
+BEYOND = 90
+STATE_SIZE = 91
 
 COUNT_MAX_Q12 = 65_535 << 12  # largest count
 
@@ -139,8 +136,6 @@ OUTSIDE_UM = 1 << 20  # um: a contrast far beyond its table, see `kernel._beyond
 # Limits of `sticking.unstick`.
 LEFT = 3_483_000  # 10, as a difference of brightness in Q20 of log2: below its peak, a touch ends
 LEFT_LOG2 = 3  # log2 of the largest ratio of a touch's peak to the light that sticks after it
-FIRM = 2 << 20  # a quarter, as a difference of brightness in Q20 of log2, see `LOW_UM`
-NEAR_UM = 8000  # um: largest distance of light that sticks from the places that were pressed
 STUCK_NOISE = 5 << 8  # counts in Q8: largest noise of a sum over six channels
 STUCK_LEAST = 8 << 8  # counts in Q8: less light is not subtracted
 STICK_MAX = (1 << 24) - 1  # counts in Q12

@@ -4,8 +4,7 @@ After a lift, a small share of the contact may remain and decay. Its light would
 of the next press, and could look like a finger that rests. So a touch ends when the light is far
 below its own peak (`kernel.estimate`), and the remaining light is subtracted from the next readings
 as part of `decode.FLOOR`. It is measured while nothing touches; during a touch it decays with the
-rate that was learned while nothing touched. Contact sticks only where a finger was: light with the
-colour of another place comes from a finger that presses there weakly.
+rate that was learned while nothing touched.
 
 Boards with ``viper = true`` in board.toml get sticking_viper.py instead of this file, with
 identical results, in machine code. All integers fit 31 bits; allocates nothing.
@@ -67,21 +66,16 @@ def _set_floor(state):
 
 
 def _peak(state):
-    # Record the largest light of the present touch, and where it is.
+    # Record the largest light of the present touch.
     light = state[d.LIGHT] // state[d.SAMPLES]
-    x_um = state[d.POSITION_UM]
     if state[d.AGREE]:  # a new touch
         state[d.AGREE] = 0
-        state[d.PEAK] = state[d.BRIGHTNESS] - 1
-        state[d.PEAK_LIGHT] = light
-    if light > state[d.PEAK_LIGHT]:
+        state[d.PEAK] = state[d.BRIGHTNESS]
         state[d.PEAK_LIGHT] = light
     if state[d.BRIGHTNESS] > state[d.PEAK]:
         state[d.PEAK] = state[d.BRIGHTNESS]
-        state[d.LOW_UM] = state[d.HIGH_UM] = x_um
-    elif state[d.BRIGHTNESS] > state[d.PEAK] - d.FIRM:
-        state[d.LOW_UM] = min(x_um, state[d.LOW_UM])
-        state[d.HIGH_UM] = max(x_um, state[d.HIGH_UM])
+    if light > state[d.PEAK_LIGHT]:
+        state[d.PEAK_LIGHT] = light
 
 
 def _measure(state, steps):
@@ -89,19 +83,15 @@ def _measure(state, steps):
     total = _net(state)
     most = d.STUCK_NOISE + (state[d.STUCK] >> 4)
     agree = state[d.AGREE]
-    if agree < 1:  # no reading since the touch was used
+    if total < -most:
+        agree = 0  # the finger was still leaving
+    elif agree < 1:  # no reading since the touch was used
         agree = 0
-        left = (state[d.PEAK_LIGHT] << 8 - d.LEFT_LOG2) + (state[d.STUCK] >> 2)
-        if total > left or _is_elsewhere(state):
+        if total > (state[d.PEAK_LIGHT] << 8 - d.LEFT_LOG2) + (state[d.STUCK] >> 2):
             state[d.AGREE] = -1
-            return  # a lamp, or a finger that rests
-        _save(state)
-        if -most <= total <= most:
+            return  # too much: a lamp, or a finger that rests
+        if total <= most:
             agree = 1  # this reading confirms the estimate
-    elif total < -most:  # the finger was still leaving: the next reading measures again
-        state[d.AGREE] = -1
-        _restore(state)
-        return
     elif total > most:
         return  # a finger arrives
     state[d.AGREE] = agree = min(agree + 1, d.AGREE_MAX)
@@ -110,27 +100,6 @@ def _measure(state, steps):
         # With a wrong rate of the decay, the light differs more and more from the estimate.
         fade = ((total << 8) // (state[d.STUCK] >> 4) << 10) // (agree * steps)
         state[d.FADE] = min(max(state[d.FADE] - fade, d.FADE_MIN), d.FADE_MAX)
-
-
-def _save(state):
-    for i in range(d.STICK, d.STICK + CHANNELS):
-        state[i + d.BEFORE - d.STICK] = state[i]
-
-
-def _restore(state):
-    # Let the light that sticks be that before the touch, unless there is less now.
-    stuck = 0
-    for i in range(d.STICK, d.STICK + CHANNELS):
-        state[i] = min(state[i], state[i + d.BEFORE - d.STICK])
-        stuck += state[i] >> 4
-    state[d.STUCK] = stuck
-
-
-def _is_elsewhere(state):
-    # Without a force, the light is too weak for a position.
-    x_um = state[d.POSITION_UM]
-    far = x_um < state[d.LOW_UM] - d.NEAR_UM or x_um > state[d.HIGH_UM] + d.NEAR_UM
-    return far and state[d.FORCE_MN]
 
 
 def _net(state):

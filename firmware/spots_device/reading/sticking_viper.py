@@ -38,17 +38,8 @@ def unstick(state: ptr32, flags: int, lasted_us: int):
         if flags & d.TOUCHING:
             light = state[d.LIGHT] // state[d.SAMPLES]
             n = (state[d.BRIGHTNESS] ^ sign) - sign
-            total = state[d.POSITION_UM]
-            most = (state[d.PEAK] ^ sign) - sign
-            if agree or n > most:
+            if agree or n > (state[d.PEAK] ^ sign) - sign:
                 state[d.PEAK] = n
-                state[d.LOW_UM] = total
-                state[d.HIGH_UM] = total
-            elif n > most - d.FIRM:
-                if total < state[d.LOW_UM]:
-                    state[d.LOW_UM] = total
-                if total > state[d.HIGH_UM]:
-                    state[d.HIGH_UM] = total
             if agree or light > state[d.PEAK_LIGHT]:
                 state[d.PEAK_LIGHT] = light
             state[d.AGREE] = 0
@@ -70,31 +61,15 @@ def unstick(state: ptr32, flags: int, lasted_us: int):
             state[d.LOGS + i] = n
             total += n >> 4
         most = d.STUCK_NOISE + (stuck >> 4)
-        if agree < 1:
+        if total + most < 0:
+            agree = 0
+        elif agree < 1:
             agree = 0
             if total > (state[d.PEAK_LIGHT] << (8 - d.LEFT_LOG2)) + (stuck >> 2):
                 state[d.AGREE] = 0 - 1
                 break
-            if state[d.FORCE_MN]:
-                n = state[d.POSITION_UM]
-                if n + d.NEAR_UM < state[d.LOW_UM] or n > state[d.HIGH_UM] + d.NEAR_UM:
-                    state[d.AGREE] = 0 - 1
-                    break
-            for i in range(CHANNELS):
-                state[d.BEFORE + i] = state[d.STICK + i]
-            if total <= most and total + most >= 0:
+            if total <= most:
                 agree = 1
-        elif total + most < 0:
-            state[d.AGREE] = 0 - 1
-            stuck = 0
-            for i in range(CHANNELS):
-                n = state[d.BEFORE + i]
-                if n > state[d.STICK + i]:
-                    n = state[d.STICK + i]
-                state[d.STICK + i] = n
-                stuck += n >> 4
-            state[d.STUCK] = stuck
-            break
         elif total > most:
             break
         if agree < d.AGREE_MAX:
