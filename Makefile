@@ -9,7 +9,7 @@ PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
 FAST := tests/test_*.py tests/firmware tests/sim tests/referee
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test test-fast browser lint bench soak fuzz release build flash erase doctor pictures paper clean
+.PHONY: help demo test test-fast browser lint bench soak fuzz release build flash erase doctor docs pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -24,8 +24,9 @@ help:
 	@echo 'make flash     copy the firmware to a board, and start it                BOARD=pico PORT='
 	@echo 'make erase     remove firmware, settings, calibration and layout         BOARD=pico PORT='
 	@echo 'make doctor    check a board, and print a remedy for each problem        PORT='
+	@echo 'make docs      build the site of the documents: build/site/index.html'
 	@echo 'make pictures  draw the pictures and screenshots of the documents again'
-	@echo 'make paper     measure again, and write docs/paper.md, fivebar.md and applications.md'
+	@echo 'make paper     measure again, and write the pages in docs/evidence'
 	@echo 'make release   write wheel, sdist, boards and hashes to dist             ARGS="dist --runtime pico=RPI_PICO.uf2"'
 	@echo 'make clean     remove .venv and all built files'
 
@@ -78,6 +79,9 @@ erase: .venv/demo
 doctor: .venv/demo
 	@$(BIN)/spots doctor $(if $(PORT),--port $(PORT))
 
+docs: .venv/docs
+	@$(BIN)/python docs/make/build_site.py
+
 pictures: .venv/test browser
 	@$(BIN)/python docs/make/pictures.py
 	@$(BIN)/python docs/make/timings.py
@@ -103,7 +107,14 @@ clean:
 	@echo 'Setting up .venv for the tests (once) ...'
 	@$(PYTHON) -m venv .venv
 	@$(PIP) install --prefer-binary --editable '.[test]'
-	@touch .venv/demo $@
+	@touch .venv/demo .venv/docs $@
+
+# Packages of `make docs` alone, for a reader who tests nothing.
+.venv/docs: pyproject.toml
+	@echo 'Setting up .venv for the documents (once) ...'
+	@$(PYTHON) -m venv .venv
+	@$(PIP) install --prefer-binary --editable '.[docs]'
+	@touch $@
 
 .venv/fuzz: .venv/test
 	@echo 'Setting up .venv for fuzzing (once) ...'

@@ -1,0 +1,68 @@
+"""The site of the documents in a real browser, opened from a folder without a server."""
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from make import build_site
+from playwright.sync_api import expect
+
+SERIOUS = {"serious", "critical"}
+LOOKS = {
+    "light": {"color_scheme": "light", "viewport": {"width": 1280, "height": 900}},
+    "dark": {"color_scheme": "dark", "viewport": {"width": 1280, "height": 900}},
+    "phone": {"color_scheme": "dark", "viewport": {"width": 360, "height": 800}},
+}
+# The first page, and the first page of each section.
+SHOWN = ["index.html"]
+SHOWN += [
+    f"{folder}/{next(name for name in section if name != 'title').removesuffix('.md')}.html"
+    for folder, section in build_site.sections().items()
+]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    return build_site.build(tmp_path_factory.mktemp("site")).parent
+
+
+@pytest.fixture
+def open_file(browser, site):
+    """Return a function that opens a page of the site; it fails if the page asks a server."""
+    contexts, asked = [], []
+
+    def open_file(name, **options):
+        contexts.append(browser.new_context(**options))
+        page = contexts[-1].new_page()
+        page.on("request", lambda one: asked.append(one.url))
+        page.goto((site / name).as_uri())
+        return page
+
+    yield open_file
+    for context in contexts:
+        context.close()
+    assert [url for url in asked if not url.startswith("file:")] == []
+    assert asked
+
+
+@pytest.mark.parametrize("look", LOOKS)
+def test_every_reader_can_use_the_site(look, open_file):
+    for name in SHOWN:
+        page = open_file(name, **LOOKS[look])
+        expect(page.locator("article h1")).to_be_visible()
+        found = Axe().run(page).response["violations"]
+        serious = [
+            (name, one["id"], one["nodes"][0]["html"]) for one in found if one["impact"] in SERIOUS
+        ]
+        assert serious == []
+        width = page.evaluate("document.documentElement.scrollWidth - window.innerWidth")
+        assert width <= 0, name  # nothing is cut at the right
+        page.close()
+
+
+@pytest.mark.parametrize("name", ["index.html", SHOWN[-1]])
+def test_the_search_works_without_a_server(name, open_file):
+    page = open_file(name, **LOOKS["light"])
+    page.get_by_role("button", name="Search").first.click()
+    page.keyboard.type("COBS")
+    page.get_by_role("option").filter(has_text="COBS").first.click()
+    expect(page.locator("article h1")).to_contain_text("protocol")
+    assert "extend/protocol.html" in page.url
