@@ -16,7 +16,8 @@ def pieces(seen):
     """Bytes of the recording `seen`, and pairs (frame, its bytes with the delimiter)."""
     data = seen.path.read_bytes()
     decoder = Decoder()
-    return data, [(decoder.feed(one + b"\0")[0], one + b"\0") for one in data.split(b"\0") if one]
+    found = [(decoder.feed(one + b"\0"), one + b"\0") for one in data.split(b"\0") if one]
+    return data, [(frames[0] if frames else None, one) for frames, one in found]
 
 
 def without(pieces, dropped):

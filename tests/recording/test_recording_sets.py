@@ -84,7 +84,7 @@ def test_a_file_that_breaks_off_within_a_set_costs_its_rest_alone(rotated):
 def test_a_set_never_writes_over_a_file(tmp_path):
     path = tmp_path / "run.spots"
     other = tmp_path / "run-001.spots"
-    tap = recorder(path, stream(200), rotate_bytes=1600)
+    tap = recorder(path, stream(200), rotate_bytes=1800)
     other.write_text("mine")  # another program creates this file during the recording
     refusal = r"run-001.spots exists: choose another name"
     with pytest.raises(spots.SpotsError, match=refusal):

@@ -20,7 +20,9 @@ _LIT = const(0)
 _UNKNOWN = const(1)  # LED on, but without a dark frame: a dark window must come first
 _BLINKING = const(2)  # LED off, dark samples are taken
 _RISING = const(3)  # LED on again, waits for a sample with the LED on all the time
+_UNKNOWN_MC = const(-1048576)  # as in snapshot.py
 _WARM_US = const(60_000_000)  # least time between two shifts of the tables with the temperature
+_STATE_EVERY = const(1000)  # readings between two STATE frames without a dark window
 _UNUSED = const(-1)  # in place of the flags of a sample: it is not part of a reading
 
 
@@ -92,6 +94,10 @@ class Strip:
         # Calibration and conditions for which the baseline was started.
         self._rest_of = self._rest_at = None
         self._warmed = 0  # ticks at which the tables were last shifted
+        self._heat_mC = _UNKNOWN_MC  # temperature at that time
+        self._snapshot = None  # sends STATE frames while spectra are streamed
+        # Readings until the next STATE frame; 0 after a change that does not follow from frames.
+        self._state_left = 0
         self._state = _UNKNOWN
         self.lit_flags = 0
 
@@ -157,6 +163,7 @@ class Strip:
             self._dark.schedule(0, 0)
         else:
             self._dark.schedule(self.sensor.exposure_us, values["dark_every"])
+        self._state_left = 0
         self._choose()
 
     def streams(self):
@@ -180,6 +187,14 @@ class Strip:
         """
         self.stream_touch = "touch" in names
         self.stream_spectrum = "spectrum" in names
+        self._snapshot = None
+        if self.stream_spectrum:
+            from .snapshot import Snapshot
+
+            self._snapshot = Snapshot(self)
+            self._state_left = 0
+            if self._heat_mC == _UNKNOWN_MC:
+                self._warm()
         why_not = self._uses.stream_contacts("contact" in names, self.decode.calibration)
         self._choose()
         return why_not
@@ -188,6 +203,8 @@ class Strip:
         """Request a dark frame; ``done()`` is called when the dark frame is complete."""
         self._dark.request_pool()
         self._on_dark = done
+        self._state_left = 0
+        self._choose()
 
     def request_search(self, done):
         """Search for gain, LED current and exposure; then call ``done(outcome)``.
@@ -206,6 +223,7 @@ class Strip:
     def request_rest(self):
         """Use the next reading as the baseline."""
         self._rest_wanted = self._rare = True
+        self._state_left = 0
 
     def use_calibration(self, calibration):
         """Decode readings with a `calibration.Calibration`, or with None.
@@ -218,6 +236,8 @@ class Strip:
             self._rest_at = self.conditions
             self.baseline.start(calibration, self.sensor.exposure_us)
         self._warm()
+        if self._snapshot is not None:
+            self._snapshot.follow()
 
     def forget_requests(self):
         """Cancel the requested dark frame and the requested search for settings."""
@@ -270,11 +290,16 @@ class Strip:
             or self.baseline.left
             or self._rest_wanted
             or self._dark.changing
+            or (self._snapshot is not None and self._state_left <= 0)
         )
 
     def _judge(self, sensor):
         # Return the flags of a sample that is not simply lit, or `_UNUSED`.
         state = self._state
+        if self._state_left <= 0 and self._snapshot is not None and state != _BLINKING:
+            self._state_left = _STATE_EVERY
+            self._snapshot.send()
+            self._choose()
         if state == _RISING and sensor.steady:
             self._state = state = _LIT
             self._choose()
@@ -340,6 +365,9 @@ class Strip:
             for i in range(CHANNELS):
                 sums[i] = (sums[i] + (samples >> 1)) // samples
         self._framer.spectrum(self.index, flags, self.sensor.gain, sums)
+        self._state_left -= 1
+        if self._state_left <= 0:
+            self._rare = True
 
     # Rare operations.
 
@@ -385,7 +413,9 @@ class Strip:
         sensor.switch_led(False)
         self.baseline.before()
         self._reading[d.TAKEN] = self._reading[d.PENDING] = 0
-        if not self._dark.begin(sensor.exposure_us):
+        if self._dark.begin(sensor.exposure_us):
+            self._state_left = 0
+        else:
             self.baseline.left = 0
         self._state = _BLINKING
         self._rare = True
@@ -418,10 +448,14 @@ class Strip:
         # Shift the tables to the present temperature. It takes as long as a few samples.
         calibration = self.decode.calibration
         self._warmed = self._time.last
-        if calibration is not None and calibration.thermal is not None:
+        thermal = calibration and calibration.thermal
+        if thermal is not None or self._snapshot is not None:
             mC = self._temperature()
-            if mC is not None:
-                calibration.thermal.follow(mC)
+            if mC is None:
+                mC = _UNKNOWN_MC
+            elif thermal is not None:
+                thermal.follow(mC)
+            self._heat_mC = mC
 
     def _search_on(self, sensor):
         search = self._search

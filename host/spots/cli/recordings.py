@@ -3,6 +3,7 @@
 import argparse
 import json
 import os
+import sys
 from pathlib import Path
 
 from ..common.atomic import check_writable, exists
@@ -86,7 +87,30 @@ def export(parser: Parser):
     return _export
 
 
-COMMANDS = record, replay, info, export
+def recalibrate(parser: Parser):
+    """Compute positions and forces of a recording again with another calibration.
+
+    The result is a new recording, with the readings that the board would have sent. It needs the
+    spectra of 'spots record', and firmware of this version. After lost frames, readings are unknown
+    for up to ten seconds.
+
+    examples:
+      spots recalibrate run.spots --calibration new.toml
+      spots recalibrate run.spots --calibration new.toml --out again.spots
+    """
+    parser.option("file", "FILE.spots", "a recording")
+    parser.option(
+        "--calibration",
+        "FILE.toml",
+        "calibration file of the board; several for a board with several strips",
+        action="append",
+        required=True,
+    )
+    parser.option("--out", "FILE.spots", "the new recording; FILE-recalibrated.spots if not given")
+    return _recalibrate
+
+
+COMMANDS = record, replay, info, export, recalibrate
 
 
 def _record(options: argparse.Namespace) -> None:
@@ -129,3 +153,14 @@ def _export(options: argparse.Namespace) -> None:
 
     for path in export(options.file, options.to, options.out, warn):
         print(printable(str(path)))
+
+
+def _recalibrate(options: argparse.Namespace) -> None:
+    from ..recording.recalibrate import recalibrate
+
+    made = recalibrate(options.file, options.calibration, options.out)
+    for path in made.paths:
+        print(printable(str(path)))
+    print(f"spots: {made.known} readings computed, {made.unknown} unknown", file=sys.stderr)
+    for why in made.why:
+        print(f"spots: {printable(why)}", file=sys.stderr)

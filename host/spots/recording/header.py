@@ -58,6 +58,10 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
         Map from the board's time to the host's monotonic clock.
     calibration : list of str or None
         Lines of the board's calibration, if the host knew them.
+    calibrations : list of (list of str or None), or None
+        For each sensor, the lines of its calibration, which the board returned; None if unknown.
+    recalibrated : bool
+        Whether the readings were computed again with these calibrations, see `recalibrate`.
     restarts : int
         Number of restarts of the board after it was opened and before this file began.
     sequence : int or None
@@ -77,6 +81,8 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     info: dict
     clock: Clock
     calibration: list[str] | None = None
+    calibrations: list[list[str] | None] | None = None
+    recalibrated: bool = False
     restarts: int = 0
     sequence: Annotated[int, msgspec.Meta(ge=0, lt=1 << 16)] | None = None
     dark: list[list[int]] | None = None

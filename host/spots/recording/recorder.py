@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import SettingError
+from ..link.advice import stored_calibration
 from ..link.board import Board
 from ..link.lines import of_sensor
 from ..link.readers import Handle
@@ -37,14 +38,17 @@ class Recorder(Writer):
         info: dict[str, Any] = dict(board.command("hello"))
         if others := [board.command(of_sensor("hello", i)) for i in board.sensors[1:]]:
             info["strips"] = [dict(info), *others]
-        dark = None
+        dark = calibrations = None
         if not board.read_only:
             dark = [board.command(of_sensor("get", i))["dark"] for i in board.sensors]
+            strips = info, *others
+            calibrations = [stored_calibration(board, strips[i], i) for i in board.sensors]
 
         def describe() -> dict[str, Any]:
             return {
                 "info": info,
-                "calibration": board.calibration,
+                "calibration": board.calibration or (calibrations and calibrations[0]),
+                "calibrations": calibrations,
                 "dark": dark,
                 **{name: value for name, value in board.decoding().items() if name != "begun"},
             }

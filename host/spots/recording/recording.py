@@ -40,6 +40,8 @@ class Recording:
         Paths of all files.
     header : Header
         Header of the first file.
+    headers : dict of Path to Header
+        Header of each file.
     size : int
         Size of all files when they were opened, in bytes.
     stats : LinkStats
@@ -77,9 +79,9 @@ class Recording:
 
     def __init__(self, path: str | Path):
         self.path = Path(path_text(path, "the path of a recording"))
-        self.header = read(self.path, _blocks(self.path))
-        self._headers = {self.path: self.header, **_others(self.path, self.header)}
-        self.paths = list(self._headers)
+        self.header = read(self.path, file_blocks(self.path))
+        self.headers = {self.path: self.header, **_others(self.path, self.header)}
+        self.paths = list(self.headers)
         self.size = sum(path.stat().st_size for path in self.paths)
         self._restart()
 
@@ -96,11 +98,11 @@ class Recording:
         self._restart()
         start = b""
         self._decoder.expect(self.header.sequence)
-        for path, header in self._headers.items():
+        for path, header in self.headers.items():
             self._clock = _clock_map(header.clock)
             self._decoder.restarted(header.restarts)
             self.end_s = header.host_s
-            for block in chain([start], _blocks(path, size)):
+            for block in chain([start], file_blocks(path, size)):
                 self.read_bytes += len(block)
                 yield path, header, block
             self.cut_bytes += len(self._decoder.pending)
@@ -176,7 +178,7 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
     for part in parts_beside(path):
         file = part_path(path, part)
         try:
-            header = read(file, _blocks(file))
+            header = read(file, file_blocks(file))
         except SpotsError:
             continue  # not a recording, so not a part of this set
         if header.set == first.set:
@@ -196,7 +198,8 @@ def _others(path: Path, first: Header) -> dict[Path, Header]:
     return dict(found.values())
 
 
-def _blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
+def file_blocks(path: Path, size: int = _BLOCK_BYTES) -> Iterator[bytes]:
+    """Yield the content of a recording's file in blocks of at most `size` bytes."""
     try:
         with open_regular(path) as file:
             while block := file.read(size):

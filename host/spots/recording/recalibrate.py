@@ -1,0 +1,394 @@
+"""Computes positions and forces of a recording again with another calibration.
+
+The spectra of the recording pass through the arithmetic of the board's firmware, see
+`replayed_strip`. The state of each strip (dark frame, baseline, drift, light that sticks,
+temperature, silicone) comes from the board's STATE frames, see docs/protocol.md.
+"""
+
+import struct
+import tempfile
+import zlib
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import msgspec
+from cobs import cobs
+
+from spots_device.board.settings import checksum
+from spots_device.reading import decode as d
+from spots_device.reading import frame
+from spots_device.reading.calibration import Calibration
+from spots_device.reading.kernel import TOUCH_BODY
+
+from ..calibrate.calibration_file import load
+from ..errors import SpotsError
+from ..link.frames import NOTE, checked
+from .arrays import Arrays, read_arrays
+from .export import Files
+from .header import Header, encoded
+from .recording import Recording, file_blocks
+from .replayed_strip import STATE, ReplayedStrip, Sample, Values, unknown
+from .writer import part_path
+
+_HEAD = struct.Struct("<BHHH")
+_TOUCH = struct.Struct(TOUCH_BODY)
+_SPECTRUM = struct.Struct("<BB6H")
+_BLOCK_BYTES = 1 << 16
+_SEQUENCES = 1 << 16
+
+
+class Recalibrated(NamedTuple):
+    """Result of `recalibrate`.
+
+    Attributes
+    ----------
+    paths : list of Path
+        The new files.
+    known, unknown : int
+        Number of readings that were computed, and of those that could not be.
+    why : list of str
+        Why readings are unknown, as sentences.
+    """
+
+    paths: list[Path]
+    known: int
+    unknown: int
+    why: list[str]
+
+
+class _Reading:
+    """A TOUCH frame whose values are not known yet."""
+
+    def __init__(self, head: tuple[int, ...], flags: int):
+        self.head, self.flags = head, flags
+        self.values: Values | None = None
+
+    @property
+    def t_us(self) -> int:
+        return self.head[2] | self.head[3] << 16
+
+    @property
+    def piece(self) -> bytes:
+        """The frame with its new values."""
+        assert self.values
+        flags, *rest = self.values
+        flags = flags & ~d.DROPPED | self.flags & d.DROPPED
+        return _encoded(_HEAD.pack(*self.head) + _TOUCH.pack(flags, *rest))
+
+
+class _Lane:
+    """The readings of one strip: TOUCH frames, and the spectra from which they are computed."""
+
+    def __init__(self, strip: ReplayedStrip):
+        self.strip = strip
+        self._touch: _Reading | None = None  # waits for its spectrum
+        self._waiting: deque[_Reading | None] = deque()  # those whose spectrum has been taken
+        self.known = self.unknown = 0
+        self.why: dict[str, None] = {}
+
+    def touch(self, reading: _Reading) -> None:
+        self._orphan()
+        self._touch = reading
+
+    def spectrum(self, sample: Sample) -> None:
+        touch, self._touch = self._touch, None
+        if touch is not None and touch.t_us != sample.t_us:
+            self._touch = touch
+            self._orphan()
+            touch = None
+        self._waiting.append(touch)
+        self._resolve(self.strip.take(sample))
+
+    def state(self, body: bytes) -> None:
+        self._resolve(self.strip.load(body))
+
+    def lose(self) -> None:
+        self._resolve(self.strip.lose())
+        self._orphan()
+
+    def _resolve(self, found: Iterable[Values]) -> None:
+        for values in found:
+            reading = self._waiting.popleft()
+            if reading is not None:
+                self._set(reading, values)
+
+    def _orphan(self) -> None:
+        if self._touch is not None:
+            self._set(self._touch, unknown(self._touch.flags))
+            self._touch = None
+
+    def _set(self, reading: _Reading, values: Values) -> None:
+        reading.values = values
+        is_known = self.strip.is_known
+        self.known += is_known
+        self.unknown += not is_known
+        if self.strip.why_unknown:
+            self.why[self.strip.why_unknown] = None
+        elif self.strip.why_not:
+            self.why[self.strip.why_not] = None
+
+
+def _encoded(payload: bytes) -> bytes:
+    return cobs.encode(payload + struct.pack("<I", zlib.crc32(payload)))
+
+
+def _pieces(blocks: Iterable[bytes]) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the bytes between two delimiters, and the delimiter; it is missing after the last."""
+    rest = b""
+    for block in blocks:
+        *pieces, rest = (rest + block).split(b"\0")
+        yield from ((piece, b"\0") for piece in pieces)
+    yield rest, b""
+
+
+class _Rewriter:
+    """Rewrites the frames of a recording with the readings of other calibrations."""
+
+    def __init__(self, lanes: dict[int, _Lane]):
+        self.lanes = lanes
+        self._expected: int | None = None
+        self._removed = 0  # CONTACT frames, whose numbers the later frames get
+        # Each with its file and its delimiter. A reading waits for its values.
+        self._queue: deque[tuple[IO[bytes], bytes | _Reading, bytes]] = deque()
+        self._file: IO[bytes] | None = None
+
+    def rewrite(self, blocks: Iterable[bytes], file: IO[bytes]) -> None:
+        """Write the frames of a recording's file to a new file."""
+        self._file = file
+        for piece, end in _pieces(blocks):
+            self._take(piece, end)
+            self._write()
+
+    def end(self) -> None:
+        """End the recording: what is still unknown remains so."""
+        self._lose()
+        self._write()
+
+    def _take(self, piece: bytes, end: bytes) -> None:
+        payload = checked(piece) if piece and end else None
+        if payload is None:
+            if piece:
+                self._put(piece, end)
+            return
+        head = _HEAD.unpack_from(payload)
+        kind, sensor = head[0] & 0x0F, head[0] >> 4
+        body = payload[_HEAD.size :]
+        if kind == NOTE:
+            if b'"header"' not in body:
+                self._put(piece, end)
+            return
+        self._count(head[1])
+        lane = self.lanes.get(sensor)
+        head = (head[0], (head[1] - self._removed) % _SEQUENCES, *head[2:])
+        if kind == frame.CONTACT:
+            self._removed += 1  # it was computed with the other calibration
+            return
+        if lane is not None:
+            t_us = head[2] | head[3] << 16
+            if kind == frame.TOUCH and len(body) == _TOUCH.size:
+                reading = _Reading(head, body[0])
+                lane.touch(reading)
+                self._put(reading, end)
+                return
+            if kind == frame.SPECTRUM and len(body) == _SPECTRUM.size:
+                flags, _, *counts = _SPECTRUM.unpack(body)
+                lane.spectrum(Sample(t_us, flags, tuple(counts)))
+            elif kind == STATE:
+                lane.state(body)
+            elif kind == frame.TEXT:
+                self._text(lane, body)
+        self._put(_encoded(_HEAD.pack(*head) + body) if self._removed else piece, end)
+
+    def _lose(self) -> None:
+        for lane in self.lanes.values():
+            lane.lose()
+
+    def _write(self) -> None:
+        while self._queue:
+            file, one, end = self._queue[0]
+            if isinstance(one, _Reading):
+                if one.values is None:
+                    return
+                one = one.piece
+            self._queue.popleft()
+            file.write(one + end)
+
+    def _put(self, one: bytes | _Reading, end: bytes) -> None:
+        assert self._file
+        self._queue.append((self._file, one, end))
+
+    def _count(self, sequence: int) -> None:
+        if self._expected not in (None, sequence):
+            self._lose()
+        self._expected = (sequence + 1) % _SEQUENCES
+
+    def _text(self, lane: _Lane, body: bytes) -> None:
+        try:
+            content = msgspec.json.decode(body, type=dict[str, Any])
+            plan = msgspec.convert(content.get("plan", lane.strip.plan), tuple[str, ...])
+        except msgspec.MsgspecError:
+            return
+        if content.get("re") in ("set", "auto", "hello", "get"):
+            lane.strip.plan = plan
+        elif content.get("re") == "cal" and "calibration" in content:
+            lane.strip.own = content["calibration"] == lane.strip.name
+            lane.lose()
+
+
+def recalibrate(
+    path: str | Path,
+    calibrations: Sequence[str | Path | Sequence[str]],
+    out: str | Path | None = None,
+) -> Recalibrated:
+    """Compute the readings of a recording again with other calibrations; write a new recording.
+
+    The new recording has the same frames at the same times, except CONTACT frames, which belong to
+    the old calibration. A reading that cannot be computed gets the flag `decode.NOT_CALIBRATED`;
+    its position and force are unknown. The readings of a strip without a new calibration stay as
+    they are.
+
+    Parameters
+    ----------
+    path : str or Path
+        File of the recording.
+    calibrations : sequence
+        For one or more strips: the path of a calibration file, or the lines of a calibration. Each
+        calibration contains the strip to which it belongs.
+    out : str or Path, optional
+        Name of the new recording. For ``run.spots``, the default is ``run-recalibrated.spots``.
+
+    Returns
+    -------
+    Recalibrated
+
+    Raises
+    ------
+    SpotsError
+        If the recording or a calibration cannot be read, if a calibration belongs to no strip of
+        the recording, if no reading can be computed, or if the new file exists. Then no file is
+        written.
+    """
+    recording = Recording(path)
+    header = recording.header
+    if header.recalibrated:
+        raise SpotsError(f"{path} is already recalibrated: name the original recording")
+    new = _by_sensor(recording, calibrations)
+    lanes = {i: _Lane(_strip(header, i, lines)) for i, lines in new.items()}
+    rewriter = _Rewriter(lanes)
+    begin = Path(path)
+    out = Path(out) if out else begin.with_name(f"{begin.stem}-recalibrated{begin.suffix}")
+    with Files() as files:
+        for at, (one, part) in enumerate(recording.headers.items()):
+            file = files.new(part_path(out, at))
+            file.write(encoded(_renewed(part, new)))
+            rewriter.rewrite(file_blocks(one, _BLOCK_BYTES), file)
+        rewriter.end()
+        known = sum(lane.known for lane in lanes.values())
+        why = [*dict.fromkeys(why for lane in lanes.values() for why in lane.why)]
+        if not known:
+            because = why[0] if why else _NO_STATE
+            raise SpotsError(f"no reading of {path} can be computed again: {because}")
+        paths = files.sync()
+    return Recalibrated(paths, known, sum(lane.unknown for lane in lanes.values()), why)
+
+
+_NO_STATE = (
+    "it has no spectra with the states of the strip: record it again with 'spots record', and the "
+    "present firmware"
+)
+
+
+def recalibrated(path: str | Path, *calibrations: str | Path | Sequence[str]) -> Arrays:
+    """Read a recording as arrays, with the readings that another calibration gives.
+
+    The readings are those that the board would have sent with this calibration, computed by the
+    board's own arithmetic. In `Arrays.touches`, the column ``known`` is false where the state of
+    the strip is unknown: before the first STATE frame, and after lost frames until the next one.
+
+    Parameters
+    ----------
+    path : str or Path
+        File of the recording, with spectra.
+    *calibrations : str, Path or sequence of str
+        For one or more strips: the path of a calibration file, or the lines of a calibration.
+
+    Returns
+    -------
+    Arrays
+        As from `read_arrays`, without contacts.
+
+    Raises
+    ------
+    SpotsError
+        As from `recalibrate`.
+
+    Examples
+    --------
+    >>> import spots
+    >>> touches = spots.recalibrated("run.spots", "new.toml").touches  # doctest: +SKIP
+    """
+    with tempfile.TemporaryDirectory(prefix="spots-") as folder:
+        out = Path(folder) / "recalibrated.spots"
+        recalibrate(path, calibrations, out)
+        return read_arrays(out)
+
+
+def _lines(one: str | Path | Sequence[str]) -> list[str]:
+    return list(load(Path(one)).lines) if isinstance(one, (str, Path)) else list(one)
+
+
+def _by_sensor(
+    recording: Recording, calibrations: Sequence[str | Path | Sequence[str]]
+) -> dict[int, list[str]]:
+    sensors = {info.get("id"): i for i, info in enumerate(recording.header.strips)}
+    found: dict[int, list[str]] = {}
+    for one in calibrations:
+        lines = _lines(one)
+        try:
+            board = Calibration(lines).conditions.board
+        except ValueError as error:
+            raise SpotsError(f"a calibration is invalid: {error}") from None
+        if board not in sensors:
+            ids = ", ".join(map(str, sensors))
+            raise SpotsError(
+                f"the calibration was made on board {board}, and {recording.path} is of {ids}: "
+                "name a calibration of this board"
+            )
+        if sensors[board] in found:
+            raise SpotsError(f"two calibrations are for board {board}: name one of them")
+        found[sensors[board]] = lines
+    return found
+
+
+def _strip(header: Header, sensor: int, lines: list[str]) -> ReplayedStrip:
+    info = header.strips[sensor]
+    own = _own(header, sensor)
+    name = checksum(own) if own else info.get("calibration")
+    return ReplayedStrip(info.get("id"), info.get("plan", []), lines, checksum(lines) == name)
+
+
+def _own(header: Header, sensor: int) -> list[str] | None:
+    every = header.calibrations or ([header.calibration] if header.calibration else [])
+    return every[sensor] if sensor < len(every) else None
+
+
+def _renewed(header: Header, new: dict[int, list[str]]) -> Header:
+    every = [new.get(i, _own(header, i)) for i in range(len(header.strips))]
+    strips = [dict(info) for info in header.strips]
+    for i, lines in new.items():
+        made = Calibration(lines)
+        strips[i].update(
+            calibration=checksum(lines),
+            length_um=made.length_um,
+            decay=made.decay,
+            relative_force=made.relative_force,
+        )
+    info = dict(header.info)
+    info.update(strips[0])
+    if "strips" in info:
+        info["strips"] = [{k: v for k, v in one.items() if k != "strips"} for one in strips]
+    return msgspec.structs.replace(
+        header, info=info, calibration=every[0], calibrations=every, recalibrated=True
+    )
