@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .link.connect import open
     from .link.frames import Contact, Decoder, Key, LinkStats, Note, Spectrum, Text, Touch
     from .recording.arrays import Arrays, RecordingBlocks, read_arrays
+    from .recording.dataframe import read_dataframe
     from .recording.recalibrate import recalibrated
     from .recording.recording import Recording
     from .recording.replay import open_recording
@@ -29,6 +30,7 @@ _NAMES = {
     "link.connect": ("open",),
     "link.frames": ("Contact", "Decoder", "Key", "LinkStats", "Note", "Spectrum", "Text", "Touch"),
     "recording.arrays": ("Arrays", "RecordingBlocks", "read_arrays"),
+    "recording.dataframe": ("read_dataframe",),
     "recording.recalibrate": ("recalibrated",),
     "recording.recording": ("Recording",),
     "recording.replay": ("open_recording",),
@@ -37,7 +39,7 @@ _MODULES = {name: module for module, names in _NAMES.items() for name in names}
 __all__ = [
     "Arrays", "Board", "Contact", "Decoder", "Key", "LinkStats", "Note",
     "Recording", "RecordingBlocks", "Spectrum", "SpotsError", "Text", "Touch", "open",
-    "open_recording", "read_arrays", "recalibrated",
+    "open_recording", "read_arrays", "read_dataframe", "recalibrated",
 ]  # fmt: skip
 
 

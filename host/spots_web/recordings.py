@@ -22,7 +22,7 @@ from .orders import Orders
 from .state import PageState
 
 # The words of requests, each with the number of file names that follow it.
-_WORDS = {"start": 0, "stop": 0, "live": 0, "play": 1, "list": 0, "compare": 2}
+_WORDS = {"start": 0, "stop": 0, "mark": 0, "live": 0, "play": 1, "list": 0, "compare": 2}
 _SHOWN_PER_S = 2
 _LISTED = 100  # newest recordings
 _READ_MAX = 200_000  # most readings that are read of a recording to compare
@@ -119,7 +119,7 @@ class Recordings(Orders):
         board_id = re.sub(r"[^0-9A-Za-z]", "", str(board.info["id"]))
         self._recorder = board.record(self._folder / f"{date}-{board_id}.spots")
         self._recorder.on_error = partial(self._ended, board, self._recorder)
-        self._begun_s, self._lost = board.now_s(), board.stats.lost
+        self._begun_s, self._lost, self._marks = board.now_s(), board.stats.lost, 0
         self._show(board, self._recorder)
 
     def _stop(self, board: Board) -> None:
@@ -138,6 +138,13 @@ class Recordings(Orders):
         """Show the end of a recording, and why it ended if it was not stopped."""
         self._recorder = None
         self._show(board, recorder, error)
+
+    def _mark(self, board: Board) -> None:
+        if not self._recorder:
+            raise SpotsError("there is no recording to mark: start one first")
+        self._marks += 1
+        self._recorder.mark(f"mark {self._marks}")
+        self._show(board, self._recorder)
 
     def _play(self, board: Board, name: str) -> None:
         if self._recorder:
@@ -182,6 +189,7 @@ class Recordings(Orders):
                 "bytes": recorder.bytes,
                 "seconds": board.now_s() - self._begun_s,
                 "lost": board.stats.lost - self._lost,
+                "marks": self._marks,
                 "playing": None,
                 "error": error and str(error),
             }

@@ -380,3 +380,23 @@ def test_a_request_may_follow_an_answer_at_once(tmp_path, monkeypatch):
     while not second:
         time.sleep(0.01)
     assert second[0].result(60) == {"files": []}
+
+
+def test_the_key_m_marks_the_recording(recorded, open_page, tmp_path):
+    one, server = recorded
+    page = open_page(server.url)
+    button, told = page.locator("#recording"), page.locator("#recorded")
+    expect(button).to_have_text("record", timeout=LONG_MS)
+    page.keyboard.press("m")  # nothing is recorded yet
+    button.click()
+    expect(button).to_have_text("stop", timeout=LONG_MS)
+    for number in (1, 2):
+        page.keyboard.press("m")
+        expect(told).to_contain_text(f"marks (key m){number}", timeout=LONG_MS)
+    page.keyboard.press("Control+m")
+    button.click()
+    expect(button).to_have_text("record", timeout=LONG_MS)
+    (path,) = tmp_path.iterdir()
+    recording = Recording(path)
+    assert len(list(recording)) > 0
+    assert [one.text for one in recording.marks] == ["mark 1", "mark 2"]

@@ -4,6 +4,7 @@ import argparse
 import inspect
 import json
 import sys
+from contextlib import ExitStack
 
 from spots_device.board.command import Commands
 
@@ -20,10 +21,14 @@ def monitor(parser: Parser):
     examples:
       spots monitor
       spots monitor --seconds 10
+      spots monitor --record run.spots
     """
     arguments.add_port(parser)
     arguments.add_wait(parser)
     arguments.add_seconds(parser)
+    parser.option(
+        "--record", "FILE.spots", "record meanwhile into a new file; the key m marks the moment"
+    )
     return _monitor
 
 
@@ -46,6 +51,7 @@ COMMANDS = monitor, command
 
 def _monitor(options: argparse.Namespace) -> None:
     from ..link.calibrated import next_step, start_fault
+    from ..terminal.hotkey import hotkey, marker
     from ..terminal.monitor import watch
     from ..terminal.opening import open_announced
 
@@ -53,7 +59,11 @@ def _monitor(options: argparse.Namespace) -> None:
         step = next_step(board.command("hello"))
         if fault := start_fault(board.info):
             print(f"spots: {printable(fault)}", file=sys.stderr)
-        watch(board, options.seconds, quiet=False)
+        with ExitStack() as stack:
+            if options.record:
+                stack.enter_context(board.record(options.record))
+                stack.enter_context(hotkey("m", marker(board)))
+            watch(board, options.seconds, quiet=False)
     if step:
         print(step, file=sys.stderr)
 

@@ -34,6 +34,9 @@ def record(parser: Parser):
     parser.option(
         "--calibration", "FILE.toml", "calibration file of the board, to be stored in the recording"
     )
+    parser.flag(
+        "--marks", "mark the moment of each line of standard input: type a name, or just Enter"
+    )
     return _record
 
 
@@ -125,7 +128,7 @@ def _record(options: argparse.Namespace) -> None:
     check_writable(path)
     calibration = options.calibration and list(load(Path(options.calibration)).lines)
     with arguments.open_board(options) as board:
-        record(board, options.file, options.seconds, rotate_bytes, calibration)
+        record(board, options.file, options.seconds, rotate_bytes, calibration, options.marks)
 
 
 def _replay(options: argparse.Namespace) -> None:

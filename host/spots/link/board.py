@@ -16,7 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar, cast, overload
 
-from ..errors import BoardError, SettingError
+from ..errors import BoardError, SettingError, StateError, printable
 from .channel import Channel
 from .commands import Commands
 from .frames import Contact, Key, LinkStats, Reading, Spectrum, Touch
@@ -28,6 +28,7 @@ from .replies import Changed, DarkFrame, Get, Hello, Sync
 from .streams import KINDS, Streams
 from .timeouts import duration_s
 
+_MARK_MAX = 64  # characters; as JSON, with up to 12 bytes each, they fit a note
 _ReadingT = TypeVar("_ReadingT", bound=Reading)
 
 
@@ -87,6 +88,7 @@ class Board(AbstractContextManager["Board"]):
         self._connection = Connection(self._channel, self._commands)
         self._streams = Streams(self._channel, self._commands, self._connection)
         self._on_close: list[Callable[..., None]] = []
+        self._on_mark: list[Callable[..., None]] = []
         self.read_only = self._channel.replying is not None
         self.recorded = (player := self._channel.player) is not None
         self.calibration: list[str] | None = None if player is None else player.calibration
@@ -529,6 +531,40 @@ class Board(AbstractContextManager["Board"]):
         # By its name, because the recorder is a listener of this class.
         recorder = import_module("spots.recording.recorder")
         return recorder.Recorder(self, path, rotate_bytes=rotate_bytes)
+
+    def mark(self, text: str) -> None:
+        """Mark the present moment in all running recordings of this board.
+
+        Parameters
+        ----------
+        text : str
+            Text of the mark, such as "trial 3": 1 to 64 characters.
+
+        Raises
+        ------
+        SettingError
+            If the text is too long or empty.
+        StateError
+            If no recording is running.
+
+        Examples
+        --------
+        >>> with spots.open("virtual") as board, board.record("marked.spots"):
+        ...     board.mark("trial 1")
+        ...     touches = list(board.touches(seconds=0.5))
+        >>> [mark.text for mark in spots.read_arrays("marked.spots").marks]
+        ['trial 1']
+        """
+        if not isinstance(text, str) or not 0 < len(text.strip()) <= _MARK_MAX:  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise SettingError(f"a mark must be a text of 1 to {_MARK_MAX} characters, not {text!r}")
+        if not self._on_mark:
+            raise StateError("there is no recording to mark: start one first")
+        for action in [*self._on_mark]:
+            action(printable(text.strip()))
+
+    def when_marked(self, action: Callable[[str], None]) -> Handle:
+        """Register ``action(text)``, to be called by `mark`; return a `Handle`."""
+        return Handle(self._on_mark, action)
 
     def paused(self) -> AbstractContextManager[None]:
         """Return a context manager: within it, no other thread reads from the board."""

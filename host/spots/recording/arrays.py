@@ -3,7 +3,7 @@
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ from ..link.frames import (
 )
 from .columns import payloads
 from .header import Header
-from .recording import Recording
+from .recording import Mark, Recording
 
 # Decoding a block needs about twenty times this size as working memory.
 _BLOCK_BYTES = 1 << 18
@@ -216,6 +216,8 @@ class Arrays:
         as in `Contact`; ``known`` bool: whether the force is known. 40 bytes a row.
     texts : list of (float, Text)
         Time of arrival and frame of each reply and log line.
+    marks : list of Mark
+        Moments that a program marked, see `Board.mark`.
     stats : LinkStats
         Statistics of the recorded link from the beginning of the recording to the end of the block.
 
@@ -232,6 +234,7 @@ class Arrays:
     contacts: np.ndarray
     texts: list[tuple[float, Text]]
     stats: LinkStats
+    marks: list[Mark] = field(default_factory=list)
 
     @property
     def tables(self) -> tuple[np.ndarray, ...]:
@@ -263,6 +266,7 @@ class RecordingBlocks(Recording):
         for path, header, block in self._blocks(_BLOCK_BYTES):
             parts: dict[int, list[np.ndarray]] = {kind: [] for kind in _TABLES}
             texts: list[tuple[float, Text]] = []
+            marks = len(self.marks)
             for found in self._decoder.feed_block(block):
                 if isinstance(found, _Run):
                     self._add(found, header, parts)
@@ -271,7 +275,7 @@ class RecordingBlocks(Recording):
                 elif isinstance(found, Text):
                     texts.append((self.end_s, found))
             tables = (_joined(rows, _TABLES[kind].dtype) for kind, rows in parts.items())
-            yield Arrays(*tables, texts=texts, stats=replace(self.stats))
+            yield Arrays(*tables, texts, replace(self.stats), self.marks[marks:])
 
     def _add(self, run: _Run, header: Header, parts: dict[int, list[np.ndarray]]) -> None:
         count = len(run.t_us)
@@ -347,4 +351,5 @@ def read_arrays(path: str | Path) -> Arrays:
             f"{path} is read to its end, but {', and '.join(blocks.doubts)}", stacklevel=2
         )
     dtypes = (table.dtype for table in _TABLES.values())
-    return Arrays(*map(np.frombuffer, growing, dtypes), texts=texts, stats=replace(blocks.stats))
+    arrays = map(np.frombuffer, growing, dtypes)
+    return Arrays(*arrays, texts, replace(blocks.stats), blocks.marks)

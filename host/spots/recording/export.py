@@ -254,6 +254,8 @@ def _mcap(description: Description, records: Records, out: Path, files: Files) -
             name, topic, content = "foxglove.Log", "/spots/log", LOG_SCHEMA
         else:
             name, topic = f"spots.{table.name.capitalize()}", f"/spots/{sensor}/{table.name}"
+            if table.name == "mark":
+                topic = "/spots/marks"
             content = schema(table)
         data = json.dumps(content).encode()
         return writer.register_channel(

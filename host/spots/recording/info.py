@@ -29,7 +29,7 @@ def summary(path: str | Path) -> dict:
     recording = RecordingBlocks(path)
     counts = dict.fromkeys(VALUES, 0)
     for block in shown(recording):
-        for name, found in zip(VALUES, (*block.tables, block.texts)):
+        for name, found in zip(VALUES, (*block.tables, block.texts, block.marks)):
             counts[name] += len(found)
     stats, header = recording.stats, recording.header
     return {

@@ -1,6 +1,9 @@
 """``spots record``: records a board and shows the progress."""
 
 import sys
+import threading
+from contextlib import suppress
+from itertools import count
 
 from rich.console import Console
 from rich.live import Live
@@ -18,6 +21,7 @@ def record(
     seconds: float | None,
     rotate_bytes: int | None,
     calibration: list[str] | None,
+    marks: bool = False,
 ) -> None:
     """Record the data of a board, for a given time or until Ctrl-C; show progress on stderr.
 
@@ -33,6 +37,8 @@ def record(
         Approximate largest size of a file, in bytes; see `Board.record`.
     calibration : list of str or None
         Lines of the board's calibration, to be stored in the recording; None if unknown.
+    marks : bool
+        Whether each line of standard input marks its moment, see `Board.mark`.
 
     Raises
     ------
@@ -59,6 +65,8 @@ def record(
                 f"{recorder.bytes / 1e6:.3f} MB, lost {stats.lost}, bad {stats.bad_crc}"
             )
 
+        if marks:
+            threading.Thread(target=_mark, args=(board,), daemon=True).start()
         try:
             console = Console(stderr=True)
             with Live(console=console, get_renderable=lambda: Text(line()), transient=True):
@@ -70,3 +78,15 @@ def record(
         finally:
             recorder.stop()
             print(line(), file=sys.stderr)
+
+
+def _mark(board: Board) -> None:
+    # Until the end of the recording, or of standard input. An empty line gets a number.
+    with suppress(SpotsError, OSError, ValueError):
+        for number in count(1):
+            line = sys.stdin.readline()
+            if not line:
+                return
+            text = line.strip()[:64] or f"mark {number}"
+            board.mark(text)
+            print(printable(f"marked: {text}"), file=sys.stderr)

@@ -56,7 +56,11 @@ class Recorder(Writer):
         with board.paused():
             begun = board.decoding()["begun"]
             super().__init__(board.now_s, path, describe, begun=begun, rotate_bytes=rotate_bytes)
-            self._handles = [board.tap(self.take), board.when_closed(self.stop)]
+            self._handles = [
+                board.tap(self.take),
+                board.when_closed(self.stop),
+                board.when_marked(self.mark),
+            ]
 
     def _release(self) -> None:
         for handle in self._handles:

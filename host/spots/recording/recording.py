@@ -3,12 +3,13 @@
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
 from ..common import kinds
 from ..common.bounded import open_regular
-from ..errors import FileError, SpotsError, path_text
+from ..errors import FileError, SpotsError, path_text, printable
 from ..link.clockmap import ClockMap
 from ..link.frames import Decoder, Frame, LinkStats, Note
 from .header import Clock, Header, read
@@ -16,6 +17,21 @@ from .writer import part_path, parts_beside
 
 # Statistics may be ahead of the frames by a block; a smaller block means more work per frame.
 _BLOCK_BYTES = 512
+
+
+class Mark(NamedTuple):
+    """A moment that a program marked during a recording.
+
+    Attributes
+    ----------
+    time_s : float
+        Its time, in seconds by the host's monotonic clock.
+    text : str
+        Its text.
+    """
+
+    time_s: float
+    text: str
 
 
 class Recording:
@@ -60,6 +76,8 @@ class Recording:
     complete : bool
         Whether the iteration has found the note that ends a complete recording, and no data after
         it.
+    marks : list of Mark
+        Marks that were read.
     joined : bool
         Whether data follows the note that ends the recording: files were joined.
 
@@ -114,6 +132,9 @@ class Recording:
         self.end_s = header.host_s + 1e-6 * note.since_us
         if "clock" in note.content:
             self._clock = _noted(path, note.content["clock"])
+        mark = note.content.get("mark")
+        if isinstance(mark, str):
+            self.marks.append(Mark(self.end_s, printable(mark)))
         self.joined |= self._ended_in == path and bool(note.content)
         if note.content.get("end") is True:
             self._ended_in = path
@@ -153,6 +174,7 @@ class Recording:
         self.end_s = self.header.host_s
         self._ended_in: Path | None = None  # a Ctrl-C may leave a later file with a header only
         self.joined = False
+        self.marks: list[Mark] = []
         self._read = False  # whether the iteration has ended
 
 

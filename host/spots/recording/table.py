@@ -18,6 +18,7 @@ from ..errors import printable
 from ..link.frames import DOUBTFUL, Text, force_known, log2_unknown
 from .arrays import Arrays, RecordingBlocks
 from .header import Header
+from .recording import Mark
 
 
 class Table(NamedTuple):
@@ -29,9 +30,9 @@ class Table(NamedTuple):
         Name of the table, and of the kind of frames.
     dtype : numpy.dtype
         Names and types of the columns; the length of a text is 0. Every table begins with the
-        columns ``time_s`` (time of the measurement; if this is unknown, and for a text, the time of
-        arrival), ``arrived_s``, ``sensor``, ``sequence`` and ``t_us``. The first two are in s since
-        the recording began.
+        columns ``time_s`` (time of the measurement; if this is unknown, and for a text or a mark,
+        the time of arrival), ``arrived_s``, ``sensor``, ``sequence`` and ``t_us``. The first two
+        are in s since the recording began.
     """
 
     name: str
@@ -52,8 +53,10 @@ _SPECTRUM = {"flags": "u1", "gain_code": "u1", "counts": "6u2"}
 _CONTACT = {"id": "u1", "state": "u1", "position_um": "i4", "sigma_um": "u2", "force_mN": "u2"}
 _KEY = {"page": "u1", "usage": "u2", "modifiers": "u1", "pressed": "?"}
 _TEXT = {"content": "U"}
+_MARK = {"mark": "U"}
 # Values of frames by kind. The first four kinds are in the order of `Arrays.tables`.
 VALUES = {"touch": _TOUCH, "spectrum": _SPECTRUM, "key": _KEY, "contact": _CONTACT, "text": _TEXT}
+VALUES["mark"] = _MARK
 _UNKNOWABLE = "touch", "contact"  # kinds with the column ``known``
 _ASIDE = {"re", "boot", "layout", "keys", "gamepad"}  # in the reply to ``hello``; change no reading
 Row = tuple[Table, tuple[Any, ...]]
@@ -139,10 +142,11 @@ def rows(recording: RecordingBlocks, channels: Sequence[str]) -> Iterator[Row]:
         Table, and a tuple with a value for each column; an unknown value is None.
     """
     begun_s = recording.header.host_s
-    *kinds, texts = tables(channels)
+    *kinds, texts, marks = tables(channels)
     for block in shown(recording):
         found = [_array_rows(*pair, begun_s) for pair in zip(kinds, block.tables)]
         found.append(_text_rows(texts, block.texts, begun_s))
+        found.append(_mark_rows(marks, block.marks, begun_s))
         yield from heapq.merge(*found, key=lambda row: row[1][1])
 
 
@@ -180,6 +184,12 @@ def _text_rows(table: Table, texts: list[tuple[float, Text]], begun_s: float) ->
         arrived_s = round(at_s - begun_s, 9)
         content = json.dumps(text.content, ensure_ascii=False)
         yield table, (arrived_s, arrived_s, text.sensor, text.sequence, text.t_us, content)
+
+
+def _mark_rows(table: Table, marks: list[Mark], begun_s: float) -> Iterator[Row]:
+    for one in marks:
+        at_s = round(one.time_s - begun_s, 9)
+        yield table, (at_s, at_s, 0, 0, 0, one.text)  # no strip, and no frame
 
 
 def shown(recording: RecordingBlocks) -> Iterator[Arrays]:

@@ -82,6 +82,7 @@ class Writer(AbstractContextManager):
         self._utc_s = utc_s
         self._set = secrets.token_hex(8)
         self._tail = begun
+        self._marks = b""  # notes that wait for the end of a frame
         self._between_frames = True
         self._disk: Disk | None = None
         self._lock = threading.RLock()  # after Ctrl-C, this thread may still hold it
@@ -122,6 +123,23 @@ class Writer(AbstractContextManager):
                         raise
                     self.on_error(error)
 
+    def mark(self, text: str) -> None:
+        """Write a mark of the present moment; ignored after the end of the recording.
+
+        Parameters
+        ----------
+        text : str
+            Text of the mark.
+        """
+        with self._lock:
+            if self._disk is None:
+                return
+            note = self._note({"mark": text})
+            if self._between_frames:
+                self._append(note)
+            else:
+                self._marks += note
+
     def stop(self) -> None:
         """End the recording. Idempotent, and safe while another thread reads from the link.
 
@@ -135,7 +153,8 @@ class Writer(AbstractContextManager):
                 return
             try:
                 # Within a partial frame, the note would be lost. So a delimiter ends such a frame.
-                self._append((b"" if self._between_frames else b"\0") + self._note({"end": True}))
+                ended = b"" if self._between_frames else b"\0"
+                self._append(ended + self._marks + self._note({"end": True}))
             finally:
                 self._release()
 
@@ -160,6 +179,7 @@ class Writer(AbstractContextManager):
                 # The map from board time to host time changes before these frames.
                 self._bounds = _bounds(now["clock"])
                 piece = self._note({"clock": now["clock"], "restarts": now["restarts"]}) + piece
+            piece, self._marks = self._marks + piece, b""
         self._between_frames = False  # until the write is complete: Ctrl-C may interrupt it
         self._append(piece)
         self._between_frames = piece.endswith(b"\0")

@@ -13,6 +13,14 @@ export function recording(root) {
     show();
   });
 
+  // The key m marks the present moment, unless the person types a text.
+  document.addEventListener("keydown", async (event) => {
+    if (event.key !== "m" || event.repeat || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!it?.on || !may || event.target.closest?.("input, textarea, select, [contenteditable]")) return;
+    ({ refused } = await request("recording", "mark"));
+    show();
+  });
+
   function show() {
     root.hidden = !it || !may;
     if (!it) return;
@@ -24,6 +32,7 @@ export function recording(root) {
       ["size", it.file && `${(it.bytes / 1e6).toFixed(2)} MB`],
       ["time", it.file && `${it.seconds.toFixed(1)} s`],
       ["lost", it.file && it.lost],
+      ["marks (key m)", it.file && it.marks],
     ]);
   }
 
