@@ -383,7 +383,7 @@ def test_a_request_may_follow_an_answer_at_once(tmp_path, monkeypatch):
 
 
 def test_the_key_m_marks_the_recording(recorded, open_page, tmp_path):
-    one, server = recorded
+    _, server = recorded
     page = open_page(server.url)
     button, told = page.locator("#recording"), page.locator("#recorded")
     expect(button).to_have_text("record", timeout=LONG_MS)

@@ -69,7 +69,7 @@ def info(parser: Parser):
 
 
 def export(parser: Parser):
-    """Convert a recording to MCAP, CSV, NumPy arrays or a bag of ROS 2.
+    """Convert a recording to MCAP, CSV, NumPy arrays, a bag of ROS 2 or a dataset of LeRobot.
 
     example:
       spots export run.spots --to csv
@@ -79,7 +79,8 @@ def export(parser: Parser):
         "--to",
         required=True,
         metavar="FORMAT",
-        help="mcap, csv or npz, or a format of another package: ros2 (MCAP of ROS 2)",
+        help="mcap, csv or npz, or a format of another package: ros2 (MCAP of ROS 2), lerobot "
+        "(dataset v3.0; an episode from each mark to the next one)",
     )
     parser.option(
         "--out",
