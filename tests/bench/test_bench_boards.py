@@ -9,7 +9,7 @@ from spots.deploy.staging import board_names, device_of
 
 # A Pico has about 240 KB of heap.
 HEAP_MAX_BYTES = 86 * 1024
-TYPING_MAX_BYTES = 125 * 1024
+TYPING_MAX_BYTES = 126 * 1024
 FLASH_MAX_BYTES = 96 * 1024
 # Machine code for this processor is larger. Its board has 8 MB of flash.
 XTENSA_MAX_BYTES = 96 * 1024

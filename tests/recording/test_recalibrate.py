@@ -112,9 +112,8 @@ def test_the_state_follows_from_the_frames_and_not_only_from_the_states(
 
     def compared(strip, words, own):
         state = strip._reading
-        scratch = {*range(d.COARSE_SUM, d.SUMS), *range(d.FOUND, d.STICK), d.BEYOND, d.FLAGS}
-        left = {*range(d.STATE_SIZE)} - scratch - {d.STREAMED, d.MISSING}
-        differ.append([at for at in left if state[at] != words[replayed_strip.SINGLE + at]])
+        left = {*replayed_strip.INDICES} - {d.FLAGS, d.STREAMED, d.MISSING}
+        differ.append([at for at in left if state[at] != words[replayed_strip._WORD[at]]])
         load_state(strip, words, own)
 
     monkeypatch.setattr(replayed_strip._Strip, "load", compared)

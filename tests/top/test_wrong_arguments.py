@@ -42,7 +42,7 @@ CALLS = {
     "calibration": (lambda: calibration_file.load(None), "the path of a file must be a text"),
     "format": (
         lambda: export(RUN, "xls"),
-        "there is no format 'xls': valid names are mcap, csv, npz, ros2",
+        "there is no format 'xls': valid names are mcap, csv, npz, lerobot, ros2",
     ),
     "export": (lambda: export(RUN, "csv", 5), "the name of an export must be a text"),
     "text for bytes": (lambda: spots.Decoder().feed("x"), "a decoder needs bytes, not 'x'"),

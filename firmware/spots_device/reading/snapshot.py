@@ -17,15 +17,18 @@ _SINGLE = const(20)  # values that are no arrays
 
 def arrays(strip):
     """Return the arrays in the frame after its single values (tuple); allocates."""
-    dark, baseline, ambient = strip._dark, strip.baseline, strip._ambient
+    baseline = strip.baseline
     silicone = strip.decode.compensation
+    state = memoryview(strip._reading)  # without what is computed for each reading alone
     return (
-        strip._reading,
-        dark.window,
+        state[: d.COARSE_SUM],
+        state[d.SUMS : d.FOUND],
+        state[d.STICK : d.BEYOND],
+        strip._dark.window,
         baseline._before,
         baseline._after,
         baseline._gap,
-        ambient._lamp,
+        strip._ambient._lamp,
     ) + ((silicone._state,) if silicone else ())
 
 

@@ -57,9 +57,9 @@ class Header(msgspec.Struct, frozen=True, kw_only=True):
     clock : Clock
         Map from the board's time to the host's monotonic clock.
     calibration : list of str or None
-        Lines of the board's calibration, if the host knew them.
+        Lines of the board's calibration; None if unknown.
     calibrations : list of (list of str or None), or None
-        For each sensor, the lines of its calibration, which the board returned; None if unknown.
+        The same for the other sensors, from 1 on.
     recalibrated : bool
         Whether the readings were computed again with these calibrations, see `recalibrate`.
     restarts : int

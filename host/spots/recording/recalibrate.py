@@ -370,7 +370,7 @@ def _strip(header: Header, sensor: int, lines: list[str]) -> ReplayedStrip:
 
 
 def _own(header: Header, sensor: int) -> list[str] | None:
-    every = header.calibrations or ([header.calibration] if header.calibration else [])
+    every = [header.calibration, *(header.calibrations or [])]
     return every[sensor] if sensor < len(every) else None
 
 
@@ -390,5 +390,5 @@ def _renewed(header: Header, new: dict[int, list[str]]) -> Header:
     if "strips" in info:
         info["strips"] = [{k: v for k, v in one.items() if k != "strips"} for one in strips]
     return msgspec.structs.replace(
-        header, info=info, calibration=every[0], calibrations=every, recalibrated=True
+        header, info=info, calibration=every[0], calibrations=every[1:] or None, recalibrated=True
     )

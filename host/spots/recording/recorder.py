@@ -48,7 +48,7 @@ class Recorder(Writer):
             return {
                 "info": info,
                 "calibration": board.calibration or (calibrations and calibrations[0]),
-                "calibrations": calibrations,
+                "calibrations": (calibrations and calibrations[1:]) or None,
                 "dark": dark,
                 **{name: value for name, value in board.decoding().items() if name != "begun"},
             }

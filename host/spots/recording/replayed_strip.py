@@ -49,6 +49,13 @@ class State(IntEnum):
 
 
 SINGLE = len(State)
+_PARTS = 3  # of `decode.Decode.state` that follow
+INDICES = (
+    *range(d.COARSE_SUM),
+    *range(d.SUMS, d.FOUND),
+    *range(d.STICK, d.BEYOND),
+)
+_WORD = {at: SINGLE + i for i, at in enumerate(INDICES)}
 # Words that belong to the light without the LED, and not to a calibration.
 _OF_LIGHT = (*range(d.DARK, d.DARK + CHANNELS), d.AGE_US, d.EVERY_US, d.AGE_STEP_US, d.IDLE_MIN_US)
 
@@ -114,15 +121,15 @@ class _Strip(of_board.Strip):
             words[State.CHANGING],
             words[State.LAST],
         )
-        dark._every, dark._exposure_us = words[State.EVERY], words[first + d.AGE_STEP_US]
+        dark._every, dark._exposure_us = words[State.EVERY], words[_WORD[d.AGE_STEP_US]]
         ambient._total = words[State.LAMP]
         arrays = snapshot.arrays(self)
-        for at in range(d.STATE_SIZE) if own else _OF_LIGHT:
-            state[at] = words[first + at]
+        for at in INDICES if own else _OF_LIGHT:
+            state[at] = words[_WORD[at]]
         state[d.STREAMED] = 0
-        at = first + d.STATE_SIZE
+        at = first + len(INDICES)
         dark_only = (dark.window, ambient._lamp)
-        for one in arrays[1:]:
+        for one in arrays[_PARTS:]:
             if own or any(one is other for other in dark_only):
                 part = words[at : at + len(one)]
                 for i, value in enumerate(part):
@@ -241,7 +248,7 @@ class ReplayedStrip:
             self.is_known = False
             return
         sensor.gain, sensor.led_mA = words[State.GAIN], words[State.LED_MA]
-        sensor.exposure_us = words[SINGLE + d.EXPOSURE_US]
+        sensor.exposure_us = words[_WORD[d.EXPOSURE_US]]
         conditions = of_board.Conditions(
             self._uid, self.plan, sensor.gain, sensor.exposure_us, sensor.led_mA
         )
@@ -319,7 +326,7 @@ def unknown(flags: int) -> Values:
 
 
 def _why_unknown(words: Sequence[int]) -> str:
-    if words[SINGLE + d.AVERAGE] != 1:
+    if words[_WORD[d.AVERAGE]] != 1:
         return "the counts are rounded means of several samples: record with average=1"
     if words[State.FINGERS]:
         return "keys or contacts were on: record with keys=0, and without the stream of contacts"

@@ -32,6 +32,10 @@ def hotkey(key: str, action: Callable[[], None]) -> Iterator[None]:
         The key, as a character.
     action : callable
         Called without arguments.
+
+    Yields
+    ------
+    None
     """
     try:
         if not sys.stdin.isatty():
