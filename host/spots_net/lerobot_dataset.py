@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spots.common.atomic import exists
-from spots.errors import SpotsError, missing
+from spots.errors import FileError, missing
 from spots.recording.export import Files, Format, Records
 from spots.recording.table import Description
 from spots_device.sensor.smux import CHANNELS
@@ -54,8 +54,10 @@ def write(description: Description, records: Records, out: Path, files: Files) -
 
     Raises
     ------
-    SpotsError
-        If the folder exists, pyarrow is missing, or there are no readings.
+    FileError
+        If the folder exists, or there are no readings.
+    RequirementError
+        If pyarrow is missing.
     """
     try:
         import pyarrow as pa
@@ -66,7 +68,7 @@ def write(description: Description, records: Records, out: Path, files: Files) -
         raise exists(out)
     lanes, marks = _read(description, records)
     if not any(lane.times_s for lane in lanes):
-        raise SpotsError("the recording has no readings: record a board that streams touches")
+        raise FileError("the recording has no readings: record a board that streams touches")
     episodes, fps = _episodes(lanes, marks)
     names = _names(description, lanes)
     features = _features(names)
@@ -152,7 +154,7 @@ def _episodes(lanes: Sequence[_Lane], marks: Sequence[tuple[float, str]]) -> tup
             tactile = [_held(one.spectra_s, one.counts, times_s) for one in sighted]
             found.append((task, (state, np.hstack(tactile) if tactile else None)))
     if not found:
-        raise SpotsError("no reading is after a mark: mark the beginning of each episode")
+        raise FileError("no reading is after a mark: mark the beginning of each episode")
     return found, fps
 
 

@@ -141,7 +141,7 @@ class Recordings(Orders):
 
     def _mark(self, board: Board) -> None:
         if not self._recorder:
-            raise SpotsError("there is no recording to mark: start one first")
+            raise StateError("there is no recording to mark: start one first")
         self._marks += 1
         self._recorder.mark(f"mark {self._marks}")
         self._show(board, self._recorder)

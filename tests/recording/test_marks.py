@@ -112,7 +112,7 @@ def test_a_mark_needs_a_text_and_a_recording(opened, tmp_path):
         board.mark("trial")
     with board.record(tmp_path / "run.spots"):
         for wrong in ("", "  ", 3, "x" * 65):
-            with pytest.raises(SpotsError, match="a mark must be a text of 1 to 64"):
+            with pytest.raises(SpotsError, match="a mark must have 1 to 64"):
                 board.mark(wrong)
         board.mark("😀" * 64)
     assert len(spots.read_arrays(tmp_path / "run.spots").marks[0].text) == 64

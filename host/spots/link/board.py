@@ -549,14 +549,11 @@ class Board(AbstractContextManager["Board"]):
 
         Examples
         --------
-        >>> with spots.open("virtual") as board, board.record("marked.spots"):
+        >>> with board.record("run.spots"):  # doctest: +SKIP
         ...     board.mark("trial 1")
-        ...     touches = list(board.touches(seconds=0.5))
-        >>> [mark.text for mark in spots.read_arrays("marked.spots").marks]
-        ['trial 1']
         """
         if not isinstance(text, str) or not 0 < len(text.strip()) <= _MARK_MAX:  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise SettingError(f"a mark must be a text of 1 to {_MARK_MAX} characters, not {text!r}")
+            raise SettingError(f"a mark must have 1 to {_MARK_MAX} characters, not {text!r}")
         if not self._on_mark:
             raise StateError("there is no recording to mark: start one first")
         for action in [*self._on_mark]:

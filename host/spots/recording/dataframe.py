@@ -8,7 +8,7 @@ import numpy as np
 from spots_device.reading import decode
 from spots_device.sensor.smux import CHANNELS
 
-from ..errors import SpotsError, did_you_mean, missing
+from ..errors import SettingError, did_you_mean, missing
 from ..link.frames import DOUBTFUL, force_known, log2_unknown
 from .arrays import Arrays, RecordingBlocks
 from .table import VALUES, Description, described, tables
@@ -39,8 +39,12 @@ def read_dataframe(path: str | Path, kind: str = "touch") -> Any:
 
     Raises
     ------
-    SpotsError
-        If the recording cannot be read, there is no such kind, or pandas is missing.
+    FileError
+        If the recording cannot be read.
+    SettingError
+        If there is no such kind.
+    RequirementError
+        If pandas is missing.
 
     Examples
     --------
@@ -53,7 +57,7 @@ def read_dataframe(path: str | Path, kind: str = "touch") -> Any:
     except ImportError:
         raise missing("a table of pandas needs", "pandas", "export") from None
     if kind not in VALUES:
-        raise SpotsError(f"there is no kind {kind!r}: {did_you_mean(kind, list(VALUES))}")
+        raise SettingError(f"there is no kind {kind!r}: {did_you_mean(kind, list(VALUES))}")
     recording = RecordingBlocks(path)
     description = described(recording)
     begun_s = description.header.host_s

@@ -23,7 +23,7 @@ from spots_device.reading.calibration import Calibration
 from spots_device.reading.kernel import TOUCH_BODY
 
 from ..calibrate.calibration_file import load
-from ..errors import SpotsError
+from ..errors import CalibrationError, FileError, SettingError
 from ..link.frames import NOTE, checked
 from .arrays import Arrays, read_arrays
 from .export import Files
@@ -265,15 +265,18 @@ def recalibrate(
 
     Raises
     ------
-    SpotsError
-        If the recording or a calibration cannot be read, if a calibration belongs to no strip of
-        the recording, if no reading can be computed, or if the new file exists. Then no file is
-        written.
+    FileError
+        If the recording or a calibration cannot be read, if no reading can be computed, or if the
+        new file exists. Then no file is written.
+    CalibrationError
+        If a calibration is invalid, or belongs to no strip of the recording.
+    SettingError
+        If two calibrations belong to one strip.
     """
     recording = Recording(path)
     header = recording.header
     if header.recalibrated:
-        raise SpotsError(f"{path} is already recalibrated: name the original recording")
+        raise FileError(f"{path} is already recalibrated: name the original recording", path)
     new = _by_sensor(recording, calibrations)
     lanes = {i: _Lane(_strip(header, i, lines)) for i, lines in new.items()}
     rewriter = _Rewriter(lanes)
@@ -289,7 +292,7 @@ def recalibrate(
         why = [*dict.fromkeys(why for lane in lanes.values() for why in lane.why)]
         if not known:
             because = why[0] if why else _NO_STATE
-            raise SpotsError(f"no reading of {path} can be computed again: {because}")
+            raise FileError(f"no reading of {path} can be computed again: {because}", path)
         paths = files.sync()
     return Recalibrated(paths, known, sum(lane.unknown for lane in lanes.values()), why)
 
@@ -349,15 +352,15 @@ def _by_sensor(
         try:
             board = Calibration(lines).conditions.board
         except ValueError as error:
-            raise SpotsError(f"a calibration is invalid: {error}") from None
+            raise CalibrationError(f"a calibration is invalid: {error}") from None
         if board not in sensors:
             ids = ", ".join(map(str, sensors))
-            raise SpotsError(
+            raise CalibrationError(
                 f"the calibration was made on board {board}, and {recording.path} is of {ids}: "
                 "name a calibration of this board"
             )
         if sensors[board] in found:
-            raise SpotsError(f"two calibrations are for board {board}: name one of them")
+            raise SettingError(f"two calibrations are for board {board}: name one of them")
         found[sensors[board]] = lines
     return found
 

@@ -11,7 +11,8 @@ from rich.text import Text
 
 from spots_device.board.settings import checksum
 
-from ..errors import CalibrationError, printable
+from ..common import typed_ahead
+from ..errors import CalibrationError, SpotsError, printable
 from ..link.board import Board
 
 
@@ -82,6 +83,7 @@ def record(
 
 def _mark(board: Board) -> None:
     # Until the end of the recording, or of standard input. An empty line gets a number.
+    typed_ahead.drop(sys.stdin)
     with suppress(SpotsError, OSError, ValueError):
         for number in count(1):
             line = sys.stdin.readline()
