@@ -88,4 +88,4 @@ def test_every_prompt_drops_what_was_typed_ahead():
         if asks.search(text):
             found.append(file.stem)
             assert "typed_ahead.drop(" in text, file
-    assert sorted(found) == ["confirm", "doctor", "guide", "twin_points"]
+    assert sorted(found) == ["confirm", "doctor", "guide", "record", "twin_points"]
