@@ -261,7 +261,8 @@ class BoardApp:
                     self.sleep_us(wait_us)
                 self._sample()
         # After the samples, so that their keys do not wait until the end of a sleep.
-        self._pump()
+        if self.uses.pumps:  # without keys a look-up, which is shorter than a call
+            self._pump()
 
     def _sample(self):
         poll = self._poll
@@ -273,13 +274,13 @@ class BoardApp:
             # The other samples of this FIFO read, at most 19. `poll` does not use the bus for them.
             # `_take` can restart the sensor, which drops them.
             while self._sensor.waits:
-                self._pump()
+                if self.uses.pumps:
+                    self._pump()
                 poll()
                 take()
 
     def _pump(self):
-        idle = not self.uses.pumps or self.uses.pump()
-        self._slice_us = _SLICE_US if idle else self.report_us
+        self._slice_us = _SLICE_US if self.uses.pump() else self.report_us
 
     def measure(self):
         """Start to measure `Meter.busy_us`; the loop is slightly slower during the measurement."""
