@@ -242,14 +242,21 @@ uses._track = nothing
 uses_us = used_us - reading_us + mean_us(lambda: uses.take(0, state))
 show("Uses.take", uses_us - used_us + reading_us)
 del uses._track
-keypad = uses._keypad
-keypad_us = mean_us(lambda: keypad.tick(5))
-show("Keypad.tick", keypad_us)
+
+
+def pump():
+    uses._until = 5
+    uses.pump()
+
+
+pump_us, idle_us = mean_us(pump), mean_us(uses.pump)
+show("Uses.pump", idle_us)
+show("Engine.tick", pump_us - idle_us)
 for fingers in range(3):
-    show("ContactTracker.take, %d fingers" % fingers, keys_us[fingers] - uses_us - keypad_us)
-app._poll, app.sleep_us = lambda: False, nothing
+    show("ContactTracker.take, %d fingers" % fingers, keys_us[fingers] - uses_us - pump_us)
+app._poll, app.sleep_us, uses.pumps = lambda: False, nothing, False
 loop_pass_us = mean_us(app._pass)
-app._poll, app.sleep_us = sensor.poll, sleep_us
+app._poll, app.sleep_us, uses.pumps = sensor.poll, sleep_us, True
 show("BoardApp._pass", loop_pass_us)
 poll_us = mean_us(waiting)
 sensor.waits = 0
@@ -263,7 +270,7 @@ framer.send = nothing
 show("Framer.key", mean_us(lambda: framer.key(0, 7, 4, 0, True)))
 frame_us = mean_us(lambda: framer.contact(0, 1, 2, 40_000, 100, 3000))
 show("Framer.contact", frame_us)
-one_us = keys_us[1] - keypad_us
+one_us = keys_us[1] - pump_us
 show("Fingers.send", contacts_us[1] - one_us - frame_us - send_us)
 del framer.send
 silicone = Compensation([4096, 50, 100, 200, 200, 200, 200, 300, 3000, 30_000, 100, 100, 100])

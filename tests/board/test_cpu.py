@@ -18,14 +18,14 @@ from spots_sim.strip.scenario import Held, Scenario
 MEASURED = {
     "pico": [
         (10_000, 100.0, 0.131),
-        (2_780, 359.6, 0.454),
-        (1_500, 666.5, 0.834),
+        (2_780, 359.8, 0.465),
+        (1_500, 666.6, 0.836),
         (1_000, 999.3, 1.0),
     ],
     "pico-xip50": [
-        (2_780, 359.9, 0.602),
-        (1_500, 666.3, 1.0),
-        (1_000, 900.7, 1.0),
+        (2_780, 359.7, 0.615),
+        (1_500, 666.2, 1.0),
+        (1_000, 867.5, 1.0),
     ],
 }
 CASES = [(name, *row) for name, rows in MEASURED.items() for row in rows]
@@ -34,16 +34,16 @@ ONE, TWO = [(20.0, 3000)], [(20.0, 3000), (62.0, 3000)]
 # Busy time of a sample in us at 5 ms: by commands and fingers (position in mm, force in mN), as
 # tests/bench/board_costs.py measures it.
 BUSY = [
-    (["stream off"], ONE, 1040),
-    (["stream touch"], ONE, 1273),
-    (["stream touch spectrum"], ONE, 1892),
-    (["stream touch contact"], [], 1635),
-    (["stream touch contact"], ONE, 2482),
-    (["stream touch contact"], TWO, 3407),
-    (["stream touch", "set keys=1"], [], 1461),
-    (["stream touch", "set keys=1"], ONE, 1639),
-    (["stream touch", "set keys=1"], TWO, 1999),
-    (["stream touch", "set average=2"], ONE, 1109),
+    (["stream off"], ONE, 1066),
+    (["stream touch"], ONE, 1300),
+    (["stream touch spectrum"], ONE, 2026),
+    (["stream touch contact"], [], 1658),
+    (["stream touch contact"], ONE, 2502),
+    (["stream touch contact"], TWO, 3455),
+    (["stream touch", "set keys=1"], [], 1802),
+    (["stream touch", "set keys=1"], ONE, 1903),
+    (["stream touch", "set keys=1"], TWO, 2431),
+    (["stream touch", "set average=2"], ONE, 1138),
 ]
 
 
@@ -161,10 +161,12 @@ def test_samples_that_commands_and_their_collections_cost_are_counted(
         made.settle(0.05)
     missed, frames, samples = counted() - before
     if exposure_us == 1_000:
-        assert missed > 8 * 22_300 / exposure_us
+        assert missed > 8 * 22_100 / exposure_us
     else:
         assert missed == 0
-    assert missed + frames - len(commands) - 1 == pytest.approx(samples, rel=0.01, abs=4)
+    # After an overflow, the time of the first sample is known to one exposure.
+    overflows = len(commands) if exposure_us == 1_000 else 0
+    assert missed + frames - len(commands) - 1 == pytest.approx(samples, abs=4 + overflows)
 
 
 @pytest.mark.parametrize(
