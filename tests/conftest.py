@@ -163,9 +163,13 @@ def signals():
 
 @pytest.fixture(autouse=True)
 def no_zenoh_configuration(monkeypatch):
-    """Remove ZENOH_CONFIG from the environment; the option ``--zenoh-config`` sets it."""
-    monkeypatch.setenv("ZENOH_CONFIG", "")
-    monkeypatch.delenv("ZENOH_CONFIG")
+    """Remove ZENOH_CONFIG and ROS_DOMAIN_ID from the environment.
+
+    The option ``--zenoh-config`` sets the first.
+    """
+    for name in ("ZENOH_CONFIG", "ROS_DOMAIN_ID"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """The publisher's replies to remote queries, limited in rate so that readings are not delayed."""
 
+import time
 from collections import deque
 from functools import partial
 
@@ -9,7 +10,10 @@ from spots.errors import SpotsError
 from spots.link.board import Board
 
 from .optional import zenoh
-from .zenoh_session import READ_ONLY, direct, key
+from .ros2.naming import Attachment, service_name, unpacked
+from .ros2.node import RosNode
+from .ros2.types import EMPTY, REPLY, packed, service, store
+from .zenoh_session import READ_ONLY
 
 # Pause between two rounds of answers: at least `_EVERY_S`, and at least ten times the duration of
 # the last round. While the board replies, the pause is at most `_PAUSE_MAX_S`, because a client
@@ -22,11 +26,15 @@ _REPLY_S = 0.5  # timeout of the board's reply
 # again, because its reply is the present time.
 _FRESH_S = {"hello": 1.0, "get": 1.0, "sync": 0.0}
 _WAITING = 256  # waiting queries of each kind; the oldest are dropped
-_PARAMETERS_MAX = 256  # characters; SPOTS itself sends none
+_PARAMETERS_MAX = 256  # characters; neither SPOTS nor ROS sends any
+_REQUEST_BYTES_MAX = 64  # an empty message, perhaps padded
 
 
 class Answers:
-    """Collects queries from other machines, and answers them with the board's replies.
+    """The services ``/NODE/hello``, ``/NODE/get`` and ``/NODE/sync``, of the type std_srvs/Trigger.
+
+    A response has ``success``, and as ``message`` the board's reply, which is a JSON object, or an
+    error.
 
     All waiting queries for the same command get the same reply, which is at most a second old.
 
@@ -34,22 +42,20 @@ class Answers:
     ----------
     board : Board
         The published board.
-    board_id : str
-        Id of the board.
-    session : zenoh.Session
-        An open session.
+    name : str
+        Name of the node.
+    node : RosNode
+        The node, which ends the services.
     """
 
-    def __init__(self, board: Board, board_id: str, session: zenoh.Session):
+    def __init__(self, board: Board, name: str, node: RosNode):
         self._board = board
         self._due_s = 0.0
         self._waiting: dict[str, deque] = {}
         self._replies: dict[str, tuple[float, int, dict]] = {}
-        self._queryables = {}
-        for command, name in READ_ONLY.items():
+        for command in READ_ONLY:
             self._waiting[command] = deque(maxlen=_WAITING)
-            note = direct(partial(self._note, command))
-            self._queryables[command] = session.declare_queryable(key(board_id, name), note)
+            node.service(service(service_name(name, command)), partial(self._note, command))
 
     def give(self) -> None:
         """Answer the waiting queries, if the rate limit permits.
@@ -67,34 +73,36 @@ class Answers:
         now_s = self._board.now_s()
         self._due_s = now_s + min(pause_max_s, max(_EVERY_S, _PAUSE_SHARE * (now_s - began_s)))
 
-    def close(self) -> None:
-        """Stop accepting queries."""
-        for queryable in self._queryables.values():
-            queryable.undeclare()
-
     def _note(self, command: str, query: zenoh.Query) -> None:
-        # A query from SPOTS has no content. Other queries are dropped, so they need no memory.
-        plain = query.payload is None and query.attachment is None
-        if plain and len(str(query.parameters)) <= _PARAMETERS_MAX:
-            self._waiting[command].append(query)
+        # Queries that no client of ROS sends are dropped, so they need no memory.
+        size = 0 if query.payload is None else len(query.payload)
+        request = unpacked(query.attachment)
+        expected = len(EMPTY) <= size <= _REQUEST_BYTES_MAX and request is not None
+        if expected and len(str(query.parameters)) <= _PARAMETERS_MAX:
+            self._waiting[command].append((query, request))
 
-    def _give(self, command: str, asked: list[zenoh.Query]) -> bool:
+    def _give(self, command: str, asked: list[tuple[zenoh.Query, Attachment]]) -> bool:
         """Answer the queries `asked` for `command`; return False if the reply is an error."""
-        place = self._queryables[command].key_expr
         try:
-            reply, error = encode(self._reply(command)), None
+            success, text = True, encode(self._reply(command)).decode()
         except SpotsError as refusal:
-            reply, error = None, str(refusal)
-        for query in asked:
+            success, text = False, str(refusal)
+        reply = packed(store().types[REPLY](success, text))
+        now_ns = time.time_ns()
+        for query, request in asked:
+            mark = request._replace(time_ns=now_ns).packed()
             with query:
                 try:
-                    if error is None:
-                        query.reply(place, reply, encoding=zenoh.Encoding.APPLICATION_JSON)
-                    else:
-                        query.reply_err(error.encode())  # bytes: see Publisher._send
+                    # Not as an error of Zenoh, because a client of ROS would wait on.
+                    query.reply(
+                        query.key_expr,
+                        reply,
+                        encoding=zenoh.Encoding.APPLICATION_CDR,
+                        attachment=mark,
+                    )
                 except zenoh.ZError:
                     pass  # the querier has disconnected, or accepts no such reply
-        return error is None
+        return success
 
     def _reply(self, command: str) -> dict:
         fresh_s, restarts, reply = self._replies.get(command, (0.0, -1, {}))

@@ -23,19 +23,36 @@ def publish(parser: Parser):
         action="append",
         type=outlet.checked,
         metavar="OUTLET",
-        help="zenoh (if not given), ros2, foxglove, lsl, osc or rerun; an address may follow, as "
-        "in osc=HOST:PORT; give this option once for each outlet",
+        help="ros2 (if not given; over Zenoh, --port zenoh:ID reads it), foxglove, lsl, osc or "
+        "rerun; an address may follow, as in osc=HOST:PORT or ros2=DOMAIN; give this option once "
+        "for each outlet",
     )
     arguments.add_port(parser, arguments.READ_ONLY)
     add_options(parser)
     arguments.add_wait(parser)
     arguments.add_seconds(parser)
-    parser.needs(["--zenoh-config"], _is_over_zenoh, "add --to zenoh or --to ros2")
+    group = parser.add_argument_group("ROS 2")
+    group.add_argument("--name", default="", help="name of the node; spots_ID if not given")
+    group.add_argument(
+        "--qos",
+        choices=("best_effort", "reliable"),
+        default="best_effort",
+        help="quality of service of the topics; best_effort if not given; a publisher never waits",
+    )
+    group.add_argument(
+        "--depth",
+        type=arguments.number("a number of messages", 1, 10_000, int),
+        default=10,
+        metavar="N",
+        help="messages that a subscriber stores; 10 if not given",
+    )
+    over_zenoh = "--zenoh-config", "--name", "--qos", "--depth"
+    parser.needs(over_zenoh, _is_over_zenoh, "add --to ros2")
     return calls("spots_net.publishing:publish_command")
 
 
 def _is_over_zenoh(options: argparse.Namespace) -> bool:
-    return any(name.partition("=")[0] in ("zenoh", "ros2") for name in options.to or ["zenoh"])
+    return any(name.partition("=")[0] == outlet.DEFAULT for name in options.to or [outlet.DEFAULT])
 
 
 def subscribe(parser: Parser):
@@ -43,15 +60,15 @@ def subscribe(parser: Parser):
 
     examples:
       spots subscribe
-      spots subscribe "spots/**" --json
+      spots subscribe "/spots_*/**" --json
     """
     parser.add_argument(
-        "expression",
+        "topics",
         nargs="?",
-        default="spots/*/*/touch",
-        metavar="EXPR",
-        help="key expression of Zenoh that selects messages, such as spots/**; the touches of all "
-        "boards if not given",
+        default="/*/*/reading",
+        metavar="TOPIC",
+        help="topic of ROS 2; * stands for any text without a slash, ** for any topics; the "
+        "readings of all boards if not given",
     )
     parser.flag("--json", "print each sample as a JSON object on its own line")
     arguments.add_seconds(parser)

@@ -18,16 +18,15 @@ _FIRST = "sensor", "sequence", "t_us"
 _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}
 # Class of each outlet, the package it needs, and the extra that installs it.
 _OUTLETS = {
-    "zenoh": ("spots_net.publish:Publisher", "Zenoh", "zenoh"),
-    "ros2": ("spots_net.ros2.to_ros2:Ros2", "rosbags", "ros2"),
+    "ros2": ("spots_net.publish:Publisher", "Zenoh", "zenoh"),
     "foxglove": ("spots_net.to_foxglove:Foxglove", "foxglove-sdk", "foxglove"),
     "lsl": ("spots_net.to_lsl:Lsl", "pylsl", "lsl"),
     "osc": ("spots_net.to_osc:Osc", "python-osc", "osc"),
     "rerun": ("spots_net.to_rerun:Rerun", "rerun-sdk", "rerun"),
 }
 NAMES = tuple(_OUTLETS)
-# Outlets without an address of their own.
-_WITHOUT = "zenoh", "lsl"
+DEFAULT = NAMES[0]
+_WITHOUT = ("lsl",)  # outlets without an address of their own
 
 
 class Outlet(Protocol):
@@ -77,7 +76,7 @@ def checked(name: str) -> str:
     return name
 
 
-def maker(name: str) -> Callable[[Board], Outlet]:
+def maker(name: str, /, **settings: Any) -> Callable[[Board], Outlet]:
     """Return the function that opens an outlet for a board.
 
     Parameters
@@ -85,6 +84,8 @@ def maker(name: str) -> Callable[[Board], Outlet]:
     name : str
         One of `NAMES`; the outlet's own address may follow after "=", such as
         ``osc=192.168.1.7:9000``.
+    **settings
+        Further arguments of the outlet's class.
 
     Returns
     -------
@@ -105,7 +106,9 @@ def maker(name: str) -> Callable[[Board], Outlet]:
         if (error.name or "").startswith("spots"):
             raise
         raise missing(f"publishing to {kind} needs", package, extra) from None
-    return partial(made, address=address) if address else made
+    if address:
+        settings["address"] = address
+    return partial(made, **settings)
 
 
 def host_and_port(address: str, default: tuple[str, int], what: str) -> tuple[str, int]:

@@ -1,108 +1,155 @@
-"""Publishes the frames of a board over Zenoh, for SPOTS itself and as JSON."""
+"""Publishes a board over Zenoh as a node of ROS 2 does with rmw_zenoh; ROS is not needed here."""
 
-import contextlib
 import re
-import secrets
 import time
-from collections.abc import Callable
-from dataclasses import asdict
-
-from msgspec.json import encode  # NaN becomes null
+from contextlib import ExitStack
 
 from spots.errors import BoardError, PortError
 from spots.link.board import Board
 from spots.link.frames import Reading, whole
+from spots.link.lines import of_sensor
 from spots.terminal.view import Pace
 
 from .answers import Answers
 from .optional import zenoh
 from .outlet import kind_of, values
-from .zenoh_session import key, open_session
+from .ros2.messages import (
+    DIAGNOSTICS,
+    TOPICS,
+    UNKNOWN_DARK,
+    Strip,
+    diagnostics,
+    frame_message,
+    messages,
+    types,
+)
+from .ros2.naming import (
+    DEFAULT_QOS,
+    Qos,
+    checked_name,
+    frame_id,
+    frames_topic,
+    node_name,
+    ros_domain,
+    short_name,
+    topic_name,
+)
+from .ros2.node import RosNode
+from .ros2.types import FRAME, packed, topic
+from .zenoh_session import open_session
 
-FRAMES_ENCODING = "application/octet-stream;spots-frames"
-_JSON = zenoh.Encoding.APPLICATION_JSON
 _HEALTH_PER_S = 1  # messages with link statistics per second
 
 
 class Publisher:
-    """Publishes the frames of a board over Zenoh, and answers remote queries.
+    """A node ``spots_ID`` with the topics ``/spots_ID/stripN/KIND``, and services for queries.
 
-    A query asks for the reply to one of the commands ``hello``, ``get`` and ``sync``.
+    A service returns the reply to one of the commands ``hello``, ``get`` and ``sync``. What the
+    board sends is also published as bytes, which the port ``zenoh:ID`` reads. Messages to which
+    nobody subscribes are not made.
 
     Parameters
     ----------
     board : Board
         The board. No other code of the program may read its frames.
+    address : str
+        ROS domain; ROS_DOMAIN_ID, or 0, if not given.
+    name : str
+        Name of the node, in place of ``spots_ID``.
+    qos : Qos
+        Quality of service of the topics.
     session : zenoh.Session, optional
         An open session; if not given, a session of its own.
 
     Attributes
     ----------
-    board_id : str
-        Id under which the board is published.
+    name : str
+        Name of the node.
     place : str
-        Key under which everything is published.
+        Where the board is published.
 
     Raises
     ------
-    BoardError, PortError
-        If the board is read-only, has no valid id, or is already published.
+    BoardError, PortError, SettingError
+        If the board is read-only, has no valid id, or is already published, or the domain or the
+        name is invalid.
     """
 
-    def __init__(self, board: Board, session: zenoh.Session | None = None):
+    def __init__(
+        self,
+        board: Board,
+        address: str = "",
+        name: str = "",
+        qos: Qos = DEFAULT_QOS,
+        session: zenoh.Session | None = None,
+    ):
+        domain = ros_domain(address)
         if board.read_only:
             raise PortError(
                 f"cannot publish {board.port}, which is a recording or a remote board: give the "
                 "port of a connected board"
             )
         self._board = board
-        self.board_id = board.info["id"]
-        if not re.fullmatch("[0-9A-Za-z_-]+", self.board_id or ""):
+        board_id = board.info["id"]
+        if not re.fullmatch("[0-9A-Za-z_]+", board_id or ""):
             raise BoardError(
                 f"cannot publish the board on {board.port}: it has no valid id; flash its firmware "
                 "again",
                 "no_id",
             )
-        self.place = f"spots/{self.board_id}"
-        with contextlib.ExitStack() as own:  # ends the session if the board cannot be published
+        self.name = checked_name(name or node_name(board_id))
+        frames = topic(frames_topic(self.name), FRAME)
+        self._strips = [_strip(board, sensor, self.name) for sensor in board.sensors]
+        with ExitStack() as own:  # ends the session if the board cannot be published
             if session is None:
                 session = own.enter_context(open_session())
-            if any(reply.ok for reply in session.liveliness().get(key(self.board_id, "alive"))):
+            there = session.liveliness().get(frames.tokens(domain, self.name))
+            if any(reply.ok for reply in there):
                 raise PortError(
-                    f"the board {self.board_id} is already published: stop the other publisher"
+                    f"the board {short_name(self.name)} is already published: stop the other "
+                    "publisher"
                 )
+            node = RosNode(session, domain, self.name)
+            own.callback(node.close)
+            self._topics = {
+                (sensor, kind): node.publisher(
+                    topic(topic_name(self.name, sensor, kind), message_type), qos
+                )
+                for sensor in board.sensors
+                for kind, message_type in types().items()
+            }
+            self._health = node.publisher(topic("/diagnostics", DIAGNOSTICS), qos)
+            self._health_pace = Pace(_HEALTH_PER_S)
+            self._answers = Answers(board, self.name, node)
+            self._copy = b""  # bytes that have arrived and are not published yet
+            board.tap(self._keep)
+            # These frames announce the board. They come last, because readers then subscribe to
+            # them and call the services.
+            self._frames = node.publisher(frames, qos)
             self._own = own.pop_all()
-        self._session = session
-        self._copy = b""  # bytes that have arrived and are not published yet
-        board.tap(self._keep)
-        self._run = secrets.token_hex(4)
-        self._outlets: dict[str, Callable] = {}
-        self._frames = self._outlet("frames", encoding=FRAMES_ENCODING)
-        self._health = self._outlet("link", encoding=_JSON)
-        self._health_pace = Pace(_HEALTH_PER_S)
-        self._answers = Answers(board, self.board_id, session)
-        # The token announces the board. It comes last, because readers then query and subscribe.
-        self._token = session.liveliness().declare_token(key(self.board_id, "alive"))
+        self.place = f"{short_name(self.name)}, node {self.name} of ROS domain {domain}"
 
     def put(self, frame: Reading, utc_s: float) -> None:
-        """Publish the bytes that have arrived, and a frame as JSON."""
+        """Publish the bytes that have arrived, and the messages for a frame."""
         self._send()
-        outlet = self._outlet(frame.sensor, kind_of(frame), encoding=_JSON)
-        outlet.put(encode({"utc_s": utc_s, **values(frame)}))
+        kind, sensor = kind_of(frame), frame.sensor
+        if not any(self._topics[sensor, name].wanted for name in TOPICS[kind]):
+            return
+        error_s = self._board.time_error_s
+        for name, message in messages(kind, values(frame), utc_s, error_s, self._strips[sensor]):
+            sender = self._topics[sensor, name]
+            if sender.wanted:
+                sender.put(packed(message), round(1e9 * utc_s))
 
     def turn(self) -> None:
         """Publish the bytes that are left, answer queries, and publish the link's counters."""
         self._send()
         self._answers.give()
-        if self._health_pace.due(self._board.now_s()):
-            self._health.put(encode({"utc_s": time.time(), **asdict(self._board.stats)}))
+        if self._health_pace.due(self._board.now_s()) and self._health.wanted:
+            self._health.put(packed(diagnostics(self._board, self.name, time.time())))
 
     def close(self) -> None:
-        """Stop publishing the board."""
-        self._token.undeclare()
-        self._answers.close()
-        for outlet in self._outlets.values():
-            outlet.undeclare()
+        """End the node."""
         self._own.close()
 
     def _keep(self, data: bytes, now_s: float) -> None:
@@ -112,17 +159,12 @@ class Publisher:
         # The `Board` has already decoded these bytes, so it has counted a restart before them.
         size = whole(self._copy)
         data, self._copy = self._copy[:size], self._copy[size:]
-        if data:
-            # Bytes: while zenoh-python converts a str, it swallows the exception of a Ctrl-C.
-            run = f"{self._run}.{self._board.stats.restarts}".encode()
-            self._frames.put(data, attachment=run)
+        if data and self._frames.wanted:
+            self._frames.put(packed(frame_message(data, self._board.stats.restarts)))
 
-    def _outlet(self, *name: str | int, encoding) -> zenoh.Publisher:
-        outlet = self._outlets.get(name)
-        if outlet is None:
-            outlet = self._outlets[name] = self._session.declare_publisher(
-                key(self.board_id, *name),
-                encoding=encoding,
-                congestion_control=zenoh.CongestionControl.DROP,
-            )
-        return outlet
+
+def _strip(board: Board, sensor: int, name: str) -> Strip:
+    info = board.command(of_sensor("hello", sensor))
+    dark = board.command(of_sensor("get", sensor)).get("dark")
+    exposure_us = info["exposure_us"]
+    return Strip(frame_id(name, sensor), info["plan"], exposure_us, dark or UNKNOWN_DARK)

@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from typing import Any
 
 from spots.common.signals import released_by_signals
 from spots.errors import BoardError
@@ -12,8 +13,9 @@ from spots.link.board import Board
 from spots.link.connect import open_named
 from spots.link.frames import Contact, Key, Spectrum, Touch
 
-from .outlet import Outlet, maker
+from .outlet import DEFAULT, Outlet, maker
 from .port import configure
+from .ros2.naming import Qos, checked_name, ros_domain
 
 _TURN_S = 0.05  # longest time between two turns of the outlets
 _READINGS = Touch, Spectrum, Contact, Key
@@ -63,7 +65,7 @@ def publish_command(options: argparse.Namespace) -> None:
     """Run ``spots publish`` with the options that `cli` parsed."""
     configure(options)
     # Before the board, so that a missing package is reported first.
-    makers = [maker(name) for name in options.to or ["zenoh"]]
+    makers = [maker(name, **_settings(name, options)) for name in options.to or [DEFAULT]]
     with released_by_signals(), open_named(options) as board:
         try:
             with ExitStack() as stack:
@@ -80,3 +82,14 @@ def publish_command(options: argparse.Namespace) -> None:
         finally:
             stats = board.stats
             print(f"{stats.frames} frames, lost {stats.lost}, bad {stats.bad_crc}", file=sys.stderr)
+
+
+def _settings(name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of an outlet besides its address; raise SpotsError if one is wrong."""
+    kind, _, address = name.partition("=")
+    if kind != DEFAULT:
+        return {}
+    ros_domain(address)
+    if options.name:
+        checked_name(options.name)
+    return {"name": options.name, "qos": Qos(options.qos == "reliable", options.depth)}

@@ -5,6 +5,7 @@ from argparse import Namespace
 from spots.link.board import Board
 
 from .port import configure
+from .ros2.naming import ros_domain
 from .zenoh_link import ZenohLink
 from .zenoh_session import find, open_session
 
@@ -15,7 +16,7 @@ def open_port(rest: str, options: Namespace | None = None) -> Board:
     Parameters
     ----------
     rest : str
-        Id of the board; empty for the only published board.
+        Id of the board, or name of its node; empty for the only published board.
     options : Namespace, optional
         Options of the command line; ``zenoh_config`` is a configuration file.
 
@@ -29,9 +30,10 @@ def open_port(rest: str, options: Namespace | None = None) -> Board:
         If the board is not published, or `rest` is empty and several boards are published.
     """
     configure(options)
+    domain = ros_domain()
     session = open_session()
     try:
-        link = ZenohLink(session, find(session, rest))
+        link = ZenohLink(session, find(session, rest, domain), domain)
     except BaseException:
         session.close()
         raise

@@ -1,5 +1,7 @@
 """A link to a published board: receives its frames, and queries its publisher."""
 
+import secrets
+import time
 from contextlib import suppress
 
 from spots.errors import ClosedError, PortError, PortLostError
@@ -8,17 +10,29 @@ from spots.link.replies import decoded
 
 from .mailbox import Mailbox
 from .optional import zenoh
-from .zenoh_session import READ_ONLY, direct, key
+from .ros2.naming import (
+    GID_BYTES,
+    Attachment,
+    frames_topic,
+    gid_of,
+    service_name,
+    short_name,
+    unpacked,
+)
+from .ros2.types import EMPTY, FRAME, REPLY, service, store, topic
+from .zenoh_session import READ_ONLY, direct
 
-# Longest name of a run. A publisher begins a run, with a new name, at its start and at each restart
-# of the board.
-_RUN_BYTES_MAX = 64
 _STREAMS = {"touch", "spectrum", "contact"}
 _ERROR_BYTES_MAX = 600  # longer error messages are ignored
+_REPLY_BYTES_MAX = 1 << 13  # a longer response is no reply of a board
+_TOKENS_S = 3.0  # longest wait for the tokens of a board
+_PUBLISHERS_MAX = 1000  # of one board; anyone may declare more tokens
 
 
 class ZenohLink(ReplyingLink):
     """Receives the frames of a published board, and never writes to the board.
+
+    The frames are messages ``spots_msgs/Frame`` of ROS 2.
 
     The publisher replies to the commands ``hello``, ``get`` and ``sync``. This link replies to
     ``stream``, which only starts or stops the reception of all published frames, and ends with
@@ -29,21 +43,26 @@ class ZenohLink(ReplyingLink):
     ----------
     session : zenoh.Session
         An open session, which is closed with the link.
-    board_id : str
-        Id of the board.
+    node : str
+        Name of the board's node.
+    domain : int
+        ROS domain.
     """
 
-    def __init__(self, session: zenoh.Session, board_id: str):
-        self.name = f"zenoh:{board_id}"
-        self._session, self._id = session, board_id
+    def __init__(self, session: zenoh.Session, node: str, domain: int):
+        self.name = f"zenoh:{short_name(node)}"
+        self._session, self._node, self._domain = session, node, domain
+        self._topic = topic(frames_topic(node), FRAME)
         self._mail = Mailbox()
+        self._publishers: set[bytes] = set()  # ids of those that have a token
         self._alive = True  # the board was found a moment ago
         self._frames: zenoh.Subscriber | None = None
         self._streams: list[str] = []
-        self._run: bytes | None = None
-        token = key(board_id, "alive")
+        # A run has one publisher and no restart of the board.
+        self._run: tuple[bytes, int] | None = None
+        self._gid, self._asked = secrets.token_bytes(GID_BYTES), 0
         self._watch = session.liveliness().declare_subscriber(
-            token, direct(self._note), history=True
+            self._topic.tokens(domain, node), direct(self._note), history=True
         )
 
     def listen(self, on: bool) -> None:
@@ -53,8 +72,14 @@ class ZenohLink(ReplyingLink):
             self._frames = None
             self._mail.clear()
         elif self._frames is None and on:
-            frames = key(self._id, "frames")
-            self._frames = self._session.declare_subscriber(frames, direct(self._receive))
+            # Not only by `_note`, because frames whose publisher is unknown are ignored.
+            tokens = self._topic.tokens(self._domain, self._node)
+            for reply in self._session.liveliness().get(tokens, timeout=_TOKENS_S):
+                if reply.ok is not None:
+                    self._note(reply.ok)
+            self._frames = self._session.declare_subscriber(
+                self._topic.key(self._domain), direct(self._receive)
+            )
 
     def read(self, timeout_s: float) -> bytes:
         """Return the bytes that have arrived; wait up to `timeout_s` seconds for the first one.
@@ -144,16 +169,22 @@ class ZenohLink(ReplyingLink):
         dict or None
             The reply, or a dict with the key ``error``; None if no valid reply arrives in time.
         """
-        selector = key(self._id, READ_ONLY[command])
-        for reply in self._session.get(selector, timeout=max(timeout_s, 0.001)):
-            if reply.err is None:
-                with suppress(ValueError):  # not a SPOTS publisher
-                    return decoded(reply.ok.payload)
-            # Any peer can send an error, of any length and with any bytes.
-            elif len(reply.err.payload) <= _ERROR_BYTES_MAX:
-                text = bytes(reply.err.payload).decode(errors="replace")
-                if text != "Timeout":  # Zenoh's own error, from this or from the other machine
-                    return {"re": command, "error": text}
+        self._asked += 1
+        mark = Attachment(self._asked, time.time_ns(), self._gid)
+        replies = self._session.get(
+            service(service_name(self._node, command)).key(self._domain),
+            payload=EMPTY,
+            encoding=zenoh.Encoding.APPLICATION_CDR,
+            attachment=mark.packed(),
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=max(timeout_s, 0.001),
+        )
+        for reply in replies:
+            # Any peer can send a reply or an error, of any length and with any bytes.
+            if reply.ok is not None and len(reply.ok.payload) <= _REPLY_BYTES_MAX:
+                with suppress(Exception):  # not a SPOTS publisher
+                    return _content(command, bytes(reply.ok.payload))
         return None
 
     def close(self) -> None:
@@ -171,21 +202,48 @@ class ZenohLink(ReplyingLink):
         # All waiting messages together: decoding then costs less, and a live view lags less.
         pieces = []
         while self._mail:
-            run, data = self._mail.take()
+            gid, data = self._mail.take()
+            try:
+                message = store().deserialize_cdr(data, FRAME)
+            except Exception:  # the parser raises exceptions of several kinds
+                continue
+            run = gid, message.restarts
             if self._run not in (None, run):
                 raise PortLostError(
                     f"the board {self.name} or its publisher has restarted: open the board again"
                 )
             self._run = run
-            pieces.append(data)
+            pieces.append(message.data.tobytes())
         return b"".join(pieces)
 
     def _receive(self, sample: zenoh.Sample) -> None:
-        run = sample.attachment or b""
-        if len(run) <= _RUN_BYTES_MAX:
-            self._mail.put(bytes(run), sample.payload)
+        # Anyone may publish anything under this key. Only publishers with a token count.
+        mark = unpacked(sample.attachment)
+        if mark is not None and mark.gid in self._publishers:
+            self._mail.put(mark.gid, sample.payload)
 
     def _note(self, sample: zenoh.Sample) -> None:
+        gid = gid_of(str(sample.key_expr))
         with self._mail.changed:
-            self._alive = sample.kind == zenoh.SampleKind.PUT
+            if sample.kind != zenoh.SampleKind.PUT:
+                self._publishers.discard(gid)
+            elif len(self._publishers) < _PUBLISHERS_MAX:
+                self._publishers.add(gid)
+            self._alive = bool(self._publishers)
             self._mail.changed.notify_all()
+
+
+def _content(command: str, data: bytes) -> dict:
+    """Return the board's reply in the response of a service, or a dict with the key ``error``.
+
+    Raises
+    ------
+    Exception
+        If the response is invalid; the parser raises exceptions of several kinds.
+    """
+    response = store().deserialize_cdr(data, REPLY)
+    if response.success:
+        return decoded(response.message.encode())
+    if len(response.message) > _ERROR_BYTES_MAX:
+        raise ValueError("the error is too long")
+    return {"re": command, "error": response.message}

@@ -1,4 +1,4 @@
-"""Opens a Zenoh session, builds the Zenoh keys of a board, and finds published boards."""
+"""Opens a Zenoh session, and finds published boards."""
 
 import os
 import threading
@@ -11,34 +11,18 @@ from spots.common.guarded import Guarded
 from spots.errors import FileError, PortError, RequirementError, SettingError
 
 from .optional import zenoh
+from .ros2.naming import is_name, node_of, short_name
+from .ros2.types import FRAME, topic
 
 # The environment variable with the path of Zenoh's configuration; Zenoh's own name.
 CONFIG_VARIABLE = "ZENOH_CONFIG"
-# Keys of the queries that a publisher answers, by command.
-READ_ONLY = {"hello": "info", "get": "get", "sync": "sync"}
+READ_ONLY = "hello", "get", "sync"  # commands whose replies a publisher returns
 
 _WANTED = "a Zenoh configuration"
 _NESTED_MAX = 1000  # objects and lists in a configuration; the longest example has about 150
 _PATIENCE_S = 3.0  # longest wait for the first published board
 _OTHERS_S = 0.5  # time for other boards to appear after the first one
 _FOUND_MAX = 16  # boards that are listed; anyone may publish under thousands of ids
-
-
-def key(board_id: str, *rest: str | int) -> str:
-    """Return a Zenoh key of a board: ``spots/<board>/…``.
-
-    Parameters
-    ----------
-    board_id : str
-        Id of the board.
-    *rest : str or int
-        Further parts of the key.
-
-    Returns
-    -------
-    str
-    """
-    return "/".join(("spots", board_id, *map(str, rest)))
 
 
 def open_session() -> zenoh.Session:
@@ -87,15 +71,17 @@ def _check_config(path: str) -> None:
         )
 
 
-def find(session: zenoh.Session, wanted: str) -> str:
-    """Wait until a board is published, and return its id.
+def find(session: zenoh.Session, wanted: str, domain: int) -> str:
+    """Wait until a board is published, and return the name of its node.
 
     Parameters
     ----------
     session : zenoh.Session
         An open session.
     wanted : str
-        Id of the board; empty for the only published board.
+        Id of the board, or name of the node; empty for the only published board.
+    domain : int
+        ROS domain.
 
     Returns
     -------
@@ -107,25 +93,26 @@ def find(session: zenoh.Session, wanted: str) -> str:
         If the board is not published within 3 s, or several boards are published and `wanted` is
         empty.
     """
+    if wanted and not is_name(wanted):
+        raise SettingError(
+            f"'{wanted}' is not a board's id: give zenoh:ID, or zenoh: for the only board"
+        )
     alive: set[str] = set()
     changed = threading.Condition()
 
     def note(sample: zenoh.Sample) -> None:
+        name = node_of(str(sample.key_expr))
+        if not is_name(name) or wanted not in ("", name, short_name(name)):
+            return
         with changed:
-            board_id = str(sample.key_expr).split("/")[1]
             if sample.kind != zenoh.SampleKind.PUT:
-                alive.discard(board_id)
+                alive.discard(name)
             elif len(alive) < _FOUND_MAX:
-                alive.add(board_id)
+                alive.add(name)
             changed.notify_all()
 
-    tokens = key(wanted or "*", "alive")
-    try:
-        watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
-    except zenoh.ZError:
-        raise SettingError(
-            f"'{wanted}' is not a board's id: give zenoh:ID, or zenoh: for the only board"
-        ) from None
+    tokens = topic("", FRAME).tokens(domain, "*")
+    watch = session.liveliness().declare_subscriber(tokens, direct(note), history=True)
     try:
         with changed:
             changed.wait_for(lambda: alive, _PATIENCE_S)
@@ -140,7 +127,7 @@ def find(session: zenoh.Session, wanted: str) -> str:
             f"{what} published on Zenoh: run 'spots publish' on the machine of the board"
         )
     if len(found) > 1:
-        names = ", ".join(f"zenoh:{board_id}" for board_id in found)
+        names = ", ".join(f"zenoh:{short_name(name)}" for name in found)
         raise PortError(f"more than one board is published: give one of these: {names}")
     return found[0]
 

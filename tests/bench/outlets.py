@@ -60,7 +60,7 @@ def main() -> None:
         config = Path(folder) / "zenoh.json5"
         config.write_text(json.dumps({"scouting": {"multicast": {"enabled": False}}}))
         os.environ["ZENOH_CONFIG"] = str(config)
-        names = ["zenoh", "ros2", "foxglove=127.0.0.1:0", "lsl", "osc=127.0.0.1:9"]
+        names = ["ros2", "foxglove=127.0.0.1:0", "lsl", "osc=127.0.0.1:9"]
         for name, share in measure([*names, f"rerun={folder}/run.rrd"]).items():
             print(f"{name:9} {100 * share:5.2f} % of a core")
 

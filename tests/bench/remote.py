@@ -1,8 +1,8 @@
 """Measures processor time, latency and loss between boards and readers in other processes.
 
 ``PYTHONPATH=tests .venv/bin/python -m bench.remote`` compares three ways to send readings.
-``frames``: frames over Zenoh, as ``spots.open("zenoh:…")`` reads them. ``samples``: JSON over
-Zenoh. ``tcp``: lines of the same JSON over one TCP connection for each board and reader. Readers
+``frames``: frames over Zenoh, as ``spots.open("zenoh:…")`` reads them. ``samples``: messages of
+ROS 2. ``tcp``: lines of JSON over one TCP connection for each board and reader. Readers
 count all lost frames.
 """
 
@@ -231,7 +231,7 @@ def _publish(pipe, config: str, names: list[str], rate_Hz: float) -> None:
 def _outlet(mode: str, board: Board, session):
     from spots_net.publish import Publisher
 
-    return _TcpPublisher() if mode == "tcp" else Publisher(board, session)
+    return _TcpPublisher() if mode == "tcp" else Publisher(board, session=session)
 
 
 def serving(board: Board, outlet: Outlet, ended: threading.Event) -> threading.Thread:
@@ -336,22 +336,29 @@ def _read(pipe, config: str) -> None:
         pipe.send((cpu_s, {name: one.account() for name, one in ledgers.items()}))
 
 
-def _zenoh(session, mode: str) -> Iterator[tuple[str, bytes]]:
+def _zenoh(session, mode: str) -> Iterator[tuple[str, tuple[str, bytes]]]:
     from spots_net.mailbox import Mailbox
+    from spots_net.ros2.naming import short_name
     from spots_net.zenoh_session import direct
 
     mail = Mailbox()
 
     def receive(sample) -> None:
-        mail.put(str(sample.key_expr).split("/")[1], bytes(sample.payload))
+        _, node, *_, kind, _ = str(sample.key_expr).split("/")
+        mail.put((short_name(node), kind), bytes(sample.payload))
 
-    expression = "spots/*/frames" if mode == "frames" else "spots/*/0/*"
-    with session.declare_subscriber(expression, direct(receive)):
+    # Readings and spectra are all frames of a substitute board.
+    wanted = ["frames"] if mode == "frames" else ["strip0/reading", "strip0/spectrum"]
+    with ExitStack() as stack:
+        for name in wanted:
+            expression = f"0/*/{name}/*/*"
+            stack.enter_context(session.declare_subscriber(expression, direct(receive)))
         while True:
             with mail.changed:
                 mail.changed.wait_for(lambda: mail)
             while mail:
-                yield mail.take()
+                (name, kind), data = mail.take()
+                yield name, (kind, data)
 
 
 def _tcp(ports: dict[str, int]) -> Iterator[tuple[str, bytes]]:
@@ -364,25 +371,49 @@ def _tcp(ports: dict[str, int]) -> Iterator[tuple[str, bytes]]:
                 yield ready.data, ready.fileobj.recv(65536)
 
 
-def _parser(mode: str) -> Callable[[bytes], Iterator[tuple]]:
-    if mode == "frames":
-        decoder = Decoder()
-        return lambda data: (
-            (f.sequence, f.t_us, f.position_um if isinstance(f, Touch) else None)
-            for f in decoder.feed(data)
-        )
+def _parser(mode: str) -> Callable[..., Iterator[tuple]]:
+    return {"frames": _frames, "samples": _messages, "tcp": _lines}[mode]()
+
+
+def _frames() -> Callable[[tuple[str, bytes]], Iterator[tuple]]:
+    from spots_net.ros2.types import FRAME, store
+
+    decoder = Decoder()
+
+    def parse(message: tuple[str, bytes]) -> Iterator[tuple]:
+        data = store().deserialize_cdr(message[1], FRAME).data.tobytes()
+        for one in decoder.feed(data):
+            yield one.sequence, one.t_us, one.position_um if isinstance(one, Touch) else None
+
+    return parse
+
+
+def _messages() -> Callable[[tuple[str, bytes]], Iterator[tuple]]:
+    from spots_net.ros2.naming import dds
+    from spots_net.ros2.types import own, store
+
+    kinds = {dds(own(name)): own(name) for name in ("Reading", "Spectrum")}
+
+    def parse(message: tuple[str, bytes]) -> Iterator[tuple]:
+        kind, data = message
+        one = store().deserialize_cdr(data, kinds[kind])
+        place = getattr(one, "position_m", None)
+        yield one.sequence, one.t_us, None if place is None else round(1e6 * place)
+
+    return parse
+
+
+def _lines() -> Callable[[bytes], Iterator[tuple]]:
     decode = msgspec.json.Decoder(dict).decode
     rest = b""
 
-    def lines(data: bytes) -> list[bytes]:
+    def parse(data: bytes) -> Iterator[tuple]:
         nonlocal rest
         *whole, rest = (rest + data).split(b"\n")
-        return whole
+        for one in map(decode, whole):
+            yield one["sequence"], one["t_us"], one.get("position_um")
 
-    pieces = lines if mode == "tcp" else lambda data: [data]
-    return lambda data: (
-        (one["sequence"], one["t_us"], one.get("position_um")) for one in map(decode, pieces(data))
-    )
+    return parse
 
 
 if __name__ == "__main__":

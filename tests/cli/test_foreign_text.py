@@ -20,7 +20,7 @@ import msgspec
 import pytest
 from rich.console import Console
 from support.fault_streams import encoded
-from support.net import Net, session
+from support.net import Announced, Net, session, topic_key
 from support.plugs import Hub, Plug
 
 from spots.calibrate.guide import Guide
@@ -34,6 +34,8 @@ from spots.link.frames import LinkStats, note
 from spots.outputs.devices import REST
 from spots.terminal.view import StripView
 from spots_linkage import twin_view
+from spots_net.ros2.messages import Strip, messages
+from spots_net.ros2.types import packed
 
 # Markup of rich, a title (OSC), a status request that a terminal answers (DSR), a C1 character,
 # line ends, bidirectional controls, DEL. Short, because the length of a board's reply is limited.
@@ -344,15 +346,19 @@ def network(tmp_path, monkeypatch):
 
 
 def test_names_of_published_boards(screen, network):
-    tokens = [network.liveliness().declare_token(f"spots/{NAME}{i}/alive") for i in range(2)]
-    assert screen.run("monitor", "--port", "zenoh:") == 2
-    assert_shown(screen.text())
-    del tokens
+    # A name that no node can have is not listed.
+    with contextlib.ExitStack() as stack:
+        for name in (NAME, f"{NAME}2", "a1", "b2"):
+            stack.enter_context(Announced(network, name))
+        assert screen.run("monitor", "--port", "zenoh:") == 2
+    text = screen.text()
+    assert_shown(text, shown=False)
+    assert "zenoh:a1, zenoh:b2" in text
 
 
 def test_an_error_in_place_of_a_published_board_reply(screen, network):
-    network.declare_queryable(f"spots/{NAME}/info", lambda query: query.reply_err(EVIL))
-    with network.liveliness().declare_token(f"spots/{NAME}/alive"):
+    with Announced(network, "a1") as announced:
+        announced.replies("hello", EVIL, success=False)
         assert screen.run("monitor", "--port", "zenoh:") == 2
     assert_shown(screen.text())
 
@@ -362,16 +368,18 @@ def test_what_is_published(screen, network, arguments):
     ended = threading.Event()
 
     def publish():
-        messages = [b"\xff", EVIL.encode(), json.dumps({"utc_s": 1, EVIL: EVIL}).encode()]
-        messages.append(json.dumps({"utc_s": EVIL, "text": EVIL}).encode())
+        strip = Strip(EVIL, [EVIL], 0, (0,) * 6)
+        values = dict.fromkeys(("sequence", "t_us", "flags", "gain_code"), 1) | {"counts": (1,) * 6}
+        ((_, spectrum),) = messages("spectrum", values, 1.0, 0.0, strip)
+        place = topic_key("a1", "spectrum").replace("spots_a1", NAME)
         while not ended.wait(0.05):
-            for message in messages:
-                network.put(f"spots/{NAME}/0/text", message)
+            for message in (b"\xff", EVIL.encode(), packed(spectrum)):
+                network.put(place, message)
 
     thread = threading.Thread(target=publish)
     thread.start()
     try:
-        assert screen.run("subscribe", "spots/**", "--seconds", "2", *arguments) == 0
+        assert screen.run("subscribe", "/**", "--seconds", "2", *arguments) == 0
     finally:
         ended.set()
         thread.join()
@@ -379,7 +387,7 @@ def test_what_is_published(screen, network, arguments):
     assert_shown(text)
     objects = [json.loads(line) for line in text.splitlines() if line.startswith("{")]
     assert bool(objects) == bool(arguments)
-    assert all(one["key"] == f"spots/{NAME}/0/text" for one in objects)
+    assert all(one["channels"] == [EVIL] for one in objects)
 
 
 def test_what_a_guide_says(screen):

@@ -326,11 +326,12 @@ def _draw(picture) -> None:
 
 
 def published(data: bytes) -> None:
-    """Message on Zenoh, with its key in the first line: printed as one line, or ignored."""
+    """Message on Zenoh, with its topic in the first line: printed as one line, or ignored."""
     name, _, content = data.partition(b"\n")
     for written in (subscribe._Lines().written, subscribe._as_json):
-        text = subscribe._text(written, _text(name), content)
-        assert text is None or text.isprintable()
+        for ending in subscribe._kinds():
+            text = subscribe._text(written, f"0/{_text(name)}/{ending}", content)
+            assert text is None or text.isprintable()
 
 
 def page_message(data: bytes) -> None:

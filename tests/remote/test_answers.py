@@ -8,20 +8,22 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import pytest
+from support.net import REQUEST
 
 from spots.errors import SpotsError
 from spots.link.link import Link
 from spots_net.answers import Answers
+from spots_net.ros2.types import REPLY, store
 from spots_net.zenoh_link import ZenohLink
 
 
 class Query(nullcontext):
-    payload = attachment = None
-    parameters = ""
+    payload, attachment = REQUEST["payload"], REQUEST["attachment"]
+    parameters = key_expr = ""
 
-    def __init__(self, said):
+    def __init__(self, reply):
         super().__init__()
-        self.reply_err = said.append
+        self.reply = reply
 
 
 @pytest.fixture
@@ -42,12 +44,8 @@ def answers_of(clock):
             now_s=lambda: clock.s, command=command, stats=SimpleNamespace(restarts=0)
         )
         declared = []
-
-        def declare_queryable(name, note):
-            declared.append(note)
-            return SimpleNamespace(key_expr=name)
-
-        return Answers(board, "a1", SimpleNamespace(declare_queryable=declare_queryable)), declared
+        node = SimpleNamespace(service=lambda topic, note: declared.append(note))
+        return Answers(board, "spots_a1", node), declared
 
     return of
 
@@ -59,30 +57,31 @@ def test_a_board_that_does_not_answer_is_asked_a_tenth_of_the_time(clock, answer
 
     answers, declared = answers_of(command)
     said = []
+
+    def reply(key, data, **options):
+        said.append(store().deserialize_cdr(data, REPLY))
+
     busy_s = 0.0
     for _ in range(3000):
         for note in declared:
-            getattr(note, "callback", note)(Query(said))
+            note(Query(reply))
         began_s = clock.s
         answers.give()
         busy_s += clock.s - began_s
         clock.s += 0.01
-    assert said
+    assert (said[0].success, said[0].message) == (False, "no reply")
     assert busy_s < 0.15 * clock.s
 
 
 def test_a_flood_of_questions_takes_a_tenth_of_the_time_from_the_readings(clock, answers_of):
-    def reply(*reply, encoding):
+    def reply(key, data, **options):
         clock.s += 50e-6
 
     commands, rounds_s, began_s = [], [], 0.0
     answers, declared = answers_of(lambda line, timeout_s: commands.append(line) or {"re": line})
     while clock.s < 10.0:
         for i in range(400):  # in each 10 ms
-            query = Query([])
-            query.reply = reply
-            note = declared[i % len(declared)]
-            getattr(note, "callback", note)(query)
+            declared[i % len(declared)](Query(reply))
         began_s = clock.s
         answers.give()
         rounds_s.append(clock.s - began_s)
@@ -93,7 +92,7 @@ def test_a_flood_of_questions_takes_a_tenth_of_the_time_from_the_readings(clock,
 
 
 def test_a_slow_machine_answers_within_a_second_or_two(clock, answers_of):
-    def slow_reply(*reply, encoding):
+    def slow_reply(key, data, **options):
         clock.s += 3.0
         at_s.append(clock.s)
 
@@ -101,9 +100,7 @@ def test_a_slow_machine_answers_within_a_second_or_two(clock, answers_of):
     answers, declared = answers_of(lambda line, timeout_s: {"re": line})
     for _ in range(1000):
         for note in declared:
-            query = Query([])
-            query.reply = slow_reply
-            getattr(note, "callback", note)(query)
+            note(Query(slow_reply))
         answers.give()
         clock.s += 0.1
     assert max(later - one for one, later in pairwise(at_s)) < 3.0 + 1.5

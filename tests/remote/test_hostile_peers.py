@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -10,25 +11,50 @@ from itertools import pairwise
 
 import pytest
 import zenoh
-from support.net import DEADLINE_S, publishing, session, stand_in, wait_until
+from support.net import (
+    DEADLINE_S,
+    REQUEST,
+    Announced,
+    ask,
+    content,
+    frames,
+    message,
+    publishing,
+    service_key,
+    session,
+    stand_in,
+    tokens,
+    topic_key,
+    wait_until,
+)
 
 import spots
 from spots import SpotsError
 from spots.link import reconnect as reconnect_module
 from spots_net import mailbox, subscribe
+from spots_net.ros2.messages import Strip, frame_message, messages, types
+from spots_net.ros2.naming import gid_of
+from spots_net.ros2.types import packed
 
-DEEP = b'{"a":' * 50_000 + b"1" + b"}" * 50_000
-WIDE = json.dumps({"a": [[]] * 200}).encode()
-LONG = json.dumps({"a": "x" * 100_000}).encode()
+DEEP = '{"a":' * 50_000 + "1" + "}" * 50_000
+WIDE = json.dumps({"a": [[]] * 200})
+LONG = json.dumps({"a": "x" * 100_000})
+NO_CDR = (
+    b"",
+    b"\0",
+    b"\xff" * 700,
+    b"\0\1\0\0" + b"\xff" * 60,
+    b"\0\1\0\0\1\0\0\0\xff\xff\xff\x7f",
+)
 
 FLOOD = """
 import sys, time, zenoh
 session = zenoh.open(zenoh.Config.from_file(sys.argv[1]))
-ask = [session.declare_querier(f"spots/{sys.argv[2]}/{name}") for name in ("get", "info", "sync")]
+keys, mark = sys.argv[2:5], bytes.fromhex(sys.argv[5])
 ignore = zenoh.handlers.Callback(lambda reply: None, indirect=False)
 sent, due_s = 0, time.monotonic()
 while True:
-    ask[sent % 3].get(handler=ignore)
+    session.get(keys[sent % 3], handler=ignore, payload=b"\\0\\1\\0\\0\\0", attachment=mark)
     sent += 1
     due_s += 1 / 2000
     time.sleep(max(0, due_s - time.monotonic()))
@@ -40,35 +66,90 @@ while True:
 @pytest.mark.parametrize("answer", [DEEP, WIDE, LONG], ids=["deep", "wide", "long"])
 def test_an_answer_that_is_too_deep_or_too_long_is_no_answer(net, answer, monkeypatch):
     monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
-    with session(net.hub) as hostile:
-        hostile.declare_queryable("spots/x/info", lambda q: q.reply(q.key_expr, answer))
-        with (
-            hostile.liveliness().declare_token("spots/x/alive"),
-            pytest.raises(SpotsError, match="does not answer 'hello'"),
-        ):
+    with session(net.hub) as hostile, Announced(hostile, "x") as announced:
+        announced.replies("hello", answer)
+        with pytest.raises(SpotsError, match="does not answer 'hello'"):
             spots.open("zenoh:x")
 
 
-@pytest.mark.parametrize("error", [b"\xff\xfe", b"x" * 1_000_000], ids=["no text", "long"])
-def test_an_error_that_is_no_text_is_one_sentence(net, error, monkeypatch):
+@pytest.mark.parametrize("data", [*NO_CDR, b"\0\1\0\0\1" + b"x" * 1_000_000], ids="abcdef")
+def test_a_response_that_is_no_message_is_no_answer(net, data, monkeypatch):
     monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
-    with session(net.hub) as hostile:
-        hostile.declare_queryable("spots/x/info", lambda q: q.reply_err(error))
-        with (
-            hostile.liveliness().declare_token("spots/x/alive"),
-            pytest.raises(SpotsError) as told,
-        ):
+    with session(net.hub) as hostile, Announced(hostile, "x") as announced:
+        announced.replies_cdr("hello", data)
+        with pytest.raises(SpotsError, match="does not answer 'hello'"):
+            spots.open("zenoh:x")
+
+
+@pytest.mark.parametrize("error", ["\x1b[2J", "x" * 1_000_000], ids=["control", "long"])
+def test_an_error_of_a_foreign_service_is_one_sentence(net, error, monkeypatch):
+    monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
+    with session(net.hub) as hostile, Announced(hostile, "x") as announced:
+        announced.replies("hello", error, success=False)
+        with pytest.raises(SpotsError) as told:
             spots.open("zenoh:x")
     assert len(str(told.value)) < 1000
 
 
+def test_an_error_of_zenoh_is_no_answer(net, monkeypatch):
+    monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
+    with session(net.hub) as hostile, Announced(hostile, "x"):
+        hostile.declare_queryable(
+            service_key("x", "hello"), lambda q: q.reply_err(b"\xff" * 1_000_000), complete=True
+        )
+        with pytest.raises(SpotsError, match="does not answer 'hello'"):
+            spots.open("zenoh:x")
+
+
+def test_a_spoofed_service_beside_the_true_one_changes_nothing(net):
+    with (
+        session(net.leaf) as hostile,
+        publishing(net.hub, stand_in()),
+        spots.open("zenoh:a1") as board,
+    ):
+        foreign = Announced(hostile, "a1")
+        for command in ("hello", "get", "sync"):
+            foreign.replies_cdr(command, b"\xff" * 50)
+        wait_until(lambda: len(list(ask(hostile, "a1", "get"))) == 2)
+        for _ in range(5):
+            assert board.command("get", DEADLINE_S)["gain"] == 9
+        assert next(board.touches()).force_mN == 3000
+
+
+def test_frames_of_a_peer_without_a_token_or_without_form_change_nothing(net):
+    with (
+        session(net.leaf) as hostile,
+        publishing(net.hub, stand_in()),
+        spots.open("zenoh:a1") as board,
+    ):
+        touches = board.touches()
+        next(touches)
+        foreign = Announced(hostile, "a1")  # without a token
+        place = frames("a1").key(0)
+        (true,) = hostile.liveliness().get(tokens("a1"))
+        gid = gid_of(str(true.ok.key_expr))
+        whole_frame = packed(frame_message(b"wrong\0", 7))
+        for _ in range(20):
+            foreign.put(whole_frame)
+            for data in NO_CDR:
+                foreign.put(data, gid)
+            for mark in (b"", b"x", b"\xff" * 33, b"\xff" * 100_000):
+                hostile.put(place, whole_frame, attachment=mark)
+            hostile.put(place, whole_frame)
+            foreign.put(b"\0\1\0\0" + b"x" * 2_000_000, gid)
+            next(touches)
+        wait_until(lambda: next(touches).sequence > 100)
+        stats = board.stats
+        assert (stats.restarts, stats.bad_crc, stats.lost) == (0, 0, 0)
+
+
 def test_thousands_of_boards_are_one_short_sentence(net):
-    with session(net.hub) as hostile:
-        tokens = [hostile.liveliness().declare_token(f"spots/b{i}/alive") for i in range(2000)]
+    with session(net.hub) as hostile, contextlib.ExitStack() as stack:
+        for i in range(2000):
+            stack.enter_context(Announced(hostile, f"b{i}"))
         with pytest.raises(SpotsError, match="more than one board") as told:
             spots.open("zenoh:")
         assert len(str(told.value)) < 1000
-        del tokens
 
 
 def test_messages_that_nobody_reads_take_bounded_memory():
@@ -95,26 +176,31 @@ def test_names_of_boards_are_forgotten_the_least_recently_used_first(monkeypatch
     now_s = 0.0
     monkeypatch.setattr(subscribe.time, "monotonic", lambda: now_s)
     lines = subscribe._Lines()
-    content = {"utc_s": 0.0, "flags": 1}
-    assert lines.written("spots/mine/0/spectrum", content)
+    strip = Strip("", [], 0, (0,) * 6)
+    values = dict.fromkeys(("sequence", "t_us", "flags", "gain_code"), 1) | {"counts": (1,) * 6}
+    ((_, spectrum),) = messages("spectrum", values, 0.0, 0.0, strip)
+    kind = types()["spectrum"]
+    assert lines.written("/mine/strip0/spectrum", kind, spectrum)
     tracemalloc.start()
     for i in range(20_000):
-        lines.written(f"spots/{i}/0/spectrum", content)
-        assert not lines.written("spots/mine/0/spectrum", content)  # a name in use stays stored
+        lines.written(f"/{i}/strip0/spectrum", kind, spectrum)
+        # A name in use stays stored.
+        assert not lines.written("/mine/strip0/spectrum", kind, spectrum)
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert grown < 200_000
+    assert grown < 300_000
 
 
 def test_a_reader_whose_output_is_blocked_does_not_grow(net):
     reader = subprocess.Popen(
-        [sys.executable, "-m", "spots", "subscribe", "spots/**", "--json"]
+        [sys.executable, "-m", "spots", "subscribe", "/**", "--json"]
         + ["--zenoh-config", str(net.leaf)],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
     )
     with session(net.hub) as hostile:
-        while b"probe" not in (hostile.put("spots/a/probe", b'{"a":1}'), _line(reader))[1]:
+        probe = topic_key("probe", "wrench"), bytes(4) + bytes(100)
+        while b"probe" not in (hostile.put(*probe), _line(reader))[1]:
             pass
         _publish_names(hostile, 5_000)
         before = _rss(reader.pid)
@@ -134,8 +220,11 @@ def _line(process):
 
 
 def _publish_names(hostile, count):
+    place, data = topic_key("b0", "wrench"), bytes(104)
     for i in range(count):
-        hostile.put(f"spots/b{i}/0/touch", b"{}", congestion_control=zenoh.CongestionControl.BLOCK)
+        hostile.put(
+            place.replace("b0", f"b{i}"), data, congestion_control=zenoh.CongestionControl.BLOCK
+        )
 
 
 def _rss(pid):
@@ -146,14 +235,16 @@ def _rss(pid):
 def test_a_flood_of_questions_costs_no_reading(net):
     # test_answers.py limits the time for the replies, in simulated time.
     with publishing(net.hub, stand_in()), session(net.leaf) as other:
-        wait_until(lambda: list(other.get("spots/a1/info")))
+        wait_until(lambda: list(ask(other, "a1", "hello")))
+        keys = [service_key("a1", command) for command in ("hello", "get", "sync")]
+        mark = REQUEST["attachment"].hex()
         flood = subprocess.Popen(
-            [sys.executable, "-c", FLOOD, str(net.leaf), "a1"], stdout=subprocess.PIPE
+            [sys.executable, "-c", FLOOD, str(net.leaf), *keys, mark], stdout=subprocess.PIPE
         )
         try:
             heard = []
             touches = other.declare_subscriber(
-                "spots/a1/0/touch", lambda s: heard.append(json.loads(bytes(s.payload))["sequence"])
+                topic_key("a1", "reading"), lambda s: heard.append(message(s, "reading").sequence)
             )
             for _ in range(3):
                 assert flood.stdout.readline()
@@ -169,20 +260,26 @@ def test_a_flood_of_questions_costs_no_reading(net):
 def test_questions_under_a_flood_are_answered_with_what_the_board_replied(net):
     link = stand_in()
     with publishing(net.hub, link), session(net.leaf) as other:
-        wait_until(lambda: list(other.get("spots/a1/info")))
+        wait_until(lambda: list(ask(other, "a1", "hello")))
         asked = len(link.said)
         # All queries at the same time, because a publisher pauses between two rounds of replies.
-        waiting = [other.get("spots/a1/get", timeout=DEADLINE_S) for _ in range(200)]
+        waiting = [ask(other, "a1", "get", timeout=DEADLINE_S) for _ in range(200)]
         for (reply,) in waiting:
-            assert json.loads(bytes(reply.ok.payload))["gain"] == 9
+            assert content(reply)["gain"] == 9
         said = link.said[asked:]
         assert 1 <= said.count("get") < 100
         assert said.count("hello") == 0
 
 
-def test_a_question_with_a_payload_is_not_answered(net):
+def test_a_question_that_no_client_of_ros_sends_is_not_answered(net):
     with publishing(net.hub, stand_in()), session(net.leaf) as other:
-        wait_until(lambda: list(other.get("spots/a1/info")))
-        for extra in ({"payload": b"x"}, {"attachment": b"x"}):
-            assert list(other.get("spots/a1/info", timeout=DEADLINE_S, **extra)) == []
-        assert list(other.get("spots/a1/info?" + "x" * 5000)) == []
+        wait_until(lambda: list(ask(other, "a1", "hello")))
+        for extra in (
+            {"payload": None},
+            {"payload": b"x" * 1000},
+            {"attachment": None},
+            {"attachment": b"x" * 33},
+            {"attachment": REQUEST["attachment"] + b"x"},
+        ):
+            assert list(ask(other, "a1", "hello", timeout=DEADLINE_S, **extra)) == []
+        assert list(other.get(service_key("a1", "hello") + "?" + "x" * 5000, **REQUEST)) == []

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import aiohttp
 import pytest
 from bench import remote as bench
-from support.net import publishing, session, stand_in, wait_until
+from support.net import ask, publishing, session, stand_in, wait_until
 
 import spots
 from spots import Board
@@ -224,7 +224,7 @@ def test_boards_that_are_looked_for_on_zenoh(net, fault, monkeypatch):
 def test_what_is_subscribed_to(net, fault, monkeypatch, capfd):
     with publishing(net.hub, stand_in()):
         fault.patch(monkeypatch, mailbox.Mailbox, "put")
-        options = SimpleNamespace(expression="spots/**", json=False, seconds=1.0)
+        options = SimpleNamespace(topics="/**", json=False, seconds=1.0)
         subscribe.subscribe_command(options)
         out, err = capfd.readouterr()
         assert " 42.500 mm" in out
@@ -236,8 +236,8 @@ def test_questions_that_come_from_zenoh(net, fault, monkeypatch):
 
     fault.patch(monkeypatch, answers.Answers, "_note")
     with publishing(net.hub, stand_in()), session(net.leaf) as other:
-        wait_until(lambda: fault.raised or not list(other.get("spots/a1/get", timeout=0.5)))
-        wait_until(lambda: list(other.get("spots/a1/get")))
+        wait_until(lambda: fault.raised or not list(ask(other, "a1", "get", timeout=0.5)))
+        wait_until(lambda: list(ask(other, "a1", "get")))
 
 
 def test_a_board_that_is_published_in_a_measurement(fault):
@@ -312,7 +312,7 @@ time.sleep(10)
                 "spots_net/subscribe.py",
             },
         ),
-        (r"declare_queryable\(", {"spots_net/answers.py"}),
+        (r"declare_queryable\(", {"spots_net/ros2/node.py"}),
         (r"create_task\(|call_soon", {"spots_web/app.py"}),
         (r"\.on_change = ", {"spots_web/app.py", "spots_web/state.py"}),
         (r"add_signal_handler\(", {"spots_web/serve.py"}),

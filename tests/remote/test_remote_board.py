@@ -9,7 +9,22 @@ from types import SimpleNamespace
 import pytest
 from bench.standin import StandIn
 from support.boards import refused
-from support.net import DEADLINE_S, Restarting, publishing, session, stand_in, wait_until
+from support.net import (
+    DEADLINE_S,
+    REQUEST,
+    Announced,
+    Restarting,
+    ask,
+    frames,
+    message,
+    publishing,
+    service_key,
+    session,
+    stand_in,
+    tokens,
+    topic_key,
+    wait_until,
+)
 
 import spots
 from spots import Board, Key, Spectrum, SpotsError, Touch
@@ -67,15 +82,15 @@ class Typing(StandIn):
 def test_keys_go_out_as_frames_and_as_samples(net):
     with session(net.leaf) as other, publishing(net.hub, stand_in(kind=Typing)):
         heard = []
-        keys = other.declare_subscriber("spots/a1/0/key", lambda s: heard.append(s.payload))
+        keys = other.declare_subscriber(topic_key("a1", "key"), heard.append)
         with spots.open("zenoh:a1") as board:
             board.command("stream touch")
             (key,) = (frame for frame in take(board, 3) if isinstance(frame, Key))
         wait_until(lambda: heard)
         keys.undeclare()
     assert (key.page, key.usage, key.modifiers, key.pressed) == (7, 30, 2, True)
-    told = json.loads(heard[0].to_bytes())
-    assert (told["page"], told["usage"], told["modifiers"], told["pressed"]) == (7, 30, 2, True)
+    told = message(heard[0], "key")
+    assert (told.page, told.usage, told.modifiers, told.pressed) == (7, 30, 2, True)
 
 
 def test_of_several_boards_one_is_named(net):
@@ -89,14 +104,17 @@ def test_of_several_boards_one_is_named(net):
 def test_no_command_that_could_change_anything_is_taken(net):
     link = stand_in()
     with publishing(net.hub, link), spots.open("zenoh:a1") as board, session(net.leaf) as hostile:
-        wait_until(lambda: list(hostile.get("spots/a1/info")))
+        wait_until(lambda: list(ask(hostile, "a1", "hello")))
         for line in HOSTILE:
             with pytest.raises(SpotsError, match="a remote board is read-only"):
                 board.command(line)
             name = line.split()[0]
-            for place in (name, "command", "info", "get", "sync", "frames", "link", "alive"):
-                list(hostile.get(f"spots/a1/{place}?{name}=1", payload=line))
-                hostile.put(f"spots/a1/{place}", line)
+            for command in (name, "command", "hello", "get", "sync"):
+                place = service_key("a1", command)
+                list(hostile.get(f"{place}?{name}=1", **REQUEST))
+                list(hostile.get(place, **{**REQUEST, "payload": line}))
+                hostile.put(place, line)
+            hostile.put(frames("a1").key(0), line)
         assert board.command("get")["gain"] == 9
     assert set(link.said) == READ_ONLY
 
@@ -219,7 +237,7 @@ def test_recording_a_board_from_afar(net, tmp_path):
         session(net.hub) as own,
         pytest.raises(SpotsError, match="give the port of a connected board"),
     ):
-        Publisher(spots.open(f"recording:{path}"), own)
+        Publisher(spots.open(f"recording:{path}"), session=own)
 
 
 def test_a_question_that_gets_lost_is_asked_again(net, monkeypatch):
@@ -270,15 +288,15 @@ def test_a_linkage_from_afar_needs_boards_that_hold_its_calibration(net, calibra
 
 def test_a_board_is_published_once(net):
     with publishing(net.hub, stand_in()), session(net.leaf) as own:
-        wait_until(lambda: list(own.liveliness().get("spots/a1/alive")))
+        wait_until(lambda: list(own.liveliness().get(tokens("a1"))))
         with pytest.raises(SpotsError, match="a1 is already published"):
-            Publisher(Board(stand_in()), own)
+            Publisher(Board(stand_in()), session=own)
 
 
 @pytest.mark.parametrize("board_id", [None, "", "a/b", "a*"])
 def test_a_board_without_a_proper_id_is_not_published(net, board_id):
     with session(net.hub) as own, pytest.raises(SpotsError, match="it has no valid id"):
-        Publisher(Board(stand_in(board_id)), own)
+        Publisher(Board(stand_in(board_id)), session=own)
 
 
 def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net, monkeypatch):
@@ -305,22 +323,20 @@ def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net, monkeypa
 @pytest.mark.parametrize(
     ("answer", "told"),
     [
-        (b"\xff nonsense", "does not answer 'hello'"),
-        (b"[1, 2]", "does not answer 'hello'"),
-        (json.dumps({"protocol": 99}).encode(), "has protocol 99"),
-        (json.dumps({"protocol": PROTOCOL}).encode(), "no reply to 'sync'"),
+        ("nonsense", "does not answer 'hello'"),
+        ("[1, 2]", "does not answer 'hello'"),
+        (json.dumps({"protocol": 99}), "has protocol 99"),
+        (json.dumps({"protocol": PROTOCOL}), "no reply to 'sync'"),
         (None, "does not answer 'hello'"),
     ],
 )
 def test_a_publisher_that_is_none_of_ours(net, answer, told, monkeypatch):
     monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
-    with session(net.hub) as hostile:
+    with session(net.hub) as hostile, Announced(hostile, "x") as announced:
         if answer is not None:
-            for name in ("info", "sync"):
-                place = f"spots/x/{name}"
-                hostile.declare_queryable(place, lambda q: q.reply(q.key_expr, answer))
-        token = hostile.liveliness().declare_token("spots/x/alive")
-        with token, pytest.raises(SpotsError, match=told):
+            for name in ("hello", "sync"):
+                announced.replies(name, answer)
+        with pytest.raises(SpotsError, match=told):
             spots.open("zenoh:x")
 
 
@@ -334,7 +350,7 @@ def test_mistakes_are_one_sentence(net, tmp_path, monkeypatch, capsys):
         ("monitor", "--port", "zenoh:a1"): "no board a1 is published on Zenoh",
         ("monitor", "--port", "zenoh://a1"): "'//a1' is not a board's id",
         ("monitor", "--port", "zenoh:a1/"): "'a1/' is not a board's id",
-        ("subscribe", "//"): "'//' is not a key expression",
+        ("subscribe", "//"): "'//' is not a topic of ROS 2",
         (
             "subscribe",
             "--zenoh-config",

@@ -1,5 +1,6 @@
 """Messages for ROS 2, read by software that is not ours: rosbags, mcap-ros2 and zenoh-ros2-sdk."""
 
+import json
 import math
 import random
 import struct
@@ -12,18 +13,30 @@ from mcap.reader import make_reader
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.typesys import Stores, get_typestore
-from support.net import DEADLINE_S, session, stand_in, wait_until
-from zenoh_ros2_sdk.utils import compute_type_hash_from_msg
+from support.net import DEADLINE_S, publishing, session, stand_in, topic_key, wait_until
+from zenoh_ros2_sdk.attachment import Attachment
+from zenoh_ros2_sdk.discovery import (
+    get_service_names_and_types,
+    get_topic_info,
+    get_topic_names_and_types,
+)
+from zenoh_ros2_sdk.qos import QosProfile, QosReliability
+from zenoh_ros2_sdk.service_client import ROS2ServiceClient
+from zenoh_ros2_sdk.subscriber import ROS2Subscriber
+from zenoh_ros2_sdk.utils import compute_service_type_hash, compute_type_hash_from_msg
 
 import spots
 import spots_sim
 from spots import Board
 from spots.recording.export import export
-from spots_net.publishing import publish, stream
+from spots_net import publish as publish_module
+from spots_net import zenoh_session as session_module
+from spots_net.publish import Publisher
 from spots_net.ros2 import naming
-from spots_net.ros2.messages import types
-from spots_net.ros2.to_ros2 import Ros2
-from spots_net.ros2.types import OWN, own, store
+from spots_net.ros2.messages import DIAGNOSTICS, types
+from spots_net.ros2.types import OWN, own, service, store
+
+HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
 
 
 def test_standard_types_have_the_hashes_of_a_distribution():
@@ -40,7 +53,7 @@ def _text(kind):
 
 @pytest.mark.parametrize("name", OWN)
 def test_own_types_have_the_hashes_that_another_implementation_computes(name):
-    parts = {one: _text(one) for one in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")}
+    parts = {one: _text(one) for one in HEADER}
     other = compute_type_hash_from_msg(own(name), _text(own(name)), parts)
     assert other == store().hash_rihs01(own(name))
 
@@ -70,11 +83,11 @@ def test_a_recording_becomes_a_bag_that_others_read(recording, tmp_path):
     assert [one.sequence for one in readings] == [one.sequence for one in touches]
     for reading, touch in zip(readings, touches):
         assert reading.trusted == touch.trusted
-        assert _same(reading.position_m, touch.position_um * 1e-6)
-        assert _same(reading.force_n, touch.force_mN * 1e-3)
+        assert _same(reading.position_m, touch.position_um / 1e6)
+        assert _same(reading.force_n, touch.force_mN / 1e3)
         assert _same(reading.contrast_log2, touch.contrast)
     pressed = [one for one in touches if one.trusted]
-    assert [one.point.x for one in found["point"]] == [one.position_um * 1e-6 for one in pressed]
+    assert [one.point.x for one in found["point"]] == [one.position_um / 1e6 for one in pressed]
     assert sum(one.wrench.force.z < 0 for one in found["wrench"]) == len(pressed) > 20
     spectrum = found["spectrum"][0]
     assert list(spectrum.channels) == ["F3", "F4", "F5", "F6", "F7", "F8"]
@@ -146,49 +159,189 @@ def _equal(found, wanted, made):
             assert one == other, field
 
 
-def test_a_node_that_a_subscriber_of_rmw_zenoh_sees(net, monkeypatch):
-    from zenoh_ros2_sdk.attachment import Attachment
-    from zenoh_ros2_sdk.discovery import _parse_liveliness_keyexpr
-    from zenoh_ros2_sdk.keyexpr import topic_keyexpr
-    from zenoh_ros2_sdk.utils import ros2_to_dds_type
+@pytest.fixture
+def peer(net, monkeypatch):
+    """A peer that is not ours: the session of zenoh-ros2-sdk, on loopback."""
+    from zenoh_ros2_sdk.session import ZenohSession
 
-    monkeypatch.setenv("ZENOH_CONFIG", str(net.hub))
-    board = Board(stand_in())
-    node, got = Ros2(board, "7"), []
-    kind = own("Reading")
-    key = topic_keyexpr(
-        7, "/spots_a1/strip0/reading", ros2_to_dds_type(kind), store().hash_rihs01(kind)
-    )
-    with session(net.leaf) as other:
-        other.declare_subscriber(key, zenoh.handlers.Callback(got.append, indirect=False))
-        wait_until(lambda: len(list(other.liveliness().get("@ros2_lv/7/**"))) == 6)
-        stream(board)
-        while len(got) < 50:
-            publish(board, [node], 0.1)
-        seen = [
-            _parse_liveliness_keyexpr(str(one.ok.key_expr))
-            for one in other.liveliness().get("@ros2_lv/7/**", timeout=DEADLINE_S)
-        ]
-        topics = {one["qualified_name"] for one in seen if one}
-        node.close()
-        wait_until(lambda: not list(other.liveliness().get("@ros2_lv/7/**")))
-    assert "/spots_a1/strip0/wrench" in topics
-    marks = [Attachment.from_bytes(one.attachment.to_bytes()) for one in got]
+    config = json.loads(net.leaf.read_text())
+    place = config["connect"]["endpoints"][0].rpartition("/")[2]
+    host, _, port = place.partition(":")
+    monkeypatch.setenv("ZENOH_SESSION_CONFIG_URI", str(net.leaf))
+    monkeypatch.setattr(ZenohSession, "_instance", None)
+    made = ZenohSession.get_instance(host, int(port))
+    made.options = {"router_ip": host, "router_port": int(port), "domain_id": 0}
+    yield made
+    made.close()
+
+
+class Heard:
+    """A subscriber of zenoh-ros2-sdk, which gets the definition of a type, but not its hash."""
+
+    def __init__(self, peer, topic, kind):
+        self.messages, self.samples = [], []
+        parts = {one: _text(one) for one in HEADER}
+        for one, text in parts.items():
+            peer.register_message_type(text, one)
+        text = _text(kind)
+        self.subscriber = ROS2Subscriber(
+            topic,
+            kind,
+            self.messages.append,
+            text,
+            type_hash=compute_type_hash_from_msg(kind, text, parts),
+            **peer.options,
+        )
+        key = self.subscriber.keyexpr
+        peer.session.declare_subscriber(
+            key, zenoh.handlers.Callback(self.samples.append, indirect=False)
+        )
+
+
+def test_a_foreign_peer_hears_readings_with_marks_in_order(net, peer):
+    heard = Heard(peer, "/spots_a1/strip0/reading", own("Reading"))
+    with publishing(net.hub, stand_in()):
+        wait_until(lambda: len(heard.messages) > 50)
+    marks = [Attachment.from_bytes(one.attachment.to_bytes()) for one in heard.samples]
     numbers = [one.sequence_id for one in marks]
     assert numbers == [*range(numbers[0], numbers[0] + len(numbers))]
     assert len({one.gid for one in marks}) == 1
-    for sample, mark in zip(got, marks):
-        message = store().deserialize_cdr(sample.payload.to_bytes(), kind)
+    for message, mark in zip(heard.messages, marks):
         stamp = message.header.stamp
         assert stamp.sec * 10**9 + stamp.nanosec == mark.timestamp_ns
         assert message.header.frame_id == "spots_a1_strip0"
+        assert message.position_m == pytest.approx(0.0425)
+        assert 0 <= message.stamp_error_s < 0.1
+
+
+def test_a_foreign_peer_lists_topics_and_services(net, peer):
+    with publishing(net.hub, stand_in()):
+        names = {f"/spots_a1/strip0/{kind}" for kind in types()} | {"/spots_a1/frames"}
+        names.add("/diagnostics")
+        services = {f"/spots_a1/{name}" for name in ("hello", "get", "sync")}
+        wait_until(lambda: names <= {*dict(get_topic_names_and_types(**peer.options))})
+        listed = dict(get_topic_names_and_types(**peer.options))
+        assert listed["/spots_a1/strip0/wrench"] == ["geometry_msgs/msg/WrenchStamped"]
+        assert listed["/spots_a1/frames"] == ["spots_msgs/msg/Frame"]
+        found = dict(get_service_names_and_types(**peer.options))
+        assert found == {name: ["std_srvs/srv/Trigger"] for name in services}
+        assert list(peer.liveliness.get("@ros2_lv/0/*/*/*/NN/%/%/spots_a1"))
+    wait_until(lambda: not list(peer.liveliness.get("@ros2_lv/0/**")))
+
+
+def _trigger(peer, name):
+    request, response = "# nothing", "bool success\nstring message"
+    return ROS2ServiceClient(
+        name,
+        "std_srvs/srv/Trigger",
+        request,
+        response,
+        type_hash=compute_service_type_hash("std_srvs/srv/Trigger", request, response),
+        timeout=DEADLINE_S,
+        **peer.options,
+    )
+
+
+def test_a_foreign_peer_calls_services(net, peer):
+    announced = "@ros2_lv/0/*/*/*/MP/*/*/*/%spots_a1%frames/**"
+    with publishing(net.hub, stand_in()):
+        wait_until(lambda: list(peer.liveliness.get(announced)))
+        for name, key, value in (
+            ("hello", "board", "stand-in"),
+            ("get", "gain", 9),
+            ("sync", "stream", ["contact", "touch", "spectrum"]),
+        ):
+            client = _trigger(peer, f"/spots_a1/{name}")
+            response = client.call(structure_needs_at_least_one_member=0)
+            client.close()
+            assert response.success
+            assert json.loads(response.message)[key] == value
+
+
+def test_a_foreign_peer_follows_a_restart_and_a_second_publisher(net, peer):
+    # The peer joins late, keeps its subscriptions, and hears both boards apart.
+    boards = {name: stand_in(name) for name in ("a1", "b2")}
+    with publishing(net.hub, boards["a1"]):
+        wait_until(lambda: boards["a1"]._port.count > 50)
+        first = Heard(peer, "/spots_a1/strip0/reading", own("Reading"))
+        second = Heard(peer, "/spots_b2/strip0/reading", own("Reading"))
+        wait_until(lambda: len(first.messages) > 10)
+        assert first.messages[0].sequence > 50
+        assert not second.messages
+    count = len(first.messages)
+    with publishing(net.hub, stand_in("a1"), stand_in("b2")):
+        wait_until(lambda: len(first.messages) > count + 10 and len(second.messages) > 10)
+    gids = {Attachment.from_bytes(one.attachment.to_bytes()).gid for one in first.samples}
+    assert len(gids) == 2
+
+
+def test_a_service_has_the_hash_that_another_implementation_computes():
+    made = service("/x/hello")
+    computed = compute_service_type_hash(made.kind, "# nothing", "bool success\nstring message")
+    assert made.type_hash == computed
+
+
+@pytest.mark.parametrize(("reliable", "depth"), [(False, 10), (True, 3)])
+def test_names_and_quality_of_service_are_the_users(net, peer, reliable, depth):
+    def named(board, session):
+        return Publisher(board, "0", "left_finger", naming.Qos(reliable, depth), session)
+
+    with publishing(net.hub, stand_in(), kind=named), spots.open("zenoh:left_finger") as board:
+        assert board.info["id"] == "a1"
+        (info,) = get_topic_info(
+            "/left_finger/strip0/reading", verbose=True, **peer.options
+        ).publishers
+        qos = QosProfile.decode(info.qos)
+        assert (qos.reliability is QosReliability.RELIABLE) == reliable
+        assert qos.history_depth == depth
+        assert next(board.touches()).force_mN == 3000
+
+
+def test_the_state_of_the_link_is_a_diagnostic(net):
+    heard = []
+    with session(net.leaf) as other, publishing(net.hub, stand_in()):
+        other.declare_subscriber("0/diagnostics/*/*", heard.append)
+        wait_until(lambda: heard)
+    (status,) = store().deserialize_cdr(heard[0].payload.to_bytes(), DIAGNOSTICS).status
+    assert (status.name, status.message, status.hardware_id) == (
+        "spots_a1: link",
+        "connected",
+        "a1",
+    )
+    assert {one.key for one in status.values} >= {"frames", "lost", "restarts"}
+
+
+def test_what_nobody_wants_is_not_made(net, monkeypatch):
+    made, real = [], publish_module.packed
+    monkeypatch.setattr(publish_module, "packed", lambda one: made.append(one) or real(one))
+    link = stand_in()
+    with session(net.leaf) as other, publishing(net.hub, link):
+        wait_until(lambda: link._port.count > 100)
+        assert made == []
+        other.declare_subscriber(topic_key("a1", "point"), lambda sample: None)
+        wait_until(lambda: len(made) > 10)
+        assert {one.__msgtype__ for one in made} == {"geometry_msgs/msg/PointStamped"}
 
 
 def test_an_attachment_has_the_layout_of_rmw_zenoh():
-    mark = naming.attachment(3, 5, bytes(range(16)))
-    assert mark == struct.pack("<qqB16s", 3, 5, 16, bytes(range(16)))
+    mark = naming.Attachment(3, 5, bytes(range(16)))
+    assert mark.packed() == struct.pack("<qqB16s", 3, 5, 16, bytes(range(16)))
+    assert naming.unpacked(mark.packed()) == mark
+    assert naming.unpacked(mark.packed()[:-1]) is None
+    assert naming.unpacked(None) is None
 
 
-def test_a_domain_that_does_not_exist_is_refused():
-    with pytest.raises(spots.SpotsError, match="'233' is not a ROS domain"):
-        Ros2(Board(stand_in()), "233")
+@pytest.mark.parametrize("domain", ["233", "-1", "x", "1.5", "9" * 400, "\u0663"])
+def test_a_domain_that_does_not_exist_is_refused(domain):
+    with pytest.raises(spots.SpotsError, match="is not a ROS domain"):
+        Publisher(Board(stand_in()), domain)
+
+
+def test_the_domain_comes_from_the_environment(net, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    with publishing(net.hub, stand_in()), spots.open("zenoh:") as board:
+        assert board.info["id"] == "a1"
+        monkeypatch.setenv("ROS_DOMAIN_ID", "8")
+        monkeypatch.setattr(session_module, "_PATIENCE_S", 0.2)
+        with pytest.raises(spots.SpotsError, match="no board is published"):
+            spots.open("zenoh:")

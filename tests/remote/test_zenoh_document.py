@@ -11,13 +11,26 @@ from pathlib import Path
 
 import pytest
 import trustme
-from support.net import DEADLINE_S, publishing, session, stand_in, wait_until
+from support.net import (
+    DEADLINE_S,
+    Announced,
+    ask,
+    content,
+    frames,
+    publishing,
+    session,
+    stand_in,
+    tokens,
+    topic_key,
+    wait_until,
+)
 
 import spots
-from spots import Key, Spectrum, Touch
 from spots_net import zenoh_session as session_module
-from spots_net.outlet import values
-from spots_net.zenoh_session import open_session
+from spots_net.ros2.messages import DIAGNOSTICS, types
+from spots_net.ros2.naming import node_of
+from spots_net.ros2.types import FRAME
+from spots_net.zenoh_session import READ_ONLY, open_session
 
 TEXT = (Path(__file__).parents[2] / "docs" / "lab" / "zenoh.md").read_text(encoding="utf-8")
 
@@ -38,25 +51,18 @@ def test_the_subscriber_needs_nothing_of_ours(net):
             text=True,
         )
         try:
-            assert run.stdout.readline() == "spots/a1/0/touch 42500 3000\n"
+            assert run.stdout.readline() == "spots_a1_strip0 0.0425\n"
         finally:
             run.kill()
             run.communicate()
 
 
-def test_every_field_is_in_the_table():
-    table = TEXT[TEXT.index("| field |") : TEXT.index("With nothing but")]
-    told = {}
-    for row in table.splitlines()[2:]:
-        if row.startswith("|"):
-            names, kinds, _ = row.strip("|").split("|")
-            for name in re.findall("`([^`]+)`", names):
-                told[name] = kinds
-    frames = Touch(*range(8)), Spectrum(0, 0, 0, 0, 0, (0,) * 6), Key(*range(7))
-    for frame in frames:
-        kind = type(frame).__name__.lower()
-        for name in ("utc_s", *values(frame)):
-            assert kind in told[name] or "all" in told[name]
+def test_every_topic_and_service_is_in_the_table():
+    table = TEXT[TEXT.index("| topic or service |") : TEXT.index("has the definitions")]
+    for name in ("frames", "/diagnostics", *types(), *READ_ONLY):
+        assert f"{name}`" in table
+    for kind in (FRAME, DIAGNOSTICS, *types().values()):
+        assert f"{kind.rpartition('/')[2]}`" in table
 
 
 @pytest.fixture
@@ -87,23 +93,25 @@ def test_only_one_machine_may_publish(certified, monkeypatch):
     monkeypatch.setenv("ZENOH_CONFIG", str(certified / "reader.json5"))
     heard = []
     with open_session() as reader, session(certified / "intruder.json5") as intruder:
-        reader.declare_subscriber("spots/**", lambda sample: heard.append(bytes(sample.payload)))
+        reader.declare_subscriber("0/**", lambda sample: heard.append(bytes(sample.payload)))
         wait_until(lambda: len(reader.info.peers_zid()) == 1)
         with (
-            intruder.liveliness().declare_token("spots/b2/alive"),
-            intruder.declare_queryable("spots/*/info", lambda q: q.reply(q.key_expr, b"wrong")),
+            Announced(intruder, "b2") as foreign,
             publishing(certified / "board-host.json5", stand_in()),
         ):
             wait_until(lambda: heard)
-            intruder.put("spots/a1/frames", b"wrong")
-            intruder.put("spots/b2/0/touch", b"wrong")
+            for command in READ_ONLY:
+                foreign.replies_cdr(command, b"wrong")
+                Announced(intruder, "a1").replies_cdr(command, b"wrong")
+            intruder.put(frames("a1").key(0), b"wrong")
+            intruder.put(topic_key("b2", "reading"), b"wrong")
             count = len(heard)
             wait_until(lambda: len(heard) > count + 200)
-            alive = [str(one.ok.key_expr) for one in reader.liveliness().get("spots/*/alive")]
-            (info,) = (bytes(one.ok.payload) for one in reader.get("spots/a1/info"))
+            alive = [node_of(str(one.ok.key_expr)) for one in reader.liveliness().get(tokens())]
+            (info,) = map(content, ask(reader, "a1", "hello"))
     assert b"wrong" not in heard
-    assert alive == ["spots/a1/alive"]
-    assert b"stand-in" in info
+    assert alive == ["spots_a1"]
+    assert info["board"] == "stand-in"
 
 
 def test_a_board_is_read_through_these_configurations(certified, monkeypatch):

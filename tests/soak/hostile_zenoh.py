@@ -27,10 +27,12 @@ import zenoh
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from support.boards import running
-from support.net import Net, session
+from support.net import REQUEST, Announced, Net, frames, service_key, session, topic_key
 
 import spots
 from spots.link.connect import prepare
+from spots_net.ros2.messages import frame_message, types
+from spots_net.ros2.types import packed
 from spots_sim.person.stage import calibrate, set_as_calibrated
 from spots_sim.strip.files import SensorFile, load
 
@@ -41,40 +43,45 @@ STALE_MAX_S = 15.0
 HELD_MAX_S = 15.0  # the scenario holds a key for less than a second
 DEEP = b'{"a":' * 20_000 + b"1" + b"}" * 20_000
 PAYLOADS = (b"", b"\0" * 50, b"\xff" * 700, b"{}", b"[]", DEEP, b"\0" + b"x" * 2_000_000)
-PAYLOADS += tuple(b'{"utc_s":%s}' % one for one in (b"1e999", b"null", b"[[]]", b"9" * 400))
-HEADERS = None, b"", b"x", b"\xff" * 100_000
+PAYLOADS += bytes(104), bytes(4) + b"\xff" * 100, bytes(8) + b"\xff\xff\xff\x7f"
+HEADERS = None, b"", b"x", b"\xff" * 100_000, REQUEST["attachment"]
 
 
 def attack(config: Path, board_id: str, seed: int) -> None:
     """Send invalid and hostile messages to a board's subscribers until this process is killed."""
     chance, peer = random.Random(seed), session(config)
     ignore = zenoh.handlers.Callback(lambda reply: None, indirect=False)
-    peer.declare_queryable("spots/*/info", lambda query: query.reply(query.key_expr, DEEP))
-    peer.declare_queryable("spots/x/*", lambda query: query.reply_err(b"\xff" * 5000))
-    tokens = []
+    for command, text in {"hello": DEEP.decode(), "get": "{}", "sync": '{"t_us": 1}'}.items():
+        Announced(peer, "x").replies(command, text)
+    for command in ("hello", "get", "sync"):
+        Announced(peer, board_id).replies_cdr(command, b"\xff" * 5000)
+    announced = []
 
     def put() -> None:
         name = chance.randrange(10 ** chance.randrange(1, 7))
         places = (
-            *(f"spots/{name}/{chance.randrange(9)}/{kind}" for kind in ("touch", "spectrum", "x")),
-            *(f"spots/{board_id}/{kind}" for kind in ("link", "0/touch", "7/key")),
-            *("spots/" + "y" * 300, "spots/\u202e/\x1b[2J/touch", f"spots/{name}/frames"),
+            *(topic_key(f"b{name}", kind, chance.randrange(9)) for kind in types()),
+            *(topic_key(board_id, kind, sensor) for kind in types() for sensor in (0, 7)),
+            *("0/" + "y" * 300, "0/\u202e/\x1b[2J/point/a/b", frames(f"b{name}").key(0)),
+            *(topic_key("a1", kind).replace("spots_a1", "\x1b[2J") for kind in types()),
         )
         peer.put(chance.choice(places), chance.choice(PAYLOADS), attachment=chance.choice(HEADERS))
 
     def ask() -> None:
-        place = chance.choice(("info", "get", "sync", "*", "alive", "frames"))
+        place = chance.choice(("hello", "get", "sync", "*", "reboot"))
         for _ in range(200):
-            peer.get(f"spots/{board_id}/{place}", handler=ignore, timeout=1.0)
+            peer.get(service_key(board_id, place), handler=ignore, timeout=1.0, **REQUEST)
 
     def name() -> None:
-        tokens.append(peer.liveliness().declare_token(f"spots/t{chance.randrange(9999)}/alive"))
-        if len(tokens) > 2000:
-            tokens.pop(0).undeclare()
+        announced.append(Announced(peer, f"t{chance.randrange(9999)}").__enter__())
+        if len(announced) > 2000:
+            announced.pop(0).__exit__()
 
     def break_in() -> None:
-        # Rare, because a message under the board's name counts as a restart of the board.
-        place = f"spots/{board_id}/frames"
+        # Rare, because a message of a publisher that is announced counts as a restart of the board.
+        with Announced(peer, board_id) as second:
+            second.put(packed(frame_message(chance.choice(PAYLOADS)[:60_000], 0)))
+        place = frames(board_id).key(0)
         peer.put(place, chance.choice(PAYLOADS), attachment=chance.choice(HEADERS))
 
     acts = (put, ask, name, break_in)
@@ -184,12 +191,12 @@ def main() -> int:
         own = [sys.executable, "-m", "spots", "publish", "--port", start["port"]]
         own += ["--zenoh-config", str(net.hub)]
         publisher = subprocess.Popen(own, stdout=subprocess.PIPE, text=True)
-        board_id = publisher.stdout.readline().split("spots/")[1].split()[0]
+        board_id = publisher.stdout.readline().split()[2].rstrip(",")
         port = "--port", f"zenoh:{board_id}"
         victims = [
             Victim(net.leaf, r" mm +[\d.]+ N|no touch", "monitor", *port),
             Victim(net.leaf, r"(?!)", "serve", *port, "--http-port", "0"),
-            Victim(net.leaf, rf"^{board_id}  ", "subscribe", "spots/**"),
+            Victim(net.leaf, rf"^{board_id}  ", "subscribe", "/**"),
             Victim(net.leaf, "^down", "keyboard", *port, "--layout", "digits", "--dry-run"),
         ]
         while not victims[1].url:

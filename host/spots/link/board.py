@@ -174,6 +174,14 @@ class Board(AbstractContextManager["Board"]):
         return -1e6 * self._channel.clocks.clock.slope
 
     @property
+    def time_error_s(self) -> float:
+        """Largest error of ``time_s`` that the comparison of the clocks allows, in seconds.
+
+        Infinite before the clocks of board and host were compared.
+        """
+        return self._channel.clocks.clock.uncertainty_s
+
+    @property
     def port(self) -> str:
         """Name of the board's port."""
         return self._channel.port

@@ -3,16 +3,22 @@
 from functools import cache
 from pathlib import Path
 
+from spots.errors import missing
 from spots.recording.export import Files, Format, Records
 from spots.recording.table import Description
 
 from .messages import UNKNOWN_DARK, Strip, messages, types
 from .naming import frame_id, node_name, topic_name
-from .optional import Writer
-from .types import store
+from .types import packed, store
+
+try:
+    from mcap.writer import Writer
+except ImportError:
+    raise missing("exporting to ROS 2 needs", "mcap", "ros2") from None
 
 _CHANNELS = 6
 _UNKNOWN = float("nan")
+_ERROR_S = float("nan")  # a recording does not say how well the clocks were compared
 
 
 def write(description: Description, records: Records, out: Path, files: Files) -> None:
@@ -56,12 +62,11 @@ def write(description: Description, records: Records, out: Path, files: Files) -
             frame_id(name, sensor), now["plan"], now["exposure_us"], now["dark"] or UNKNOWN_DARK
         )
         utc_s = max(0.0, header.utc_s + time_s)
-        for topic, message in messages(table.name, values, utc_s, strip):
+        for topic, message in messages(table.name, values, utc_s, _ERROR_S, strip):
             kind = types()[topic]
             number = channel(topic_name(name, sensor, topic), kind)
-            data = bytes(store().serialize_cdr(message, kind))
             arrived_ns = round(1e9 * (header.utc_s + arrived_s))
-            writer.add_message(number, arrived_ns, data, round(1e9 * utc_s), sequence)
+            writer.add_message(number, arrived_ns, packed(message), round(1e9 * utc_s), sequence)
     writer.finish()
 
 

@@ -1,14 +1,21 @@
-"""Converts frames to messages of ROS 2."""
+"""Converts frames and the state of a board to messages of ROS 2."""
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .types import own, store
+from spots.link.board import Board
+from spots.link.timeouts import CONNECTED
+
+from .types import FRAME, own, store
 
 _WRENCH, _POINT = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PointStamped"
-UNKNOWN_DARK = (float("nan"),) * 6
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+UNKNOWN_DARK = (math.nan,) * 6
+_UNKNOWN_ERROR_S = 1.0  # a larger error of a time is no knowledge
 Message = tuple[str, Any]
 _TYPES = {
     "wrench": _WRENCH,
@@ -16,6 +23,14 @@ _TYPES = {
     "reading": own("Reading"),
     "contact": own("Contact"),
     "spectrum": own("Spectrum"),
+    "key": own("Key"),
+}
+# Topics with messages for a frame, by kind of frame.
+TOPICS: Mapping[str, Sequence[str]] = {
+    "touch": ("reading", "wrench", "point"),
+    "contact": ("contact",),
+    "spectrum": ("spectrum",),
+    "key": ("key",),
 }
 
 
@@ -41,15 +56,17 @@ class Strip(NamedTuple):
 
 
 def types() -> dict[str, str]:
-    """Return the type of each topic, by the last part of the topic's name."""
+    """Return the type of each topic of a strip, by the last part of the topic's name."""
     return dict(_TYPES)
 
 
-def messages(kind: str, values: dict[str, Any], utc_s: float, strip: Strip) -> Iterator[Message]:
+def messages(
+    kind: str, values: dict[str, Any], utc_s: float, error_s: float, strip: Strip
+) -> Iterator[Message]:
     """Yield the messages for a frame, with the last part of their topics' names.
 
     A touch is a ``reading``. Unless it is untrusted, it is also a ``wrench``, which is zero without
-    a touch, and with a touch a ``point``. Presses of keys have no message.
+    a touch, and with a touch a ``point``.
 
     Parameters
     ----------
@@ -59,6 +76,8 @@ def messages(kind: str, values: dict[str, Any], utc_s: float, strip: Strip) -> I
         Values by column, as `spots_net.outlet.values` returns them.
     utc_s : float
         Time of the measurement, in seconds since 1970.
+    error_s : float
+        Largest error of this time by the board's clock, in seconds; NaN or infinite if unknown.
     strip : Strip
         The strip that the frame is of.
 
@@ -68,15 +87,16 @@ def messages(kind: str, values: dict[str, Any], utc_s: float, strip: Strip) -> I
         The messages have the types that `types` returns.
     """
     made = store().types
-    stamp = made["builtin_interfaces/msg/Time"](*divmod(round(1e9 * utc_s), 10**9))
-    header = made["std_msgs/msg/Header"](stamp, strip.frame_id)
+    header = _header(utc_s, strip.frame_id)
     first = values["sequence"], values["t_us"]
     if kind == "touch":
         touching, trusted = values["touching"], values["trusted"]
-        position_m, force_n = values["position_um"] * 1e-6, values["force_mN"] * 1e-3
+        position_m, force_n = values["position_um"] / 1e6, values["force_mN"] / 1e3
         measured = position_m, force_n, values["contrast_log2"], values["brightness_log2"]
         flags = values["flags"], touching, trusted
-        yield "reading", made[own("Reading")](header, *first, *flags, *measured)
+        if not error_s < _UNKNOWN_ERROR_S:
+            error_s = math.nan
+        yield "reading", made[own("Reading")](header, error_s, *first, *flags, *measured)
         vector, point = made["geometry_msgs/msg/Vector3"], made["geometry_msgs/msg/Point"]
         if trusted or not touching:
             # The finger pushes into the strip.
@@ -86,9 +106,9 @@ def messages(kind: str, values: dict[str, Any], utc_s: float, strip: Strip) -> I
         if trusted:
             yield "point", made[_POINT](header, point(position_m, 0.0, 0.0))
     elif kind == "contact":
-        place = (values[name] * 1e-6 for name in ("position_um", "sigma_um"))
+        place = (values[name] / 1e6 for name in ("position_um", "sigma_um"))
         which = values["id"], values["state"]
-        force_n = values["force_mN"] * 1e-3
+        force_n = values["force_mN"] / 1e3
         yield "contact", made[own("Contact")](header, *first, *which, *place, force_n)
     elif kind == "spectrum":
         counts = np.array(values["counts"], np.uint16)
@@ -96,3 +116,56 @@ def messages(kind: str, values: dict[str, Any], utc_s: float, strip: Strip) -> I
         how = 0.5 * 2 ** values["gain_code"], strip.exposure_us, list(strip.channels)
         flags = values["flags"]
         yield "spectrum", made[own("Spectrum")](header, *first, flags, *how, counts, dark)
+    elif kind == "key":
+        pressed = (values[name] for name in ("page", "usage", "modifiers", "pressed"))
+        yield "key", made[own("Key")](header, *first, *pressed)
+
+
+def frame_message(data: bytes, restarts: int) -> Any:
+    """Return the message for bytes that a board has sent.
+
+    Parameters
+    ----------
+    data : bytes
+        Whole frames.
+    restarts : int
+        Number of restarts of the board.
+
+    Returns
+    -------
+    message
+        Its type is `FRAME`.
+    """
+    return store().types[FRAME](restarts, np.frombuffer(data, np.uint8))
+
+
+def diagnostics(board: Board, node: str, utc_s: float) -> Any:
+    """Return a message with the state of a board and the counters of its link.
+
+    Parameters
+    ----------
+    board : Board
+        The board.
+    node : str
+        Name of its node.
+    utc_s : float
+        The present time, in seconds since 1970.
+
+    Returns
+    -------
+    message
+        Its type is `DIAGNOSTICS`, which rqt_robot_monitor shows.
+    """
+    made = store().types
+    status = made["diagnostic_msgs/msg/DiagnosticStatus"]
+    pair = made["diagnostic_msgs/msg/KeyValue"]
+    level = status.OK if board.state == CONNECTED else status.ERROR
+    counters = [pair(name, str(count)) for name, count in asdict(board.stats).items()]
+    one = status(level, f"{node}: link", board.state, board.info["id"], counters)
+    return made[DIAGNOSTICS](_header(utc_s, ""), [one])
+
+
+def _header(utc_s: float, frame_id: str) -> Any:
+    made = store().types
+    stamp = made["builtin_interfaces/msg/Time"](*divmod(round(1e9 * utc_s), 10**9))
+    return made["std_msgs/msg/Header"](stamp, frame_id)

@@ -3,17 +3,44 @@
 See https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md.
 """
 
+import os
+import re
 import struct
-from typing import NamedTuple
+from hashlib import blake2b
+from typing import Any, NamedTuple
 
-# Reliability, durability, history and depth, deadline, lifespan and liveliness; empty is the
-# default. 2: best effort, because a publisher never waits.
-QOS = "2::,10:,:,:,,"
+from spots.errors import SettingError
+
+_PREFIX = "spots_"  # the name of a board's node, if no other is given, is this and the board's id
+_NAME = re.compile("[0-9A-Za-z_]{1,200}")
+_DOMAIN_MAX = 232
+_HEAD = struct.Struct("<qqB")  # of an attachment
+GID_BYTES = 16
 
 
 def node_name(board_id: str) -> str:
-    """Return the name of a board's node."""
-    return f"spots_{board_id}"
+    """Return the name of a board's node, if the user gives no other."""
+    return f"{_PREFIX}{board_id}"
+
+
+def short_name(node: str) -> str:
+    """Return the text by which ``--port zenoh:`` names a node: a board's id, or the node's name."""
+    return node.removeprefix(_PREFIX)
+
+
+def is_name(text: str) -> bool:
+    """Return whether a text can be part of a topic's name."""
+    return _NAME.fullmatch(text) is not None
+
+
+def checked_name(text: str) -> str:
+    """Return the name of a node that the user gives; raise SettingError if it is invalid."""
+    if not is_name(text) or text[0].isdigit():
+        raise SettingError(
+            f"{text!r} is not the name of a node: give letters, digits and _ with --name, and no "
+            "digit first"
+        )
+    return text
 
 
 def frame_id(node: str, sensor: int) -> str:
@@ -24,6 +51,66 @@ def frame_id(node: str, sensor: int) -> str:
 def topic_name(node: str, sensor: int, kind: str) -> str:
     """Return the name of a strip's topic; `kind` is a key of `messages.types`."""
     return f"/{node}/strip{sensor}/{kind}"
+
+
+def frames_topic(node: str) -> str:
+    """Return the name of the topic of a board's frames."""
+    return f"/{node}/frames"
+
+
+def service_name(node: str, command: str) -> str:
+    """Return the name of the service that returns a board's reply to a command."""
+    return f"/{node}/{command}"
+
+
+def ros_domain(text: str = "") -> int:
+    """Return a ROS domain.
+
+    Parameters
+    ----------
+    text : str
+        The domain; ROS_DOMAIN_ID, or 0, if empty.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    SettingError
+        If the domain is not a number from 0 to 232.
+    """
+    text = text or os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not (text.isascii() and text.isdecimal() and int(text[-9:]) <= _DOMAIN_MAX >= len(text)):
+        raise SettingError(
+            f"{text!r} is not a ROS domain: give a number from 0 to {_DOMAIN_MAX} with "
+            "--to ros2=DOMAIN or ROS_DOMAIN_ID"
+        )
+    return int(text)
+
+
+class Qos(NamedTuple):
+    """Quality of service of topics.
+
+    Attributes
+    ----------
+    reliable : bool
+        Whether ROS is told that messages are sent again if they are lost between two machines.
+        Both kinds drop messages that the network does not take in time.
+    depth : int
+        Number of messages that a subscriber stores.
+    """
+
+    reliable: bool = False
+    depth: int = 10
+
+    @property
+    def token(self) -> str:
+        """The text in a token; an empty field is the default, which is reliable."""
+        return f"{'' if self.reliable else 2}::,{self.depth}:,:,:,,"
+
+
+DEFAULT_QOS = Qos()
 
 
 class Node(NamedTuple):
@@ -38,39 +125,62 @@ class Node(NamedTuple):
         """Key of the liveliness token that shows the node."""
         return f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/%/%/{self.name}"
 
-    def topic_token(self, number: int, topic: str, kind: str, type_hash: str) -> str:
-        """Return the key of the liveliness token that shows a publisher.
+    def token_of(self, entity: str, number: int, topic: "Topic", qos: str) -> str:
+        """Return the key of the liveliness token that shows a publisher or a service.
 
         Parameters
         ----------
+        entity : {"MP", "SS"}
+            Publisher or service.
         number : int
-            Number of the publisher in the node, from 1.
-        topic, kind, type_hash : str
-            Name of the topic, its message type, and the type's hash.
+            Number of the entity in the node, from 1.
+        topic : Topic
+            Topic of the publisher, or the service.
+        qos : str
+            See `Qos.token`.
 
         Returns
         -------
         str
         """
-        mangled = topic.replace("/", "%")
+        mangled = topic.name.replace("/", "%")
         return (
-            f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/MP/%/%/{self.name}/{mangled}/"
-            f"{dds(kind)}/{type_hash}/{QOS}"
+            f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/{entity}/%/%/{self.name}/{mangled}/"
+            f"{dds(topic.kind)}/{topic.type_hash}/{qos}"
         )
 
-    def key(self, topic: str, kind: str, type_hash: str) -> str:
-        """Return the key under which the messages of a topic are published.
+
+class Topic(NamedTuple):
+    """A topic or a service: its name, the type of its messages, and the type's hash."""
+
+    name: str
+    kind: str
+    type_hash: str
+
+    def key(self, domain: int) -> str:
+        """Return the key under which its messages or requests are sent."""
+        return f"{domain}/{self.name.lstrip('/')}/{dds(self.kind)}/{self.type_hash}"
+
+    def tokens(self, domain: int, node: str) -> str:
+        """Return the expression that selects the tokens of the publishers of this type.
 
         Parameters
         ----------
-        topic, kind, type_hash : str
-            See `topic_token`.
+        domain : int
+            ROS domain.
+        node : str
+            Name of the publishers' node; "*" for all.
 
         Returns
         -------
         str
         """
-        return f"{self.domain}/{topic.lstrip('/')}/{dds(kind)}/{type_hash}"
+        return f"@ros2_lv/{domain}/*/*/*/MP/*/*/{node}/*/{dds(self.kind)}/{self.type_hash}/*"
+
+
+def node_of(token: str) -> str:
+    """Return the name of the node in the key of a publisher's token."""
+    return token.split("/")[8]
 
 
 def dds(kind: str) -> str:
@@ -79,20 +189,52 @@ def dds(kind: str) -> str:
     return f"{package}::{part}::dds_::{name}_"
 
 
-def attachment(sequence: int, time_ns: int, gid: bytes) -> bytes:
-    """Return the attachment of a message.
+class Attachment(NamedTuple):
+    """What accompanies each message.
 
-    Parameters
+    Attributes
     ----------
     sequence : int
-        Number of the message, from 1.
+        Number of the message, from 1; number of the request in a response to it.
     time_ns : int
         Source time, in ns since 1970.
     gid : bytes
-        Id of the publisher.
+        Id of the publisher, or of the client that sent the request.
+    """
+
+    sequence: int
+    time_ns: int
+    gid: bytes
+
+    def packed(self) -> bytes:
+        """Return the attachment as bytes."""
+        return _HEAD.pack(self.sequence, self.time_ns, len(self.gid)) + self.gid
+
+
+def unpacked(data: Any) -> Attachment | None:
+    """Return the attachment of a message from an untrusted sender.
+
+    Parameters
+    ----------
+    data : bytes, zenoh.ZBytes or None
+        The attachment, of any length.
 
     Returns
     -------
-    bytes
+    Attachment or None
+        None if it is not an attachment of rmw_zenoh.
     """
-    return struct.pack("<qqB", sequence, time_ns, len(gid)) + gid
+    if data is None or len(data) != _HEAD.size + GID_BYTES:
+        return None
+    data = bytes(data)
+    sequence, time_ns, size = _HEAD.unpack_from(data)
+    return Attachment(sequence, time_ns, data[_HEAD.size :]) if size == GID_BYTES else None
+
+
+def gid_of(token: str) -> bytes:
+    """Return the id of a publisher, by the key of its token.
+
+    So a message whose publisher has no token is known. rmw_zenoh uses another hash of this key, and
+    compares no hashes of others.
+    """
+    return blake2b(token.encode(), digest_size=GID_BYTES).digest()

@@ -1,11 +1,8 @@
-"""Packages for ROS 2, which are optional: without them, this import raises SpotsError."""
+"""The package rosbags, which is optional: without it, this import raises SpotsError."""
 
 from spots.errors import missing
 
 try:
-    from mcap import writer as mcap_writer
     from rosbags import typesys as typesys
 except ImportError:
-    raise missing("messages for ROS 2 need", "rosbags and mcap", "ros2") from None
-
-Writer = mcap_writer.Writer
+    raise missing("messages for ROS 2 need", "rosbags", "zenoh") from None
