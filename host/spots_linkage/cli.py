@@ -17,6 +17,7 @@ def twin(parser: Parser):
     parser.option("--linkage", "FILE", "linkage file, or a name such as default", default="default")
     arguments.add_seconds(parser)
     parser.flag("--json", "print one JSON object per line")
+    parser.flag("--publish", "publish joint angles and end point as the node spots_twin of ROS 2")
     effect = _is_simulated, "name a simulated linkage with --linkage"
     arguments.add_ports(parser, {"virtual": effect}, "add_linkage_options")
     parser.needs(["--picture"], lambda options: True, "")  # it has its own message
@@ -51,6 +52,7 @@ def twin(parser: Parser):
     )
     shows = "--seconds", "--json"
     parser.needs(shows, lambda options: not options.measure, "leave out --measure")
+    parser.needs(["--publish"], _is_live, "name the linkage file of real boards with --linkage")
     parser.needs(
         ["--place-sigma-mm"], lambda options: options.calibrate, "add --calibrate POINTS.csv"
     )
@@ -61,3 +63,8 @@ def _is_simulated(options: argparse.Namespace) -> bool:
     from .twin_source import has_boards
 
     return not options.calibrate and not has_boards(options.linkage, options.port)
+
+
+def _is_live(options: argparse.Namespace) -> bool:
+    others = options.calibrate, options.measure, options.mjcf
+    return not any(others) and not _is_simulated(options)

@@ -3,11 +3,15 @@
 import argparse
 import json
 import math
-from contextlib import suppress
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from spots.common.atomic import check_writable, write_text
-from spots.errors import CalibrationError, SettingError, printable
+from spots.common.plugins import entry_points
+from spots.errors import CalibrationError, SettingError, missing, printable
+from spots.link.board import Board
 from spots.link.ports import offered
 from spots.terminal.opening import doubted
 from spots.terminal.view import Pace, drawn
@@ -20,6 +24,7 @@ from .twin_source import Source, has_boards, is_recording, opened, paced
 from .twin_view import TwinView
 
 _LINES_PER_S = 4
+_JOINTS = "joint1", "joint2"  # as in the model for MuJoCo
 
 
 def twin_command(options: argparse.Namespace) -> None:
@@ -69,7 +74,9 @@ def twin_command(options: argparse.Namespace) -> None:
                 return
             for board in dict.fromkeys(source.boards):
                 doubted(board)
-            count = show(source, options.seconds, options.json, played)
+            with ExitStack() as stack:
+                publish = _publisher(stack, source.boards[0]) if options.publish else None
+                count = show(source, options.seconds, options.json, played, publish)
             if not count and all(board.ended for board in source.boards):
                 raise CalibrationError(
                     "the recordings give no position: name recordings in which both strips are "
@@ -85,7 +92,13 @@ def twin_command(options: argparse.Namespace) -> None:
         run(options)
 
 
-def show(source: Source, seconds: float | None, as_json: bool = False, played: bool = False) -> int:
+def show(
+    source: Source,
+    seconds: float | None,
+    as_json: bool = False,
+    played: bool = False,
+    publish: Callable[[Terminal], object] | None = None,
+) -> int:
     """Show a linkage's digital twin as a live picture or as lines, until Ctrl-C or `seconds`.
 
     Parameters
@@ -100,6 +113,8 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
         picture, and any other output gets at most four lines a second.
     played : bool
         Whether the boards are recordings; a picture shows recordings at their original pace.
+    publish : callable, optional
+        Called with each value that the twin computed.
 
     Returns
     -------
@@ -119,12 +134,30 @@ def show(source: Source, seconds: float | None, as_json: bool = False, played: b
         for joint, touch in paced(pairs) if played and display else pairs:
             for terminal in source.twin.take(joint, touch):
                 count += 1
+                if publish:
+                    publish(terminal)
                 if not display:
                     on_terminal(terminal)
             if display and pace.due(touch.time_s):
                 stats = [board.stats for board in source.boards]
                 display.update(view.picture(stats, touch.time_s), refresh=True)
     return count
+
+
+def _publisher(stack: ExitStack, board: Board) -> Callable[[Terminal], object]:
+    made = [one.load() for one in entry_points(group="spots.commands", name="joints.ros2")]
+    if not made:
+        raise missing("--publish needs", "the package for networks", "zenoh")
+    node = made[0]()
+    stack.callback(node.close)
+
+    def put(terminal: Terminal) -> None:
+        utc_s = time.time() - (board.now_s() - terminal.time_s)
+        node.put_angles(dict(zip(_JOINTS, terminal.theta_rad)), utc_s)
+        if terminal.x_mm is not None and terminal.y_mm is not None:
+            node.put_point(terminal.x_mm, terminal.y_mm, utc_s)
+
+    return put
 
 
 def _export(options: argparse.Namespace) -> None:

@@ -13,6 +13,7 @@ from spots.link.frames import Contact, Reading, Spectrum, Touch
 from spots.link.lines import of_sensor
 from spots.recording.table import VALUES
 
+KINDS = "touch", "contact", "key", "spectrum"  # kinds of frames that outlets send
 _FIRST = "sensor", "sequence", "t_us"
 # Fields of frames whose names differ from those of their columns, by column.
 _FIELDS = {"contrast_log2": "contrast", "brightness_log2": "brightness", "gain_code": "gain"}

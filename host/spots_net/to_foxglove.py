@@ -11,7 +11,7 @@ from spots.link.frames import Reading
 from spots.recording.foxglove import schema
 from spots.recording.table import tables
 
-from .outlet import host_and_port, kind_of, plans, row
+from .outlet import KINDS, host_and_port, kind_of, plans, row
 
 _DEFAULT = "127.0.0.1", 8765
 _encode = msgspec.json.Encoder().encode
@@ -42,7 +42,7 @@ class Foxglove:
         self._plans = plans(board)
         self._channels = {}
         for sensor, plan in enumerate(self._plans):
-            for table in tables(plan)[:-1]:
+            for table in (one for one in tables(plan) if one.name in KINDS):
                 topic = f"/spots/{sensor}/{table.name}"
                 content = json.dumps(schema(table)).encode()
                 named = foxglove.Schema(

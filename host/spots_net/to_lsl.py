@@ -6,9 +6,8 @@ from spots.link.board import Board
 from spots.link.frames import Reading
 from spots.recording.table import VALUES
 
-from .outlet import kind_of, plans, values
+from .outlet import KINDS, kind_of, plans, values
 
-_KINDS = "touch", "contact", "key", "spectrum"
 _UNITS = {"um": "um", "mN": "mN"}  # by the last part of a column's name
 
 
@@ -36,7 +35,7 @@ class Lsl:
         self.place = f"LSL streams SPOTS {board_id}"
         self._sources = {}
         for sensor, plan in enumerate(plans(board)):
-            for kind in _KINDS:
+            for kind in KINDS:
                 columns = _columns(kind, plan)
                 source = f"{board_id}/{sensor}/{kind}"
                 self._sources[sensor, kind] = source

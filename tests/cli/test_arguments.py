@@ -108,6 +108,7 @@ NO_EFFECT = {
     "publish --to osc --qos reliable": "add --to ros2",
     "publish --to osc --depth 3": "add --to ros2",
     "twin --place-sigma-mm 1": "add --calibrate POINTS.csv",
+    "twin --publish": "name the linkage file of real boards with --linkage",
     "twin --calibrate p.csv --seed 1": "name a simulated linkage with --linkage",
     "twin --port /dev/nope --path sust": "name a simulated linkage with --linkage",
     "twin --linkage arm.toml --port a --port b --measure p.csv --json": "leave out --measure",

@@ -199,7 +199,7 @@ def test_a_reader_whose_output_is_blocked_does_not_grow(net):
         stderr=subprocess.DEVNULL,
     )
     with session(net.hub) as hostile:
-        probe = topic_key("probe", "wrench"), bytes(4) + bytes(100)
+        probe = topic_key("probe", "key"), _pressed()
         while b"probe" not in (hostile.put(*probe), _line(reader))[1]:
             pass
         _publish_names(hostile, 5_000)
@@ -219,8 +219,14 @@ def _line(process):
     return process.stdout.readline() if ready else b""
 
 
+def _pressed():
+    names = "sequence", "t_us", "page", "usage", "modifiers", "pressed"
+    ((_, key),) = messages("key", dict.fromkeys(names, 1), 1.0, 0.0, Strip("", [], 0, (0,) * 6))
+    return packed(key)
+
+
 def _publish_names(hostile, count):
-    place, data = topic_key("b0", "wrench"), bytes(104)
+    place, data = topic_key("b0", "key"), _pressed()
     for i in range(count):
         hostile.put(
             place.replace("b0", f"b{i}"), data, congestion_control=zenoh.CongestionControl.BLOCK

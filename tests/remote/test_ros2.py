@@ -4,7 +4,10 @@ import json
 import math
 import random
 import struct
+import time
 from collections import defaultdict
+from contextlib import ExitStack
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,14 +32,15 @@ import spots
 import spots_sim
 from spots import Board
 from spots.recording.export import export
+from spots_linkage.digital_twin import Terminal
+from spots_linkage.fivebar import Limit
+from spots_linkage.twin import _publisher
 from spots_net import publish as publish_module
 from spots_net import zenoh_session as session_module
 from spots_net.publish import Publisher
 from spots_net.ros2 import naming
 from spots_net.ros2.messages import DIAGNOSTICS, types
 from spots_net.ros2.types import OWN, own, service, store
-
-HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
 
 
 def test_standard_types_have_the_hashes_of_a_distribution():
@@ -51,9 +55,16 @@ def _text(kind):
     return store().generate_msgdef(kind, ros_version=2)[0].split("=" * 80)[0]
 
 
+def _parts(kind):
+    """Return the definitions of the types in a type, by their names."""
+    _, *others = store().generate_msgdef(kind, ros_version=2)[0].split("=" * 80 + "\nMSG: ")
+    pairs = (one.split("\n", 1) for one in others)
+    return {name.replace("/", "/msg/"): text for name, text in pairs}
+
+
 @pytest.mark.parametrize("name", OWN)
 def test_own_types_have_the_hashes_that_another_implementation_computes(name):
-    parts = {one: _text(one) for one in HEADER}
+    parts = _parts(own(name))
     other = compute_type_hash_from_msg(own(name), _text(own(name)), parts)
     assert other == store().hash_rihs01(own(name))
 
@@ -180,8 +191,8 @@ class Heard:
 
     def __init__(self, peer, topic, kind):
         self.messages, self.samples = [], []
-        parts = {one: _text(one) for one in HEADER}
-        for one, text in parts.items():
+        parts = _parts(kind)
+        for one, text in reversed(parts.items()):
             peer.register_message_type(text, one)
         text = _text(kind)
         self.subscriber = ROS2Subscriber(
@@ -345,3 +356,27 @@ def test_the_domain_comes_from_the_environment(net, monkeypatch):
         monkeypatch.setattr(session_module, "_PATIENCE_S", 0.2)
         with pytest.raises(spots.SpotsError, match="no board is published"):
             spots.open("zenoh:")
+
+
+def test_the_angles_of_a_twin_are_joint_states(net, peer, monkeypatch):
+    monkeypatch.setenv("ZENOH_CONFIG", str(net.hub))
+    kind = "sensor_msgs/msg/JointState"
+    joints = Heard(peer, "/spots_twin/joint_states", kind)
+    points = Heard(peer, "/spots_twin/end_point", "geometry_msgs/msg/PointStamped")
+    board, angles = SimpleNamespace(now_s=lambda: 12.0), (0.5, 2.25)
+    there = Terminal(10.0, 40.0, 90.5, None, None, angles, Limit.NONE, False, True)
+    nowhere = there._replace(x_mm=None, y_mm=None, limit=Limit.SINGULAR)
+    with ExitStack() as stack:
+        put = _publisher(stack, board)
+        put(nowhere)
+        wait_until(lambda: put(nowhere) or joints.messages)
+        wait_until(lambda: put(there) or points.messages)
+    wait_until(lambda: not list(peer.liveliness.get("@ros2_lv/0/*/*/*/MP/*/*/spots_twin/**")))
+    for message in joints.messages:
+        assert message.name == ["joint1", "joint2"]
+        assert message.position.tolist() == [0.5, 2.25]
+        ago_s = time.time() - message.header.stamp.sec
+        assert 1.0 <= ago_s < 10.0
+    place = points.messages[0]
+    assert (place.point.x, place.point.y) == (0.04, 0.0905)
+    assert place.header.frame_id == "spots_twin_base"

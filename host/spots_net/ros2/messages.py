@@ -12,14 +12,15 @@ from spots.link.timeouts import CONNECTED
 
 from .types import FRAME, own, store
 
-_WRENCH, _POINT = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PointStamped"
+_WRENCH = "geometry_msgs/msg/WrenchStamped"
+POINT = "geometry_msgs/msg/PointStamped"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 UNKNOWN_DARK = (math.nan,) * 6
 _UNKNOWN_ERROR_S = 1.0  # a larger error of a time is no knowledge
 Message = tuple[str, Any]
 _TYPES = {
     "wrench": _WRENCH,
-    "point": _POINT,
+    "point": POINT,
     "reading": own("Reading"),
     "contact": own("Contact"),
     "spectrum": own("Spectrum"),
@@ -87,7 +88,7 @@ def messages(
         The messages have the types that `types` returns.
     """
     made = store().types
-    header = _header(utc_s, strip.frame_id)
+    head = header(utc_s, strip.frame_id)
     first = values["sequence"], values["t_us"]
     if kind == "touch":
         touching, trusted = values["touching"], values["trusted"]
@@ -96,29 +97,29 @@ def messages(
         flags = values["flags"], touching, trusted
         if not error_s < _UNKNOWN_ERROR_S:
             error_s = math.nan
-        yield "reading", made[own("Reading")](header, error_s, *first, *flags, *measured)
+        yield "reading", made[own("Reading")](head, error_s, *first, *flags, *measured)
         vector, point = made["geometry_msgs/msg/Vector3"], made["geometry_msgs/msg/Point"]
         if trusted or not touching:
             # The finger pushes into the strip.
             push = vector(0.0, 0.0, -force_n if touching else 0.0)
             wrench = made["geometry_msgs/msg/Wrench"](push, vector(0.0, 0.0, 0.0))
-            yield "wrench", made[_WRENCH](header, wrench)
+            yield "wrench", made[_WRENCH](head, wrench)
         if trusted:
-            yield "point", made[_POINT](header, point(position_m, 0.0, 0.0))
+            yield "point", made[POINT](head, point(position_m, 0.0, 0.0))
     elif kind == "contact":
         place = (values[name] / 1e6 for name in ("position_um", "sigma_um"))
         which = values["id"], values["state"]
         force_n = values["force_mN"] / 1e3
-        yield "contact", made[own("Contact")](header, *first, *which, *place, force_n)
+        yield "contact", made[own("Contact")](head, *first, *which, *place, force_n)
     elif kind == "spectrum":
         counts = np.array(values["counts"], np.uint16)
         dark = np.array(strip.dark, np.float32)
         how = 0.5 * 2 ** values["gain_code"], strip.exposure_us, list(strip.channels)
         flags = values["flags"]
-        yield "spectrum", made[own("Spectrum")](header, *first, flags, *how, counts, dark)
+        yield "spectrum", made[own("Spectrum")](head, *first, flags, *how, counts, dark)
     elif kind == "key":
         pressed = (values[name] for name in ("page", "usage", "modifiers", "pressed"))
-        yield "key", made[own("Key")](header, *first, *pressed)
+        yield "key", made[own("Key")](head, *first, *pressed)
 
 
 def frame_message(data: bytes, restarts: int) -> Any:
@@ -162,10 +163,11 @@ def diagnostics(board: Board, node: str, utc_s: float) -> Any:
     level = status.OK if board.state == CONNECTED else status.ERROR
     counters = [pair(name, str(count)) for name, count in asdict(board.stats).items()]
     one = status(level, f"{node}: link", board.state, board.info["id"], counters)
-    return made[DIAGNOSTICS](_header(utc_s, ""), [one])
+    return made[DIAGNOSTICS](header(utc_s, ""), [one])
 
 
-def _header(utc_s: float, frame_id: str) -> Any:
+def header(utc_s: float, frame_id: str) -> Any:
+    """Return the header of a message, with a time in seconds since 1970."""
     made = store().types
     stamp = made["builtin_interfaces/msg/Time"](*divmod(round(1e9 * utc_s), 10**9))
     return made["std_msgs/msg/Header"](stamp, frame_id)
