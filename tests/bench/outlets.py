@@ -2,15 +2,18 @@
 
 ``PYTHONPATH=tests .venv/bin/python -m bench.outlets`` prints, for each outlet, the share of a core
 that a board with 100 readings a second takes, and, as a peer, the share of decoding the frames.
+The share of ``ros2`` includes a subscriber of all topics in the same process.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 import time
 from pathlib import Path
+
+import zenoh
+from support.net import Net, session
 
 from spots.errors import SpotsError
 from spots.link.board import Board
@@ -22,6 +25,7 @@ from .standin import StandIn
 
 _RATE_HZ = 100
 _READINGS = 2000
+_CONNECT_S = 1.0  # for a subscriber to connect
 
 
 def measure(names: list[str]) -> dict[str, float]:
@@ -40,6 +44,7 @@ def measure(names: list[str]) -> dict[str, float]:
         except SpotsError as error:
             print(f"{name}: not measured: {error}")
             continue
+        time.sleep(_CONNECT_S)
         began_s = time.process_time()
         for i, frame in enumerate(frames):
             outlet.put(frame, time.time())
@@ -57,9 +62,11 @@ def _share(cpu_s: float, frames: int) -> float:
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
-        config = Path(folder) / "zenoh.json5"
-        config.write_text(json.dumps({"scouting": {"multicast": {"enabled": False}}}))
-        os.environ["ZENOH_CONFIG"] = str(config)
+        net = Net(Path(folder))
+        os.environ["ZENOH_CONFIG"] = str(net.hub)
+        reader = session(net.leaf)
+        ignore = zenoh.handlers.Callback(lambda sample: None, indirect=False)
+        reader.declare_subscriber("0/**", ignore)
         names = ["ros2", "foxglove=127.0.0.1:0", "lsl", "osc=127.0.0.1:9"]
         for name, share in measure([*names, f"rerun={folder}/run.rrd"]).items():
             print(f"{name:9} {100 * share:5.2f} % of a core")
