@@ -6,7 +6,8 @@ ARGS ?=
 BIN := .venv/bin
 # Some tests wait, so there are more processes than processors, see tests/conftest.py.
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
-FAST := tests/test_*.py tests/firmware tests/sim tests/referee
+# The pure tests compute only; reading all test modules costs each process 4 s.
+PURE := --numprocesses 2 --dist worksteal -m "not board and not browser"
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .PHONY: help demo test test-fast browser lint bench soak fuzz release build flash erase doctor docs pictures paper clean
@@ -15,7 +16,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 help:
 	@echo 'make demo      the virtual board, in a browser or terminal               ARGS="--seconds 5 --json"'
 	@echo 'make test      run all tests                                             ARGS="-k log2"'
-	@echo 'make test-fast run the fast tests: arithmetic, simulator, structure; half a minute'
+	@echo 'make test-fast run the pure tests: no process, no browser; about a minute'
 	@echo 'make lint      check style, format, docstrings, links and types'
 	@echo 'make bench     compare driver, firmware and host with other projects'
 	@echo 'make soak      test with faults for hours of simulated time              ARGS="--hours 1"'
@@ -42,7 +43,7 @@ test: .venv/test tests/wasm/node_modules browser
 	@$(BIN)/python -m pytest $(PARALLEL) $(ARGS)
 
 test-fast: .venv/test
-	@$(BIN)/python -m pytest $(PARALLEL) $(FAST) $(ARGS)
+	@$(BIN)/python -m pytest $(PURE) $(ARGS)
 
 browser: .venv/test
 	@$(BIN)/python tests/support/bring_browser.py

@@ -53,20 +53,50 @@ def pytest_xdist_auto_num_workers():
     return 2 * os.cpu_count()
 
 
+# Tests are in three tiers: `browser`, with a real browser; `board`, with processes, such as a real
+# MicroPython, or with minutes of a simulated board; all others are pure.
+TIERS = {"board": "starts processes, or computes for long", "browser": "uses a real browser"}
+OF_FIXTURES = {"browser": "browser", "built": "board", "results": "board", "seen": "board"}
+STARTS = {"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn"}
+_pure = []  # the pure test that runs
+
+
+def pytest_configure(config):
+    """Declare the tiers, and let a pure test fail that starts a process."""
+    for name, words in TIERS.items():
+        config.addinivalue_line("markers", f"{name}: {words}")
+    own = os.getpid()
+
+    def refuse(event, _):
+        if event in STARTS and _pure and os.getpid() == own:
+            raise AssertionError(f"{_pure[0]} starts a process: mark it with pytest.mark.board")
+
+    sys.addaudithook(refuse)
+
+
 def pytest_collection_modifyitems(items):
     """Put the tests of the folders in `PARALLEL` first, because they wait for most of their time.
 
     The first worker starts with them, while the others compute; at the end, they would leave the
     processors idle. They also need only one browser, as long as no other worker steals them.
     """
+    for item in items:
+        for name in OF_FIXTURES.keys() & {*item.fixturenames}:
+            item.add_marker(OF_FIXTURES[name])
     items.sort(key=lambda item: item.path.parent.name not in PARALLEL)
 
 
+def pytest_runtest_teardown():
+    """End the watch over a pure test."""
+    _pure.clear()
+
+
 def pytest_runtest_setup(item):
-    """Select the runtime of virtual boards, and the processor of a test.
+    """Select the runtime of virtual boards, and the processor of a test; watch a pure test.
 
     A test and the processes that it starts use one processor.
     """
+    _pure[:] = [] if any(map(item.get_closest_marker, TIERS)) else [item.nodeid]
     if not IN_CPYTHON.isdisjoint((item.path.parent.name, item.path.name)):
         os.environ["SPOTS_VIRTUAL_RUNTIME"] = "cpython"
     else:

@@ -85,6 +85,7 @@ def arrows():
     return [arrow for arrow in all_imports() if arrow[1].split(".")[0] in OURS]
 
 
+@pytest.mark.board
 def test_no_room_imports_what_it_may_not():
     allowed = rules()
     assert {room(module) for module in MODULES} <= set(allowed)
@@ -145,6 +146,7 @@ def test_packages_plug_in_by_three_groups_of_entry_points():
     assert re.findall(r"^- `(spots\.\w+)`", section.partition("\n## ")[0], re.MULTILINE) == groups
 
 
+@pytest.mark.board
 def test_no_import_lists_more_than_fifteen_names():
     folders = "boards", "docs", "examples", "firmware", "host", "tests"
     lengths = {

@@ -134,6 +134,7 @@ def checked(functions):
     }
 
 
+@pytest.mark.board
 def test_each_function_documents_all_of_its_parameters_and_what_it_returns(checked):
     lacks = {name: list(missing(*of)) for name, of in checked.items()}
     assert not {name: what for name, what in lacks.items() if what}

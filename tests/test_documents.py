@@ -51,6 +51,7 @@ def parser_says(words, capsys):
     return code, "".join(capsys.readouterr())
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", PRESENT)
 def test_the_parser_takes_each_command(name, capsys):
     text = (ROOT / name).read_text(encoding="utf-8")
@@ -86,6 +87,7 @@ def test_each_import_of_a_snippet_resolves(name):
                 assert [alias.name for alias in node.names if not hasattr(module, alias.name)] == []
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", PRESENT)
 def test_make_has_each_target(name):
     lines = [line for line in shell_lines(name) if line.startswith("make ")]

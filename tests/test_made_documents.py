@@ -8,10 +8,13 @@ from functools import partial
 from pathlib import Path
 
 import msgspec
+import pytest
 from make import applications_page, linkage_page, pictures, screenshots, timings
 
 from spots_sim.measure import survey
 from spots_sim.strip.files import load
+
+pytestmark = pytest.mark.board
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 

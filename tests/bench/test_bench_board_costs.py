@@ -5,11 +5,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 from bench import board_inputs
 from spots.link.board import Board
 from spots_device.reading import decode
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held
+
+pytestmark = pytest.mark.board
 
 SCRIPT = Path(board_inputs.__file__).with_name("board_costs.py")
 FEWER = {"_CALLS": 3, "_LOOP_MS": 50, "_START_MS": 300}

@@ -7,6 +7,8 @@ import pytest
 from spots.deploy.build import files_of
 from spots.deploy.staging import board_names, device_of
 
+pytestmark = pytest.mark.board
+
 # A Pico has about 240 KB of heap.
 HEAP_MAX_BYTES = 86 * 1024
 TYPING_MAX_BYTES = 126 * 1024

@@ -7,6 +7,8 @@ from support.viper import need_viper
 
 from bench import firmware
 
+pytestmark = pytest.mark.board
+
 FLOATS = ("float_json", "float_struct")
 OURS = ("spots", "spots_viper")
 PATHS = OURS + FLOATS

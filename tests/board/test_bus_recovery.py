@@ -13,6 +13,8 @@ from spots_sim.strip.files import (
     PowerFaults,
 )
 
+pytestmark = pytest.mark.board
+
 BOARDS = ["virtual", "virtual_circuitpython"]
 PLACE_UM = 42_000
 

@@ -19,6 +19,8 @@ from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 FIRMWARE = str(Path("spots_device"))
 DEEPEST = 21
 SECONDS = 15.0

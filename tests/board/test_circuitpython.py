@@ -19,6 +19,8 @@ from spots_sim.person.stage import calibrate
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 BOARD = "virtual_circuitpython"
 
 

@@ -16,6 +16,8 @@ from spots_sim.board.link_wrapper import LinkWrapper
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held
 
+pytestmark = pytest.mark.board
+
 
 def test_hello_tells_who_it_is(rig):
     info = rig().board.info

@@ -73,6 +73,7 @@ def states(finger):
     return [state for state, _ in groupby(contact.state for contact in finger)]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("command", [None, "set keys=1"])
 def test_fingers_that_roll_come_and_go_once(played, command):
     _, frames = played(*ROLLED, command=command)
@@ -89,6 +90,7 @@ def test_fingers_that_roll_come_and_go_once(played, command):
         assert all(0 < contact.sigma_um < 3000 for contact in one)
 
 
+@pytest.mark.board
 def test_a_finger_beside_a_resting_one_was_never_alone(played):
     _, frames = played(*RESTED)
     found = contacts(frames)
@@ -97,6 +99,7 @@ def test_a_finger_beside_a_resting_one_was_never_alone(played):
     assert abs(found[2][-1].position_um / 1000 - 62) < 3
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("pairs", [False, True], ids=["typing", "pairs"])
 def test_contacts_are_the_same_with_keys_and_without(played, pairs):
     layout = load("digits")
@@ -161,6 +164,7 @@ def sliding(x1_mm, from_mm, to_mm, mm_per_s, wobble=0.0, seed=0):
 SLIDES = (12, 70, 35), (30, 50, 75), (60, 15, 45), (60, 40, 15), (75, 50, 20), (45, 20, 5)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("mm_per_s", "wobble"), [(20, 0.0), (50, 0.1), (100, 0.1)])
 def test_a_second_finger_is_followed_while_the_first_one_rests(played, mm_per_s, wobble):
     off, shares = [], []
@@ -205,6 +209,7 @@ def test_no_key_is_typed_without_keys(played):
     assert not any(isinstance(frame, Key) for frame in frames)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("fingers", [ROLLED, RESTED])
 def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
     board, frames = played(*fingers)
@@ -214,6 +219,7 @@ def test_the_host_finds_the_same_contacts_from_the_readings(played, fingers):
     assert [repr(one[2:]) for one in there] == [repr(one[2:]) for one in made] != []
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("fingers", "ends"), [(ROLLED, [4, 8]), (RESTED, [8, 4])])
 def test_contacts_and_keys_do_not_change_while_the_led_is_off(played, fingers, ends):
     # Dark frames while one finger touches, while two touch, and at other times.
@@ -234,6 +240,7 @@ def test_contacts_and_keys_do_not_change_while_the_led_is_off(played, fingers, e
     assert keys == [(4, True), (8, True), *((key, False) for key in ends)]
 
 
+@pytest.mark.board
 def test_a_new_dark_frame_ends_the_doubt_about_a_second_finger(rig, calibration):
     made = rig(calibration=calibration)
     stream = made.board.contacts(10.0)

@@ -14,6 +14,8 @@ from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Held, Scenario
 
+pytestmark = pytest.mark.board
+
 # Streamed touches of a calibrated, touched strip: exposure in us, readings in Hz, busy share.
 MEASURED = {
     "pico": [

@@ -57,6 +57,7 @@ def demo(*arguments):
     return subprocess.run(run, capture_output=True, text=True, timeout=TIMEOUT_S, check=True).stdout
 
 
+@pytest.mark.board
 def test_a_program_reads_it_as_any_board(port):
     with spots.open("virtual") as board:
         assert board.port.startswith(port)
@@ -73,6 +74,7 @@ def test_a_program_reads_it_as_any_board(port):
     assert touches[-1].trusted
 
 
+@pytest.mark.board
 def test_its_port_is_for_one_program_and_can_be_opened_again(port):
     with spots.open("virtual") as board:
         with pytest.raises(spots.SpotsError):
@@ -108,6 +110,7 @@ def test_a_socket_takes_the_next_program_before_it_has_read_the_end_of_the_last_
         assert received(b"c")
 
 
+@pytest.mark.board
 def test_a_reboot_keeps_what_was_saved_and_nothing_else(port):
     with spots.open("virtual") as board:
         board.command("set average=3")
@@ -121,6 +124,7 @@ def test_a_reboot_keeps_what_was_saved_and_nothing_else(port):
         assert board.command("get")["average"] == 3
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("port", ["socket"], indirect=True)
 def test_the_demo_names_what_runs_the_firmware(port):
     first, *readings = demo("--seconds", "2").splitlines()
@@ -128,6 +132,7 @@ def test_the_demo_names_what_runs_the_firmware(port):
     assert any(" mm " in line and " N" in line for line in readings)
 
 
+@pytest.mark.board
 def test_the_demo_in_real_time_loses_nothing(port, capsys, tmp_path):
     scenario = tmp_path / "taps.toml"
     scenario.write_text(TAPS)
@@ -138,6 +143,7 @@ def test_the_demo_in_real_time_loses_nothing(port, capsys, tmp_path):
     assert run["position_rmse_um"] <= 500
 
 
+@pytest.mark.board
 def test_in_simulated_time_it_meets_the_figures_with_the_same_bytes_each_run(capsys):
     first, second = (figures(capsys, "--fast", "--seconds", "5") for _ in range(2))
     assert first == second
@@ -146,12 +152,14 @@ def test_in_simulated_time_it_meets_the_figures_with_the_same_bytes_each_run(cap
     assert first["position_rmse_um"] <= 150
 
 
+@pytest.mark.board
 def test_the_keyboard_demo_types_its_text(capsys):
     run = figures(capsys, "--fast", "--use", "keyboard", "--seconds", "13")
     assert run["typed"] == "hello strip, type 42!\n"
     assert run["host_agrees"]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("port", ["socket"], indirect=True)
 def test_the_keyboard_demo_in_real_time(port, capsys):
     run = figures(capsys, "--use", "keyboard", "--seconds", "7")
@@ -161,10 +169,12 @@ def test_the_keyboard_demo_in_real_time(port, capsys):
     assert run["runtime"].startswith("cpython")
 
 
+@pytest.mark.board
 def test_two_boards_of_a_linkage_share_nothing(capsys):
     assert figures(capsys, "--use", "fivebar", "--fast")["error_mm"]["rms"] < 1
 
 
+@pytest.mark.board
 def test_faults_of_a_scenario_reach_it(capsys):
     run = figures(capsys, "--fast", "--scenario", "fire", "--seconds", "25")
     assert run["restarts"] >= 1  # brown-outs
@@ -201,6 +211,7 @@ def test_the_firmware_collects_no_garbage_of_the_host(rig, calibration):
     assert not begun
 
 
+@pytest.mark.board
 def test_the_readings_are_those_of_micropython(rig, calibration, monkeypatch):
     means = []
     for runtime in ("cpython", "micropython"):
@@ -238,6 +249,7 @@ def test_an_unknown_runtime_is_one_sentence(capsys, monkeypatch):
     assert error.count("\n") == 1
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("sensor", "code"), [("default", 0), ("nope", 2)])
 def test_it_ends_with_whoever_started_it(sensor, code):
     run = subprocess.run(

@@ -37,6 +37,7 @@ def light_of(stage):
     return found
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("room", ["default", "daylight"])
 @pytest.mark.parametrize("pressed", [False, True])
 def test_an_led_that_is_not_wired_never_passes(room, pressed):
@@ -50,6 +51,7 @@ def test_an_led_that_is_not_wired_never_passes(room, pressed):
     assert "check the wire from LDR" in verdict.text
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("room", ["default", "daylight"])
 def test_a_strip_that_nobody_presses_does_not_pass_either(room):
     with Stage(load(SensorFile, room)) as stage:
@@ -59,6 +61,7 @@ def test_a_strip_that_nobody_presses_does_not_pass_either(room):
     assert not verdict.ok
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("room", ["default", "daylight"])
 def test_a_press_passes_at_once(room):
     with Stage(load(SensorFile, room)) as stage:
@@ -68,6 +71,7 @@ def test_a_press_passes_at_once(room):
     assert "% of full scale" in verdict.text
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("kind", ["gpio", "always"])
 @pytest.mark.parametrize("wired", [True, False])
 def test_the_light_of_any_led_is_examined_and_its_wires_named(kind, wired):
@@ -81,6 +85,7 @@ def test_the_light_of_any_led_is_examined_and_its_wires_named(kind, wired):
         assert "LDR" not in verdict.text
 
 
+@pytest.mark.board
 def test_a_flickering_lamp_is_not_the_led():
     lamp = {"irradiance_uW_cm2": 200.0, "flicker_hz": 120.0, "flicker_percent": 100.0}
     sensor = replaced(load(SensorFile, "daylight"), led=UNWIRED, surroundings=lamp)
@@ -91,6 +96,7 @@ def test_a_flickering_lamp_is_not_the_led():
     assert not verdict.ok
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("kind", ["default", "gpio", "always"])
 def test_ambient_light_that_enters_at_a_press_is_not_the_leds(kind):
     with Stage(replaced(load(SensorFile, kind), led=UNWIRED)) as stage:
@@ -100,6 +106,7 @@ def test_ambient_light_that_enters_at_a_press_is_not_the_leds(kind):
     assert not verdict.ok
 
 
+@pytest.mark.board
 def test_an_led_that_is_always_on_and_stays_lit_does_not_pass():
     with Stage(load(SensorFile, "always")) as stage:
         stage.press(NEAR_UM, 8_000)
@@ -117,6 +124,7 @@ def test_an_led_that_is_always_on_needs_its_dark_frame_first():
     assert "spots dark" in verdict.text
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("kind", ["default", "gpio", "always"])
 def test_a_calibrated_strip_with_any_led_passes_every_check(kind):
     sensor = load(SensorFile, kind)
@@ -150,6 +158,7 @@ def test_a_light_too_dim_to_use_is_no_pass_and_names_what_to_do():
     assert "spots command auto" in verdict.text
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("exposure_us", "average", "ok"), [(10_000, 1, True), (2_000, 1, False), (2_000, 8, False)]
 )
@@ -181,6 +190,7 @@ def test_a_fault_at_the_start_of_the_board_is_reported_until_it_is_saved():
     assert "'spots command save'" in start.text
 
 
+@pytest.mark.board
 def test_a_board_with_a_damaged_file_is_reported_by_every_view(tmp_path, capsys):
     stage("virtual", tmp_path)
     with virtual_board(tmp_path) as port:
@@ -227,6 +237,7 @@ def fits_of(change, position_um=NEAR_UM, mark=None):
         return list(examine_board(stage.board, mark))
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -256,6 +267,7 @@ def test_a_press_at_a_mark_shows_the_error_that_no_spectrum_shows(dye_percent, o
     assert ok or "spots rezero" in verdict.text
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("mark", [-1.0, 86.0])
 def test_a_mark_beside_the_strip_is_refused(mark):
     *_, verdict = fits_of(Change(), mark=mark)
@@ -275,6 +287,7 @@ def test_a_mark_that_nobody_presses_is_reported():
     assert "no press at 40 mm" in verdict.text
 
 
+@pytest.mark.board
 def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_path, capsys):
     stage("virtual", tmp_path)
     with virtual_board(tmp_path) as port:
@@ -282,11 +295,13 @@ def test_monitor_ends_with_the_next_step_where_a_board_is_not_calibrated(tmp_pat
     assert capsys.readouterr().err == "next: spots calibrate\n"
 
 
+@pytest.mark.board
 def test_monitor_has_no_next_step_for_a_calibrated_board(capsys):
     assert main(["monitor", "--port", "virtual", "--seconds", "0.5"]) == 0
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("channel", [0, 3, 5])
 @pytest.mark.parametrize("calibrated", [False, True])
 @pytest.mark.parametrize("counts", [0, 65_535])

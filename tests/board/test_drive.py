@@ -53,6 +53,7 @@ def mount(tmp_path, monkeypatch):
     return mounted
 
 
+@pytest.mark.board
 def test_onto_a_blank_board_which_then_says_hello_and_off_it_again(tmp_path, built, capsys):
     folder = tmp_path / "board"
     folder.mkdir()

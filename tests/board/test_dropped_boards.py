@@ -15,6 +15,8 @@ from spots_sim.board import starting
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held
 
+pytestmark = pytest.mark.board
+
 ENDS_S = 20.0  # only a test that fails waits so long
 
 

@@ -33,6 +33,7 @@ def check(runs, percent, no_finger, late_ms):
     assert all(run["host_agrees"] and not run["keys_down"] for run in runs)
 
 
+@pytest.mark.board
 @pytest.mark.usefixtures("in_micropython")
 @pytest.mark.parametrize("words_per_min", LIMITS)
 def test_fast_typing_is_understood(words_per_min):
@@ -41,15 +42,18 @@ def test_fast_typing_is_understood(words_per_min):
     )
 
 
+@pytest.mark.board
 def test_ten_people_are_understood_at_their_own_speeds():
     check([typed("people", 60, seed) for seed in range(10)], 1.0, 2, 70)
 
 
+@pytest.mark.board
 def test_fast_typing_is_understood_at_half_the_exposure(sensor):
     lines = calibrate(sensor, 5000)
     check([typed(100, 100, seed, lines=lines) for seed in range(21, 25)], 3, 9, 110)
 
 
+@pytest.mark.board
 def test_fast_typing_is_understood_while_each_channel_is_off_by_a_hundredth(sensor, calibration):
     # This drift moves positions by up to 0.6 mm. A larger drift would move touches to other keys.
     nepers = 0.01 * np.array([1, 1, 1, -1, 1, 1])
@@ -57,6 +61,7 @@ def test_fast_typing_is_understood_while_each_channel_is_off_by_a_hundredth(sens
     check([typed(100, 100, 21, lines=tuple(lines))], 6, 1, 150)
 
 
+@pytest.mark.board
 def test_five_keys_at_120_words_a_minute(tmp_path):
     # During six of a hundred touches, three fingers touch at the same time.
     layout = tmp_path / "five.toml"
@@ -66,6 +71,7 @@ def test_five_keys_at_120_words_a_minute(tmp_path):
 
 # Largest number of errors in 200 touches at 60 words a minute. Without the rule that a position
 # near a finger is its own, fingers that roll make 9, and fingers that slide 33 or more.
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("hands", "errors"), [("rolling", 3), ("sliding", 4), ("sliding-slowly", 8), ("wide", 1)]
 )
@@ -76,6 +82,7 @@ def test_fingers_that_roll_or_slide_are_one_key(hands, errors):
     assert figures["stuck"] == 0
 
 
+@pytest.mark.board
 def test_two_fingers_at_the_same_time_are_two_keys():
     figures = typed("two-fingers", 100, 31)
     assert figures["right"] >= 99
@@ -120,6 +127,7 @@ def test_rollover_types_what_was_touched(phase_s):
     assert figures["typed"] == text
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("second", "2580")
 def test_a_second_finger_is_a_second_key_while_the_first_one_rests(second):
     figures = play(finger("4", 0.0, 2.0), finger(second, 0.5, 0.7), finger(second, 1.0, 1.2))
@@ -132,6 +140,7 @@ def test_two_fingers_that_rest_are_two_keys():
     assert (figures["typed"], figures["keys_down"]) == ("39", 0)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("phase_s", [0.0, 0.003, 0.007])
 def test_a_second_finger_is_a_key_soon_although_the_force_of_the_first_one_was_rising(phase_s):
     # The second finger comes 10 ms after the first one is at its full force.
@@ -140,6 +149,7 @@ def test_a_second_finger_is_a_key_soon_although_the_force_of_the_first_one_was_r
     assert figures["latency_ms"]["p99"] <= 50
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("phase_s", [0.003, 0.007])
 def test_the_next_key_needs_one_reading_after_the_lift_of_the_first_finger(phase_s):
     # The second finger comes when the first one begins to lift, which takes 20 ms.
@@ -148,6 +158,7 @@ def test_the_next_key_needs_one_reading_after_the_lift_of_the_first_finger(phase
     assert figures["latency_ms"]["p99"] <= 38
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("phase_s", [0.0, 0.003, 0.007])
 def test_a_finger_that_was_never_alone_is_typed_when_the_other_one_is(phase_s):
     # The second finger comes while the force of the first one still rises, and leaves before it.
@@ -155,12 +166,14 @@ def test_a_finger_that_was_never_alone_is_typed_when_the_other_one_is(phase_s):
     assert figures["typed"] == "82"
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("apart_s", [0.0, 0.004])
 def test_of_fingers_that_came_together_both_are_typed(apart_s):
     figures = play(finger("3", 0.0, 0.3), finger("9", apart_s, 0.2))
     assert sorted(figures["typed"]) == ["3", "9"]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("phase_s", [0.0, 0.003, 0.007])
 @pytest.mark.parametrize("text", ["269", "962", "295"])
 def test_a_third_finger_taps_its_key_while_two_rest(text, phase_s):
@@ -206,6 +219,7 @@ def test_a_finger_that_slides_at_300_mm_a_second_is_one_key(from_mm, to_mm, key)
     assert play(Finger(points=path))["typed"] == key
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("sensor", ["weak_dye", "strong_dye"])
 def test_fast_typing_is_understood_on_other_dyes(sensor):
     figures = added([typed(100, 100, seed, sensor) for seed in (21, 22)])

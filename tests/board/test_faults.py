@@ -8,6 +8,8 @@ import pytest
 from spots import SpotsError
 from spots_device.reading import decode
 
+pytestmark = pytest.mark.board
+
 
 class Cut:
     """An I2C bus whose chip does not answer while `cut` is true, or at chosen transfers."""

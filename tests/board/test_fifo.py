@@ -22,6 +22,8 @@ from spots_sim.chip.as7341 import (
 )
 from spots_sim.strip.scenario import Held
 
+pytestmark = pytest.mark.board
+
 BOARDS = ["virtual", "virtual_circuitpython"]
 SILENT = ChipNoise(read_counts=0.0, electrons_per_count_1x=1e30, dark_counts_512x=0.0)
 EXPOSURE_US = 2_780

@@ -37,6 +37,7 @@ def empty(tmp_path):
     return folder
 
 
+@pytest.mark.board
 def test_plain_mpremote_flashes_an_empty_board(empty, built):
     source = built("virtual")
     with virtual_board(empty) as port:
@@ -52,6 +53,7 @@ def test_plain_mpremote_flashes_an_empty_board(empty, built):
     assert files_of(empty) == files_of(source)
 
 
+@pytest.mark.board
 def test_twice_and_the_second_time_there_is_nothing_to_do(empty, built, capsys):
     (empty / "settings.txt").write_text("mine\n")
     (empty / "calibration.txt").write_text("mine too\n")
@@ -79,6 +81,7 @@ def test_twice_and_the_second_time_there_is_nothing_to_do(empty, built, capsys):
     assert files_of(empty) == wanted | own
 
 
+@pytest.mark.board
 def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, built, capsys):
     wanted = files_of(built("virtual"))
     (empty / "main.py").write_text("print('the one before')")
@@ -102,6 +105,7 @@ def test_unplugged_in_mid_copy_nothing_starts_and_again_completes(empty, built, 
     assert files_of(empty) == wanted | {"main.py.before-spots": b"print('the one before')"}
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("flashed", [False, True])
 def test_a_users_file_with_the_name_of_a_firmware_file_is_kept(empty, built, capsys, flashed):
     wanted = files_of(built("virtual"))
@@ -129,6 +133,7 @@ def test_a_users_file_with_the_name_of_a_firmware_file_is_kept(empty, built, cap
     assert files_of(empty) == kept
 
 
+@pytest.mark.board
 def test_the_firmware_of_before_does_not_answer_for_the_new_one(empty, built, monkeypatch):
     shutil.copytree(built("virtual"), empty, dirs_exist_ok=True)
     monkeypatch.setattr(place, "_RETURN_S", 1.0)
@@ -148,6 +153,7 @@ class _Closer:
         self._context.__exit__(None, None, None)
 
 
+@pytest.mark.board
 def test_a_late_answer_of_the_prompt_is_not_taken_for_the_answer_to_a_later_try(empty, monkeypatch):
     enter, tries = SerialTransport.enter_raw_repl, []
 
@@ -168,6 +174,7 @@ def test_a_late_answer_of_the_prompt_is_not_taken_for_the_answer_to_a_later_try(
             prompt.close()
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("form", ["{0}", "{0}, 'text'"])
 @pytest.mark.parametrize("operation", ["run", "write"])
 @pytest.mark.parametrize(
@@ -193,6 +200,7 @@ def test_an_error_of_the_boards_file_system_is_said_in_words(
     assert not re.search(r"\d", str(raised.value).replace(port, ""))
 
 
+@pytest.mark.board
 def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
     write = Prompt.write
 
@@ -207,12 +215,14 @@ def test_a_full_disk_in_mid_copy(empty, capsys, monkeypatch):
     assert "main.py" not in files_of(empty)
 
 
+@pytest.mark.board
 def test_a_full_littlefs_has_no_negative_number_of_bytes(empty, capsys, monkeypatch):
     monkeypatch.setattr(prompts, "_FACTS", prompts._FACTS.replace("_s[1] * _s[3]", "-40960"))
     with virtual_board(empty) as port:
         assert "has 0 bytes free" in refused(capsys, "flash", "virtual", "--port", port)
 
 
+@pytest.mark.board
 def test_too_little_room_is_seen_before_anything_is_touched(empty, capsys, monkeypatch):
     started = Prompt.__init__
 
@@ -227,12 +237,14 @@ def test_too_little_room_is_seen_before_anything_is_touched(empty, capsys, monke
     assert set(files_of(empty)) == {"main.py"}
 
 
+@pytest.mark.board
 def test_a_dry_run_without_hardware(capsys):
     assert main(["flash", "virtual", "--dry-run"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[-2].startswith("copy main.py")  # the last file, after all others
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("changed", "why"),
     [
@@ -258,11 +270,13 @@ def test_no_board_and_two_boards(capsys, monkeypatch):
     assert "--port: /dev/a, /dev/b" in refused(capsys, "flash", "pico")
 
 
+@pytest.mark.board
 def test_no_mpremote_says_how_to_get_it(capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "mpremote.transport", None)
     assert '[flash]"' in refused(capsys, "flash", "pico", "--port", "/dev/x")
 
 
+@pytest.mark.board
 def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
     def denied(*arguments, **named):
         raise PermissionError(13, "Permission denied")
@@ -279,6 +293,7 @@ def test_a_port_that_may_not_be_opened(capsys, monkeypatch):
     assert 'idVendor}=="2e8a"' in capsys.readouterr().out.splitlines()[-1]
 
 
+@pytest.mark.board
 def test_erase_takes_what_is_ours_and_asks_first(empty, built, capsys, monkeypatch):
     shutil.copytree(built("virtual"), empty, dirs_exist_ok=True)
     for name in ("settings.txt", "saved-b.txt", "layout1-a.txt", "notes.py"):
@@ -293,6 +308,7 @@ def test_erase_takes_what_is_ours_and_asks_first(empty, built, capsys, monkeypat
         assert "nothing to remove" in capsys.readouterr().out
 
 
+@pytest.mark.board
 def test_erase_takes_nothing_from_a_board_that_never_had_our_firmware(empty, capsys):
     for name in ("main.py", "board_config.py", "settings.txt"):
         (empty / name).write_text("the user's own")
@@ -303,6 +319,7 @@ def test_erase_takes_nothing_from_a_board_that_never_had_our_firmware(empty, cap
     assert files_of(empty) == before
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("typed", ["\n", "n\n", ""])
 def test_erase_takes_all_but_yes_for_no(empty, built, capsys, monkeypatch, typed):
     shutil.copytree(built("virtual"), empty, dirs_exist_ok=True)
@@ -315,6 +332,7 @@ def test_erase_takes_all_but_yes_for_no(empty, built, capsys, monkeypatch, typed
     assert files_of(empty) == before
 
 
+@pytest.mark.board
 def test_a_doctor_for_a_healthy_board(capsys):
     for _ in range(3):  # if the machine stalls, the sensor seems to have stopped
         capsys.readouterr()

@@ -19,6 +19,8 @@ from spots_sim.person.stage import calibrate
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 START_S = 3.0
 BETWEEN_S = 2.0  # from the end of a case, when all is released, to the start of the next one
 RAMP_S = 0.02

@@ -251,6 +251,7 @@ def is_in_the_way(sandbox, path, wanted):
     return path in wanted and not stat.S_ISREG(mode)
 
 
+@pytest.mark.board
 @settings(max_examples=40)
 @given(
     st.sampled_from(STATES),

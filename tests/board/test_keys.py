@@ -10,6 +10,8 @@ from spots.keyboard.layout import load
 from spots.link.frames import Key, Touch
 from spots_device.reading.decode import DROPPED
 
+pytestmark = pytest.mark.board
+
 # Middles of the ten zones from the sensor's end, and the HID usages of their keys 1 to 9 and 0.
 ZONES_MM = [85 * (i + 0.5) / 10 for i in range(10)]
 USAGES = [*range(30, 40)]

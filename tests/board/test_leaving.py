@@ -18,7 +18,7 @@ from spots_sim.person.typist import fast_typing
 from spots_sim.strip.files import Ambient, Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
-pytestmark = pytest.mark.usefixtures("in_cpython")
+pytestmark = [pytest.mark.usefixtures("in_cpython"), pytest.mark.board]
 START_S = 3.0
 DIGITS = "1234567890"
 

@@ -69,6 +69,7 @@ SLIDE = Finger(points=[(2.0, 20, 2e3), (2.3, 20, 2e3), (3.3, END_MM, 2e3), (3.6,
 NOTCHES = SLIDE_MM * 1000 // NOTCH_UM
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("exposure_us", [5_000, 10_000])
 def test_a_slide_turns_the_wheel_smoothly_by_its_length(sensor, calibration, tmp_path, exposure_us):
     reports = play(sensor, calibration, tmp_path, TURNS, [SLIDE], exposure_us, multipliers=0b0101)

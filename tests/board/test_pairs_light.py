@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import numpy as np
+import pytest
 from support.boards import store
 from support.computer import Computer, text_of
 from support.pairs import ACTIONS, some
@@ -16,6 +17,8 @@ from spots.link.frames import Touch
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
+
+pytestmark = pytest.mark.board
 
 PAIRS = int(os.environ.get("SPOTS_PAIRS", "30"))
 KEYS = 7  # of a layout, 12 mm wide

@@ -21,6 +21,8 @@ from spots_sim.strip.files import (
 )
 from spots_sim.strip.scenario import Pose, Scenario
 
+pytestmark = pytest.mark.board
+
 
 @pytest.mark.parametrize("position_mm", [5.0, 42.5, 80.0])
 @pytest.mark.parametrize("force_mN", [1000.0, 4000.0])

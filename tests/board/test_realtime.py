@@ -23,6 +23,8 @@ from spots_device.reading.decode import DROPPED
 from spots_sim.board.realtime import Console
 from spots_sim.demo.virtual import open_virtual
 
+pytestmark = pytest.mark.board
+
 
 def test_open_read_close_and_open_again():
     for _ in range(2):

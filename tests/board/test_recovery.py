@@ -17,6 +17,8 @@ from spots.deploy.staging import stage
 from spots.link.serial_link import SerialLink
 from spots_device.board.store import Store
 
+pytestmark = pytest.mark.board
+
 PROMPT = b"raw REPL; CTRL-B to exit\r\n>"
 
 

@@ -16,6 +16,8 @@ from spots_sim.board.lockstep import LockstepLink
 from spots_sim.board.vm import HEAP_BYTES
 from spots_sim.strip.scenario import Held, Press
 
+pytestmark = pytest.mark.board
+
 BACK_S = 1.0
 ABSENT_S = [0.3, 2.0, 60.0]
 BOARDS = ["virtual", "virtual_circuitpython"]

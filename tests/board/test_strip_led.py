@@ -19,6 +19,8 @@ from spots_device.reading.decode import (
 from spots_sim.person.stage import Stage, calibrate
 from spots_sim.strip.files import SensorFile, load
 
+pytestmark = pytest.mark.board
+
 BOARDS = ["virtual", "virtual_circuitpython"]
 KINDS = ["gpio", "always"]
 

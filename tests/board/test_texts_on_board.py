@@ -11,6 +11,8 @@ from spots import cli
 from spots.keyboard.keys import new_texts, push
 from spots.keyboard.layout import compiled
 
+pytestmark = pytest.mark.board
+
 BOARDS = ["virtual", "virtual_circuitpython"]
 FOUR_MM = [85 * (i + 0.5) / 4 for i in range(4)]
 TEXT_KEY = 3

@@ -29,6 +29,8 @@ from spots_sim.person.stage import calibrate, strip_lines
 from spots_sim.strip.files import ScenarioFile, SensorFile, load
 from spots_sim.strip.scenario import Held, Press, Scenario
 
+pytestmark = pytest.mark.board
+
 SENSOR = load(SensorFile, "default")
 BOARDS = ["virtual", "virtual_circuitpython"]
 _SETTLE_S = 1.0

@@ -23,6 +23,8 @@ from spots_sim.person.typist import TypedText, Typist
 from spots_sim.strip.files import Ambient, Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 START_S = 3.0
 SETTLED_S = 0.6
 DIGITS = "1234567890"

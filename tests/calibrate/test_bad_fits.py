@@ -56,6 +56,7 @@ def moved(kind, number, um):
     return change
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("session", "change", "says"),
     [
@@ -71,6 +72,7 @@ def test_wrong_positions_are_refused(session, change, says, request, tmp_path):
         make(Session(path), say=lambda text: None)
 
 
+@pytest.mark.board
 def test_positions_that_give_no_table_are_refused(pressed, tmp_path):
     path = changed(pressed, tmp_path, moved("hand", -10, 9000.0))
     with pytest.raises(SpotsError, match=r"check the (length|positions) of"):
@@ -97,6 +99,7 @@ def test_wrong_second_forces_are_refused(pressed, tmp_path):
         make(Session(path), say=lambda text: None)
 
 
+@pytest.mark.board
 def test_a_wrong_angle_is_refused(staged, tmp_path):
     def change(number, point):
         wrong = point.kind == "joint" and number == 5

@@ -47,6 +47,7 @@ def test_there_are_sensors_of_every_kind():
     }
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", EXTREME)
 def test_near_the_bound_at_10_ms(name):
     # The bound does not depend on time, so the silicone must not creep.
@@ -62,6 +63,7 @@ def test_near_the_bound_at_10_ms(name):
         assert 0.90 < ratio(rig) <= 1.10
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", ["default"])
 def test_near_the_bound_at_100_ms(name):
     with Rig(load(SensorFile, name), 0, 100_000, 1) as rig:
@@ -77,12 +79,14 @@ def test_bright_and_dim_are_exposed_before_they_are_measured():
     assert gains["bright"] < 9 < gains["dim"]
 
 
+@pytest.mark.board
 def test_six_channels_beat_the_best_pair(run):
     position = run.summary["position"]
     assert 0.94 < position["crb_ratio"] <= 1.10
     assert position["one_pair"]["crb_ratio"] > 1.3 * position["crb_ratio"]
 
 
+@pytest.mark.board
 def test_what_the_paper_publishes_is_reached_but_for_the_light_of_10_ms(run):
     found = run.summary
     assert found["position"]["r2"] > 0.996
@@ -117,6 +121,7 @@ def test_the_noise_of_the_led_alone_forbids_5_mN_at_10_ms_on_softened_silicone(s
     assert found[1] > 5
 
 
+@pytest.mark.board
 def test_the_joints_play_is_found(sensor):
     with Rig(replaced(sensor, joint={"play_deg": 0.5}), 0, 10_000, 1) as rig:
         run = Run()
@@ -165,6 +170,7 @@ def test_the_best_pair_is_chosen():
     assert pair.position_um(counts[11]) == pytest.approx(x_um[11], abs=1)
 
 
+@pytest.mark.board
 def test_signal_to_noise_is_that_of_a_sample_whatever_the_average(sensor):
     found = []
     for average in (1, 4):

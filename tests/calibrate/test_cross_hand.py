@@ -10,6 +10,8 @@ from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, MARKS, Noise, Presses
 from spots.calibrate.surface import Sizes, Surface, fitted
 from spots_device.reading.calibration import Calibration
 
+pytestmark = pytest.mark.board
+
 PRESSES, SAMPLES = 39, 40
 FORCES_MN = 600.0, 1000.0, 3000.0, 9000.0
 HANDS = 5

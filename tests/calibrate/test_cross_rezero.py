@@ -35,6 +35,7 @@ class Light(StagePresser):
         self._stage.press(wanted.place_um, self._force_mN)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("keys", [{"contact.gap_percent": 9.0}, {"contact.mode_percent": -4.0}])
 def test_light_and_firm_presses_give_the_same_re_zero(sensor, keys):
     with Rig(with_keys(sensor, keys), 2, 50_000, 1) as rig:

@@ -73,6 +73,7 @@ def test_a_board_that_switches_its_led_needs_no_guide(person, led):
     assert not other.asked
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("sensor", ["gpio", "always"])
 def test_a_strip_of_any_led_is_calibrated_by_the_command(tmp_path, sensor, capsys):
     session = tmp_path / "session.jsonl"

@@ -19,6 +19,8 @@ from spots_sim.person.typist import TypedText
 from spots_sim.strip.files import Ambient, Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 DIGITS = "1234567890"
 START_S, PERIOD_S, HELD_S, RISE_S = 3.0, 0.3, 0.15, 0.02
 

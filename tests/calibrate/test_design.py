@@ -19,6 +19,7 @@ def command(capsys, length_mm, resolution_um, rate_hz, *options):
     return code, capsys.readouterr()
 
 
+@pytest.mark.board
 def test_the_designed_strip_resolves_what_was_predicted(capsys, tmp_path):
     code, output = command(capsys, 60, 40, 100, "--json", "--out", tmp_path)
     assert code == 0
@@ -34,6 +35,7 @@ def test_the_designed_strip_resolves_what_was_predicted(capsys, tmp_path):
     assert (tmp_path / "resolution.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.board
 def test_no_other_dye_is_better():
     best = design.best(85, 100)
     for times in (0.7, 0.9, 1.1, 1.4):
@@ -46,6 +48,7 @@ def load_dyed(sensor, times):
     return replaced(sensor, dye={"strength_per_mm": times * sensor.dye.strength_per_mm})
 
 
+@pytest.mark.board
 def test_the_sensor_file_is_the_whole_design(tmp_path):
     found = design.design(85, 50, 100)
     path = tmp_path / "sensor.toml"
@@ -61,6 +64,7 @@ def test_the_exposure_fills_the_time_of_a_reading(rate_hz, exposure_us, average)
     assert design.timing(rate_hz) == (pytest.approx(exposure_us, abs=3), average)
 
 
+@pytest.mark.board
 def test_what_is_impossible_is_said_with_a_rate_that_is_not(capsys):
     code, output = command(capsys, 85, 7, 100)
     assert code == 2
@@ -72,6 +76,7 @@ def test_what_is_impossible_is_said_with_a_rate_that_is_not(capsys):
     assert design.best(85, 1.05 * rate_hz).resolution_um > 7
 
 
+@pytest.mark.board
 def test_what_no_rate_would_do(capsys):
     code, output = command(capsys, 85, 0.001, 100)
     assert code == 2
@@ -100,6 +105,7 @@ def test_a_mistake_is_one_sentence(capsys, numbers, says):
     assert output.err.count("\n") == 1
 
 
+@pytest.mark.board
 def test_the_limits_in_a_message_are_accepted(capsys):
     _, output = command(capsys, 85, 50, 0)
     low_hz, high_hz = output.err.split("must be from ")[1].split(" Hz")[0].split(" to ")

@@ -14,6 +14,8 @@ from spots.calibrate.session import Session
 from spots_sim.person.stage import Stage
 from spots_sim.person.stage_presser import StagePresser
 
+pytestmark = pytest.mark.board
+
 OPTIONS = argparse.Namespace(plan="F3,F4,F5,F6,F7,F8", keep_settings=True)
 
 

@@ -123,6 +123,7 @@ def counted(typed, text=TEXT):
     )
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", DRIFTS)
 def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
     typed, touches = play(sensor, calibration, DRIFTS[name])
@@ -136,6 +137,7 @@ def test_a_drift_that_hits_the_right_key_types_it(sensor, calibration, name):
         assert sum(firm) < 0.05 * len(firm)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("name", "phosphor_nm"), [("weak_dye", -1.0), ("short_30mm", 1.0)])
 def test_a_strip_of_little_contrast_types_right_after_a_re_zero(name, phosphor_nm):
     change = {"phosphor_nm": phosphor_nm}

@@ -99,6 +99,7 @@ def dusty(sensor, percent, place_mm):
     return replaced(sensor, contact={"dust": ((place_mm, percent),)})
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("percent", "place_mm"), [(2.0, 20.0), (0.3, 70.0)])
 @pytest.mark.parametrize("kind", ["stage", "fine", "rough"])
 def test_dust_is_subtracted_and_located(sensor, tmp_path, kind, percent, place_mm):
@@ -116,6 +117,7 @@ def test_dust_is_subtracted_and_located(sensor, tmp_path, kind, percent, place_m
     assert np.abs(off_um).mean() < {"stage": 110, "fine": 300, "rough": 1000}[kind]
 
 
+@pytest.mark.board
 def test_a_rezero_measures_new_dust(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     with Stage(sensor, seed=3) as stage:
@@ -134,6 +136,7 @@ def test_a_rezero_measures_new_dust(sensor, tmp_path):
     assert np.abs(off_um).mean() < 110
 
 
+@pytest.mark.board
 def test_a_clean_strip_gets_no_line(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     with Stage(sensor, seed=3) as stage:
@@ -143,6 +146,7 @@ def test_a_clean_strip_gets_no_line(sensor, tmp_path):
     assert "rest" not in path.read_text()
 
 
+@pytest.mark.board
 def test_a_calibration_without_room_for_spectra_says_so(sensor, tmp_path, monkeypatch):
     for lines_max, count in ((360, 0), (100, 1)):
         monkeypatch.setattr(fitting, "_LINES_MAX", lines_max)

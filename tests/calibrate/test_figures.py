@@ -61,6 +61,7 @@ def run():
     )  # fmt: skip
 
 
+@pytest.mark.board
 def test_every_figure_is_drawn(run, responses, tmp_path):
     drawn = figures.draw(run, responses, tmp_path)
     assert {path.stem for path in drawn} == NAMES
@@ -70,6 +71,7 @@ def test_every_figure_is_drawn(run, responses, tmp_path):
         assert 5_000 < len(data) < 200_000
 
 
+@pytest.mark.board
 def test_no_title_runs_out_of_its_figure(run, responses):
     for name in ("_position", "_resolution", "_force", "_strain", "_bending", "_joint"):
         draw = getattr(figures, name)
@@ -131,6 +133,7 @@ def test_the_document_has_what_was_measured_and_what_cannot_be(run):
         assert f"(../pictures/paper/{name}.png)" in page
 
 
+@pytest.mark.board
 def test_the_program_of_the_page_writes_it_and_its_figures(run, responses, tmp_path, monkeypatch):
     for name, result in (("characterize", run), ("family", responses)):
         stub = create_autospec(getattr(paper, name), return_value=result)

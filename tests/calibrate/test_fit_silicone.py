@@ -107,6 +107,7 @@ def strip(request, sensor, calibration):
     return made
 
 
+@pytest.mark.board
 def test_the_loop_is_a_fifth_and_with_wrong_parameters_two_fifths(strip):
     recorded = strip.recorded(SPEEDS)
     before = loop_error_mN(recorded, recorded[2])
@@ -156,6 +157,7 @@ def test_a_short_recording_is_refused():
         fit_silicone([0, 1, 2], [1000] * 3, [1000] * 3, [0] * 3)
 
 
+@pytest.mark.board
 def test_the_board_and_the_host_correct_alike(sensor, calibration):
     real = structs.replace(sensor, silicone=Silicone(**EFFECTS))
     calibration = [f"board {board_id(real)}", *calibration[1:]]

@@ -15,6 +15,7 @@ def real():
     return replaced(load(SensorFile, "real"), temperature={"led_warm_up_s": 30.0})
 
 
+@pytest.mark.board
 def test_a_cold_strip_that_was_re_zeroed_once_types_what_was_touched(real):
     figures = typing(real, 0.5, 0, True)
     assert figures["right"] == figures["touches"] > 60
@@ -22,6 +23,7 @@ def test_a_cold_strip_that_was_re_zeroed_once_types_what_was_touched(real):
     assert figures["host_agrees"]
 
 
+@pytest.mark.board
 def test_a_joint_is_accurate_to_a_twentieth_of_a_degree_after_one_re_zero(real):
     *_, before, after = joint(real, 3, 0, 6, warm_min=2)
     assert (before["rezeroed"], after["rezeroed"]) == (False, True)

@@ -73,6 +73,7 @@ def test_a_relative_force_is_proportional_to_the_light(rough):
     assert 2000 < forces[2] < 4000  # 3000 is the mean light of the presses, of 2.5 to 6 N
 
 
+@pytest.mark.board
 def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough, tmp_path):
     path = tmp_path / "a.jsonl"
     path.write_bytes(rough[0].read_bytes())
@@ -88,6 +89,7 @@ def test_a_rough_calibration_gets_forces_from_presses_with_a_scale(sensor, rough
     assert made.residuals[0].force_rms_mN < 300
 
 
+@pytest.mark.board
 def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     with Stage(msgspec.structs.replace(sensor, length_mm=60.0), seed=3) as stage:
@@ -108,6 +110,7 @@ def test_wrong_answers_are_named_and_their_presses_asked_for_again(sensor, tmp_p
     assert len(Session(path).of("hand")) >= 18
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("kind", "most"), [("rough", 12), ("fine", 45)])
 def test_repeated_presses_replace_others(sensor, tmp_path, kind, most):
     path = tmp_path / "a.jsonl"

@@ -75,6 +75,7 @@ def test_the_second_force_of_an_unloading_gives_light(loads):
         assert then_mN <= 0.6 * force_mN or then_mN > force_mN
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("model", ["spectrum", "power"])
 def test_a_session_with_a_kitchen_scale_compensates_the_silicone(sensor, session, model):
     sensor = strip(sensor, model)
@@ -92,6 +93,7 @@ def test_a_session_with_a_kitchen_scale_compensates_the_silicone(sensor, session
     assert abs(read[-50:].mean() - read[:50].mean()) <= 50
 
 
+@pytest.mark.board
 def test_an_ideal_strip_is_not_compensated(sensor, tmp_path):
     room, made, _ = fine(sensor, tmp_path / "a.jsonl", Habits(), settings=LONG)
     assert room.getvalue().count("without lifting, go to about") == 6
@@ -99,6 +101,7 @@ def test_an_ideal_strip_is_not_compensated(sensor, tmp_path):
     assert "softened" not in room.getvalue()
 
 
+@pytest.mark.board
 def test_pre_stretching_is_advised_once_where_the_strip_softens(sensor, tmp_path):
     # Errors of the forces from a scale hide the softening in some sessions: in one of six, seed 1.
     fresh = strip(sensor, "spectrum", 0.0)
@@ -126,6 +129,7 @@ class Lifting(Room):
         return found
 
 
+@pytest.mark.board
 def test_a_lift_instead_of_another_force_is_named_and_asked_for_again(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     with Stage(sensor, seed=3, settings=LONG) as stage:
@@ -143,6 +147,7 @@ def test_a_lift_instead_of_another_force_is_named_and_asked_for_again(sensor, tm
     assert min(len(p.trace) for p in session.of("hand")) >= 3
 
 
+@pytest.mark.board
 def test_a_second_force_that_is_too_weak_is_asked_for_again_with_more(
     sensor, tmp_path, monkeypatch
 ):

@@ -1,6 +1,7 @@
 """``spots calibrate --rough`` in a terminal: a simulated person does what the terminal shows."""
 
 import numpy as np
+import pytest
 from support.terminal_session import calibrate_in_terminal
 
 from spots.calibrate import calibration_file as file
@@ -8,6 +9,7 @@ from spots.calibrate.session import Session
 from spots_sim.person.person import Habits
 
 
+@pytest.mark.board
 def test_a_person_before_a_terminal_calibrates_in_twelve_presses(tmp_path):
     words = ["--rough", "--seed", "5", "--sensor", "short_30mm"]
     person, code, text = calibrate_in_terminal(tmp_path, words, 30.0, Habits(slips=0.3), 5)

@@ -59,6 +59,7 @@ def accuracy_um(sensor, exposure_us):
     return run.summary["position"]["accuracy_um"]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("sensor", "flicker_hz", "clock_error_percent", "exposure_us"),
     [
@@ -75,6 +76,7 @@ def test_bright_lamps_of_full_swing_cost_little_accuracy(
     assert accuracy_um(under_lamp, exposure_us) < 1.5 * dark
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("exposure_us", "clock_error_percent"), [(100_000, -3.0), (100_000, 1.7), (300_000, 3.0)]
 )
@@ -130,6 +132,7 @@ def test_forty_of_forty_taps_of_a_calibration_made_in_the_dark(clock_error_perce
         assert (right, false) == (40, 0)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("settings", "exposure_us"),
     [("mains_hz=60", 8333), ("mains_hz=50", 20_000), ("mains_hz=0", 8333), ("mains_hz=0", 50_000)],
@@ -179,6 +182,7 @@ def found_hz(sensor, settings="average=2", press=None, busy_us=None):
         return found
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("clock_error_percent", [-3.0, 0.0, 3.0])
 @pytest.mark.parametrize("mains_hz", [50, 60])
 @pytest.mark.parametrize(("irradiance_uW_cm2", "percent"), [(20.0, 10.0), (150.0, 100.0)])
@@ -205,6 +209,7 @@ def test_lamps_are_found_whatever_is_set_and_under_a_press():
     assert found_hz(lit(20.0, 100.0, 1.0, 10.0), "mains_hz=60 gain=10", press) == 50
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("clock_error_percent", [-3.0, 3.0])
 @pytest.mark.parametrize("irradiance_uW_cm2", [0.0, 20.0, 150.0])
 def test_no_lamp_and_a_lamp_that_does_not_flicker_are_not_found(
@@ -214,6 +219,7 @@ def test_no_lamp_and_a_lamp_that_does_not_flicker_are_not_found(
 
 
 # 259.7 and 979 Hz look like 100 Hz at one of the two exposures, and 479.7 Hz like 120 Hz.
+@pytest.mark.board
 @pytest.mark.parametrize("flicker_hz", [50.0, 110.0, 259.7, 300.0, 479.7, 979.0])
 def test_a_flicker_of_another_frequency_is_not_found(flicker_hz):
     assert found_hz(lit(150.0, flicker_hz, 0.0)) == 0
@@ -226,6 +232,7 @@ def test_a_board_that_misses_most_samples_finds_lamps(irradiance_uW_cm2):
     assert found == (50 if irradiance_uW_cm2 else 0)
 
 
+@pytest.mark.board
 def test_an_application_runs_with_a_calibration_made_under_lamps(tmp_path):
     path = tmp_path / "lamp.toml"
     lamp = "irradiance_uW_cm2 = 20\nflicker_percent = 100\nflicker_hz = 120\n"
@@ -242,6 +249,7 @@ class Stops(StagePresser):
         raise SpotsError("the session ends here")
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("mains_hz", "irradiance_uW_cm2", "becomes"),
     [(0, 20.0, 60), (0, 0.0, 0), (50, 20.0, 50)],

@@ -20,6 +20,8 @@ from spots_sim.measure.rig import Rig
 from spots_sim.person.stage import calibrate
 from spots_sim.strip.files import SensorFile, load
 
+pytestmark = pytest.mark.board
+
 
 def test_a_brown_dye_under_a_narrow_green_phosphor_is_calibrated(sensor):
     green = structs.replace(

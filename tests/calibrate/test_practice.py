@@ -58,6 +58,7 @@ def test_a_ruler_shows_a_position(place_um):
     assert read_ruler(ruler_lines(place_um)) == pytest.approx(place_um / 1000, abs=0.09)
 
 
+@pytest.mark.board
 def test_a_careful_person_gets_a_good_score_and_no_file(monkeypatch, tmp_path):
     person = Reader()
     position, force, read_mm, read_N = practised(monkeypatch, tmp_path, person, "--places", "20")
@@ -68,6 +69,7 @@ def test_a_careful_person_gets_a_good_score_and_no_file(monkeypatch, tmp_path):
     assert force < 0.1
 
 
+@pytest.mark.board
 def test_a_person_who_only_presses_enter_gets_the_score_for_it(monkeypatch, tmp_path):
     careful = practised(monkeypatch, tmp_path, Reader(), "--rough", "--places", "9")
     careless = practised(monkeypatch, tmp_path, Reader(False), "--rough", "--places", "9")

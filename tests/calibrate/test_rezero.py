@@ -129,6 +129,7 @@ def rezeroed(full, sensor, tmp_path_factory):
 # ---- marks
 
 
+@pytest.mark.board
 def test_a_calibration_ends_with_three_marks(full, made, sensor):
     assert made.marks.place_um == (8500.0, 42_500.0, 76_500.0)
     assert [p.place_um for p in Session(full).of("mark")] == list(made.marks.place_um)
@@ -392,6 +393,7 @@ def test_presses_that_are_not_held_are_given_up_and_nothing_has_changed(made, se
         rezero(strip.bench, made)
 
 
+@pytest.mark.board
 def test_the_tremor_of_a_finger_does_not_refuse_a_mark_at_a_long_exposure():
     real = load(SensorFile, "real")
     # An exposure of 100 ms gives 10 readings per second, about the frequency of the tremor.
@@ -650,6 +652,7 @@ def test_the_causes_of_a_drift_are_named(name):
 # ---- spots characterize, and other simulations
 
 
+@pytest.mark.board
 def test_characterize_shows_the_damage_and_the_cure(sensor):
     change = Change(die_nm=0.5, bands_nm=0.15, tilt_percent=0.25, dye_percent=-2.5)
     found = {}
@@ -667,6 +670,7 @@ def test_characterize_shows_the_damage_and_the_cure(sensor):
     assert found[3]["rms_ratio"] < 1.3
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("words", "median_um", "trusted_percent"),
     # Smallest and largest median of 16 start times within one exposure: 81 to 145 and 29 to 39 um.
@@ -703,6 +707,7 @@ def test_strains_are_calibrated_on_the_strip_as_it_was(sensor):
     assert found - found.mean() == pytest.approx(expected - expected.mean(), abs=0.02)
 
 
+@pytest.mark.board
 def test_a_shaky_hand_adds_less_the_more_often_it_presses(sensor):
     found = []
     with Rig(sensor, 0, EXPOSURE_US, 1) as rig:
@@ -765,6 +770,7 @@ def at(strip, kelvin):
     strip.stage.held.changed = Change(temperature_K=kelvin)
 
 
+@pytest.mark.board
 def test_two_re_zeros_at_different_temperatures_are_enough_for_a_day(made, sensor, tmp_path):
     with Drifted(sensor, made, tmp_path / "a.toml", change=Change(temperature_K=-9)) as strip:
         file.save(made, tmp_path / "a.toml", None)

@@ -38,6 +38,7 @@ def errors_um(draw, sigma_um, noise_um=NO_NOISE, seeds=range(24)):
     return np.abs(found).mean(axis=(0, 2))
 
 
+@pytest.mark.board
 def test_rounded_positions_have_much_less_error_in_common():
     fitted, corrected = errors_um(lambda rng: rng.uniform(-500, 500, COUNT), 300)
     assert corrected < 0.7 * fitted
@@ -61,6 +62,7 @@ def test_gaussian_errors_stay_at_their_mean(sigma_um):
     assert corrected < 1.08 * fitted
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("noise_um", [NO_NOISE, WEAK, np.where(np.arange(COUNT), 5.0, 3000.0)])
 def test_exact_positions_have_no_common_error(noise_um):
     _, corrected = errors_um(lambda rng: np.zeros(COUNT), 1.0, noise_um)

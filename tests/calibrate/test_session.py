@@ -98,6 +98,7 @@ class Touched:
                     return pairs
 
 
+@pytest.mark.board
 def test_touches_on_the_board_are_where_they_are(sensor, full):
     with Touched(sensor, full.out) as touched:
         for position_um in np.linspace(3000, 82_000, 9):
@@ -111,6 +112,7 @@ def test_touches_on_the_board_are_where_they_are(sensor, full):
                 assert np.mean(forces) == pytest.approx(force_mN, rel=0.03)
 
 
+@pytest.mark.board
 def test_touches_on_the_stretched_strip_are_where_they_are(sensor, full):
     with Touched(sensor, full.out) as touched:
         touched.stage.held.strain = STRAIN_PPM * 1e-6
@@ -164,6 +166,7 @@ def test_a_joint_that_slips_or_lacks_a_direction_is_refused(full):
 # ---- the session file
 
 
+@pytest.mark.board
 def test_a_session_cut_at_any_byte_keeps_every_whole_line(full, tmp_path):
     data = full.session.read_bytes()
     known = Session(full.session).points
@@ -208,6 +211,7 @@ with Session(Path(sys.argv[1])).locked():
 """
 
 
+@pytest.mark.board
 def test_a_session_in_use_is_refused_and_free_when_its_program_is_killed(full, tmp_path, capsys):
     path = tmp_path / "calibration.jsonl"
     path.write_bytes(before := full.session.read_bytes())
@@ -333,6 +337,7 @@ def test_a_calibration_that_another_program_has_changed_is_not_replaced(full, tm
     assert path.read_bytes() == before
 
 
+@pytest.mark.board
 def test_a_step_of_another_session_carries_the_joint_over(full, tmp_path, capsys):
     path, out = tmp_path / "new.jsonl", tmp_path / "calibration.toml"
     out.write_bytes(full.out.read_bytes())
@@ -346,6 +351,7 @@ def test_a_step_of_another_session_carries_the_joint_over(full, tmp_path, capsys
     assert "calibration at 10 % strain is not taken over" in said
 
 
+@pytest.mark.board
 def test_a_killed_session_goes_on_where_it_was(tmp_path):
     path = tmp_path / "killed.jsonl"
     words = ["position", "--plan", "F3,F4,F5,F6,F7,F8", "--places", "40", "--session", str(path)]
@@ -369,6 +375,7 @@ def test_a_killed_session_goes_on_where_it_was(tmp_path):
     assert len(places) == len(set(places)) == 40
 
 
+@pytest.mark.board
 def test_a_session_that_is_whole_takes_no_press_again(full, capsys):
     before = full.session.read_bytes()
     calibration = file.load(full.out)
@@ -379,6 +386,7 @@ def test_a_session_that_is_whole_takes_no_press_again(full, capsys):
     assert "the board uses calibration" in capsys.readouterr().out
 
 
+@pytest.mark.board
 def test_an_unfinished_joint_is_left_out_until_it_is_finished(full, tmp_path, capsys):
     path, out = tmp_path / "a.jsonl", tmp_path / "a.toml"
     lines = full.session.read_bytes().splitlines(keepends=True)
@@ -394,6 +402,7 @@ def test_an_unfinished_joint_is_left_out_until_it_is_finished(full, tmp_path, ca
     assert file.load(out).joint is not None
 
 
+@pytest.mark.board
 def test_no_angle_of_a_joint_is_taken_twice(full, tmp_path, capsys):
     path, out = tmp_path / "a.jsonl", tmp_path / "a.toml"
     lines = full.session.read_bytes().splitlines(keepends=True)
@@ -425,6 +434,7 @@ def test_an_interrupted_session_has_the_length_of_the_strip(full, sensor, tmp_pa
     assert "calibrate force" in steps.missing_step(Session(path))
 
 
+@pytest.mark.board
 def test_more_places_add_to_those_there_are(full, tmp_path):
     path = tmp_path / "more.jsonl"
     path.write_bytes(full.session.read_bytes())
@@ -443,6 +453,7 @@ def refused(capsys, *words):
     return said
 
 
+@pytest.mark.board
 def test_one_kind_alone_says_which_comes_next(tmp_path, capsys):
     path = tmp_path / "a.jsonl"
     words = ["--session", path, "--keep-settings", "--plan", "F3,F4,F5,F6,F7,F8"]
@@ -474,6 +485,7 @@ def test_a_mistake_is_one_sentence_and_changes_nothing(tmp_path, capsys, words, 
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.board
 def test_a_calibration_is_never_written_over_its_session(full, tmp_path, capsys):
     before = full.session.read_bytes()
     named = tmp_path / "s.toml"
@@ -589,6 +601,7 @@ def guide():
     return Guide(Console(file=out, width=200)), out
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("mistake", "says"), MISTAKES)
 @pytest.mark.parametrize("times", [1, 99])
 def test_a_bad_press_is_said_and_repeated_and_given_up_in_the_end(
@@ -708,6 +721,7 @@ class Person(io.StringIO):
         return f"{self._angle}\n"
 
 
+@pytest.mark.board
 def test_a_person_is_led_through_position_force_and_joint(sensor, tmp_path):
     path = tmp_path / "a.jsonl"
     with Stage(sensor, seed=4) as stage:
@@ -742,6 +756,7 @@ def test_a_closed_standard_input_is_an_error(sensor, tmp_path):
             session_of(stage, presser, tmp_path / "a.jsonl", shown, "force")
 
 
+@pytest.mark.board
 def test_a_terminal_shows_the_place_and_the_counts(sensor, tmp_path):
     out = io.StringIO()
     console = Console(file=out, force_terminal=True, width=100, height=40)
@@ -795,6 +810,7 @@ def agree(calibration, counts, dark, position_um, force_mN):
     return any(abs(x - position_um) <= 1 and abs(f - force_mN) <= 1 for x, f in estimates)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("strain_ppm", [0, STRAIN_PPM])
 def test_the_integers_agree_with_float64(sensor, full, strain_ppm):
     made = file.load(full.out)

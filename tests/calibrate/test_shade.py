@@ -6,6 +6,8 @@ from support.sensors import replaced
 
 from spots_sim.person.stage import Stage
 
+pytestmark = pytest.mark.board
+
 
 def pressed(sensor, irradiance_uW_cm2, watched):
     strip = replaced(

@@ -23,6 +23,7 @@ def inside(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("presses", "sentence"),
     [
@@ -51,6 +52,7 @@ def test_a_session_names_its_file_and_goes_on(presses, sentence, monkeypatch, ca
         assert Path("strip.jsonl").read_text().splitlines()[: len(stored)] == stored
 
 
+@pytest.mark.board
 def test_dark_names_the_led(monkeypatch, capsys):
     monkeypatch.setattr(dark, "take_dark", stop)
     assert main(["dark", "--port", "virtual"]) == 130
@@ -64,6 +66,7 @@ def test_a_re_zero_names_the_unchanged_file(monkeypatch, capsys):
     assert "a.toml and the board are unchanged; run the command again" in capsys.readouterr().err
 
 
+@pytest.mark.board
 def test_the_set_up_of_a_controller_has_written_nothing(monkeypatch, capsys):
     monkeypatch.setattr(controller_setup, "_touch", stop)
     command = ["controller", "--calibrate", "--settings", "c.toml", "--port", "virtual"]

@@ -8,6 +8,8 @@ from spots.calibrate.surface import fitted
 from spots_sim.measure.bound import Bound
 from spots_sim.strip.files import SensorFile, load
 
+pytestmark = pytest.mark.board
+
 PLAN = "F3", "F4", "F5", "F6", "F7", "F8"
 
 

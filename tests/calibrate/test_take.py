@@ -108,6 +108,7 @@ class Slipping(StagePresser):
         follow(self._stage.held, [])
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("kind", ["choose", "hand", "mark"])
 def test_contact_that_sticks_is_not_taken_for_the_press_that_slipped(sensor, kind):
     sticky = replaced(sensor, contact={"sticking_percent": 1.0, "sticking_s": 3.0})
@@ -129,6 +130,7 @@ class Hesitant(StagePresser):
         follow(self._stage.held, [])
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("kind", ["hand", "mark"])
 @pytest.mark.parametrize("percent", [0.0, 1.0])
 def test_contact_that_sticks_is_not_taken_for_the_next_press(sensor, kind, percent):

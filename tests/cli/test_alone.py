@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.board
+
 RUN = Path(__file__).parents[1] / "data" / "run.spots"
 LOADED = """
 import sys

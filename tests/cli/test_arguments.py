@@ -179,6 +179,7 @@ def test_a_negative_number_is_a_value_and_no_option(capsys):
     assert "must be a whole number from 0" in refused(capsys, "demo --seed -1")
 
 
+@pytest.mark.board
 def test_help_offers_the_ports_that_a_command_takes():
     shown = subprocess.run(
         [sys.executable, "-m", "spots", "publish", "--help"], capture_output=True, text=True

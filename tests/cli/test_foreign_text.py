@@ -179,6 +179,7 @@ BOARD = {
 }
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("wrong", ["", "error", "fault"])
 @pytest.mark.parametrize("case", BOARD)
 def test_what_a_board_replies(screen, evil_board, tmp_path, monkeypatch, case, wrong):
@@ -210,6 +211,7 @@ def a_session():
     return msgspec.json.encode(point) + b"\n"
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("arguments", [["doctor"], ["command", "hello"], ["flash", "pico"],
     ["monitor"], ["ports"], ["ports", "--json"], ["erase", "pico", "--yes"]])  # fmt: skip
 def test_what_a_usb_device_is_called(screen, evil_usb, arguments):
@@ -260,6 +262,7 @@ FILES = [
 UNREAD = [["{}"], ["flash", "{}"], ["flash", "pico", "--port", "{}"], ["doctor", "--port", "{}"]]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("arguments", FILES, ids=" ".join)
 @pytest.mark.parametrize("content", CONTENTS.values(), ids=CONTENTS)
 def test_names_and_contents_of_files(screen, tmp_path, monkeypatch, arguments, content):
@@ -270,6 +273,7 @@ def test_names_and_contents_of_files(screen, tmp_path, monkeypatch, arguments, c
     assert_shown(screen.text())
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("arguments", UNREAD, ids=" ".join)
 def test_names_of_files_that_are_not_read(screen, tmp_path, monkeypatch, arguments):
     test_names_and_contents_of_files(screen, tmp_path, monkeypatch, arguments, b"")
@@ -317,6 +321,7 @@ def test_the_label_of_a_drive_and_what_is_written_on_it(screen, tmp_path, about,
     assert_shown(screen.text())
 
 
+@pytest.mark.board
 def test_a_drive_of_an_odd_name_is_flashed_and_erased(screen, tmp_path, monkeypatch):
     monkeypatch.setattr(place, "_RETURN_S", 0.1)  # the board does not reconnect
     (tmp_path / NAME).mkdir()
@@ -363,6 +368,7 @@ def test_an_error_in_place_of_a_published_board_reply(screen, network):
     assert_shown(screen.text())
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("arguments", [[], ["--json"]])
 def test_what_is_published(screen, network, arguments):
     ended = threading.Event()

@@ -105,6 +105,7 @@ def test_the_commands_of_a_board_are_listed_in_full(capsys):
     assert {*LIMITS, "plan"} <= set(re.findall(r"\w+", listed))
 
 
+@pytest.mark.board
 def test_help_without_docstrings_is_short_but_there():
     run = subprocess.run(
         [sys.executable, "-OO", "-m", "spots", "command", "--help"],
@@ -118,6 +119,7 @@ def test_help_without_docstrings_is_short_but_there():
     assert "--port" in run.stdout
 
 
+@pytest.mark.board
 def test_a_locale_without_unicode_gets_plain_characters(tmp_path):
     path = tmp_path / "my.toml"
     keys = '{ tap = "A", label = "\N{LATIN SMALL LETTER E WITH ACUTE}" }, "B"'

@@ -167,6 +167,7 @@ def test_two_boards_are_listed_and_none_is_taken(monkeypatch):
     assert all(board.closed for board in boards)
 
 
+@pytest.mark.board
 def test_a_reader_that_goes_away_is_no_traceback():
     command = [sys.executable, "-m", "spots", "demo", "--fast", "--seconds", "30"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)

@@ -13,6 +13,8 @@ import spots_sim
 from spots import SpotsError, cli
 from spots_sim.demo import virtual
 
+pytestmark = pytest.mark.board
+
 FULL = Path("/dev/full")
 # Commands with short output; the last one prints with rich.
 SHORT = [["--help"], ["keys", "check", "mini"], ["keys", "show", "mini"]]

@@ -15,6 +15,8 @@ from support.readme import LINES, WALKED
 
 from spots.common import toml
 
+pytestmark = pytest.mark.board
+
 REPOSITORY = Path(__file__).parents[2]
 PYPROJECT = toml.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 # The other extras consist of these.

@@ -14,6 +14,8 @@ from support.documents import ROOT, blocks
 from support.environments import variables
 from support.readme import LINES, NEEDS_HARDWARE, WALKED, steps, walk
 
+pytestmark = pytest.mark.board
+
 TIMEOUT_S = 120
 # Commands that do not end by themselves, and a text that each prints when it runs.
 ENDLESS = {

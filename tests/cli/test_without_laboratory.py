@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.board
+
 HIDE = """
 import importlib.metadata as metadata, sys
 class Hide:

@@ -72,6 +72,7 @@ def test_each_kind_of_file_is_recognised(kind):
         assert kinds.kinds_of(path.read_bytes()) == [kind], path
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("wanted", "line"), CASES, ids=NAMES)
 def test_a_file_of_another_kind_is_named(wanted, line, capsys, tmp_path):
     for kind, content in OTHERS.items():

@@ -75,6 +75,7 @@ def test_there_are_options_with_numbers():
     assert len(NUMERIC) > 30
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("command", "option"), NUMERIC)
 def test_a_wrong_number_of_an_option_is_one_sentence(command, option, capsys):
     for value in OPTIONS:
@@ -113,6 +114,7 @@ def replaced(content, path, mark):
     return changed
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("kind", ["position", "force", "joint", "hand", "mark", "choose"])
 def test_a_wrong_number_of_a_session_is_one_sentence(kind, sessions, tmp_path):
     lines = sessions["hand" if kind == "hand" else "stage"]
@@ -165,6 +167,7 @@ def toml_files(folder):
     ]
 
 
+@pytest.mark.board
 def test_a_wrong_number_of_a_toml_file_is_one_sentence(tmp_path):
     for load, original in toml_files(tmp_path):
         text = original.read_text().partition("[end]")[0]

@@ -150,6 +150,7 @@ def test_what_is_no_file_is_not_replaced(tmp_path):
     assert names(tmp_path) == ["link", "pipe"]
 
 
+@pytest.mark.board
 def test_a_killed_writer_leaves_the_old_file_and_the_next_one_cleans_up(tmp_path, interrupted):
     path = tmp_path / "a.toml"
     path.write_text("old")
@@ -164,6 +165,7 @@ def test_a_killed_writer_leaves_the_old_file_and_the_next_one_cleans_up(tmp_path
     assert names(tmp_path) == ["a.toml", "b.toml"]
 
 
+@pytest.mark.board
 def test_the_file_of_a_living_writer_stays(tmp_path, interrupted):
     path = tmp_path / "a.toml"
     writer = interrupted("file", path)
@@ -175,6 +177,7 @@ def test_the_file_of_a_living_writer_stays(tmp_path, interrupted):
     assert names(tmp_path) == ["a.toml"]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("what", ["file", "build"])
 @pytest.mark.parametrize("whose", ["this process", "another process"])
 def test_what_a_living_process_writes_stays_when_the_clock_is_set_forward(
@@ -205,6 +208,7 @@ def test_what_a_living_process_writes_stays_when_the_clock_is_set_forward(
             assert staging.is_dir()
 
 
+@pytest.mark.board
 def test_only_left_overs_of_ours_are_removed(tmp_path, interrupted):
     kill(interrupted("file", tmp_path / "a.toml"))
     (left_over,) = tmp_path.iterdir()
@@ -224,6 +228,7 @@ def test_only_left_overs_of_ours_are_removed(tmp_path, interrupted):
     assert names(tmp_path) == sorted([*kept, "target", "b.toml"])
 
 
+@pytest.mark.board
 def test_a_killed_build_is_cleaned_up_by_the_next_one(tmp_path, interrupted):
     build.build("virtual", tmp_path)
     kill(interrupted("build", tmp_path))
@@ -252,6 +257,7 @@ def test_a_new_file_does_not_replace_one_that_came_meanwhile(tmp_path):
     assert [one.name for one in tmp_path.iterdir()] == ["a"]
 
 
+@pytest.mark.board
 def test_a_build_that_cannot_take_its_place_leaves_the_old_one(tmp_path, monkeypatch):
     before = build.files_of(build.build("virtual", tmp_path))
     rename = Path.rename

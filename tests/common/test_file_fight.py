@@ -4,6 +4,8 @@ import pytest
 
 from soak import file_fight
 
+pytestmark = pytest.mark.board
+
 
 @pytest.mark.parametrize("kind", file_fight.KINDS, ids=lambda kind: kind.name)
 def test_nobody_loses_what_is_in_a_file(kind, tmp_path):

@@ -116,6 +116,7 @@ def stopped_by(process):
     return os.WSTOPSIG(status)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("program", [PLAYS, HOLDS])
 @pytest.mark.parametrize(
     "name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGABRT", "SIGTSTP", "SIGTTIN", "SIGTTOU"]
@@ -133,6 +134,7 @@ def test_a_signal_does_what_it_does_after_all_is_released(start, program, name):
     assert not devices.held()
 
 
+@pytest.mark.board
 def test_stops_at_many_moments_leave_nothing_down_and_it_plays_on(start):
     process, devices = start(PLAYS)
     rng = random.Random(1)
@@ -149,6 +151,7 @@ def test_stops_at_many_moments_leave_nothing_down_and_it_plays_on(start):
     assert not devices.held()
 
 
+@pytest.mark.board
 def test_ends_at_many_moments_leave_nothing_down(start, tmp_path):
     rng = random.Random(2)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT, signal.SIGHUP) * 2:
@@ -162,6 +165,7 @@ def test_ends_at_many_moments_leave_nothing_down(start, tmp_path):
         (tmp_path / "events").unlink()
 
 
+@pytest.mark.board
 def test_after_a_stop_nothing_is_pressed_until_the_loop_has_begun_again(start):
     process, devices = start(HOLDS)
     process.send_signal(signal.SIGTSTP)
@@ -173,6 +177,7 @@ def test_after_a_stop_nothing_is_pressed_until_the_loop_has_begun_again(start):
     assert devices.lines() == [*lines, "close", "close"]
 
 
+@pytest.mark.board
 def test_what_a_stop_without_a_handler_held_is_released_when_it_goes_on(start):
     process, devices = start(HOLDS)
     process.send_signal(signal.SIGSTOP)
@@ -182,6 +187,7 @@ def test_what_a_stop_without_a_handler_held_is_released_when_it_goes_on(start):
     until(lambda: not devices.held())
 
 
+@pytest.mark.board
 def test_ignored_signals_stay_ignored(start):
     process, devices = start(HOLDS, ignore_signals)
     for number in IGNORED:
@@ -199,6 +205,7 @@ def test_no_signal_is_ignored_here():
     assert [one for one in numbers if signal.getsignal(one) == signal.SIG_IGN] == []
 
 
+@pytest.mark.board
 def test_nor_where_the_tests_were_started_with_signals_ignored():
     """The test run starts with ignored signals, as under nohup or as a background job."""
     test = f"{__file__}::{test_no_signal_is_ignored_here.__name__}"
@@ -292,6 +299,7 @@ def shell(environment, tmp_path):
         os.waitpid(made.pid, 0)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("use", ["keyboard", "controller"])
 def test_a_strip_is_played_stopped_and_played_again(shell, tmp_path, use):
     devices = Devices(tmp_path / "events")
@@ -336,6 +344,7 @@ with released_by_signals():
 """
 
 
+@pytest.mark.board
 def test_a_continue_after_an_ending_signal_does_not_cut_the_end_in_two(start):
     process, _ = start(CLEANS_UP)
     for number in (signal.SIGTERM, signal.SIGCONT):
@@ -361,6 +370,7 @@ with ended_cleanly():
 """
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("first", [signal.SIGTERM, signal.SIGHUP])
 def test_a_command_ends_by_its_own_steps_and_then_by_the_signal(first):
     process = subprocess.Popen([sys.executable, "-c", ENDS], stdout=subprocess.PIPE, text=True)

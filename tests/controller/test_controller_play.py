@@ -108,6 +108,7 @@ def pressing(position_mm=70.0, force_mN=5500.0):
 # Readings and losses.
 
 
+@pytest.mark.board
 def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
     made = rig(the_demo())
     with UInputGamepad() as gamepad:
@@ -127,6 +128,7 @@ def test_x_follows_the_finger_of_the_demo_to_within_a_per_cent(rig, evdev):
     assert device.held() == []
 
 
+@pytest.mark.board
 def test_light_at_the_skin_of_an_arm_is_followed(rig):
     made = rig(Scenario(load(ScenarioFile, "arm")))
     made.play(PrintedGamepad(), 26.0)
@@ -215,6 +217,7 @@ def test_everything_is_let_go_whatever_ends_it(rig, evdev, name):
     assert device.closed
 
 
+@pytest.mark.board
 def test_a_serial_port_that_goes_away_mid_touch_is_told_and_all_is_let_go(evdev, monkeypatch):
     real, ends = virtual.start_simulator, []
 
@@ -295,6 +298,7 @@ def _until_pressed(process, events):
     pytest.fail("nothing was pressed in a minute of a demo that presses all the time")
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_lets_go_of_everything(process, name):
     process, events, _ = process
@@ -312,6 +316,7 @@ def test_a_signal_lets_go_of_everything(process, name):
     assert set(known.values()) == {0}
 
 
+@pytest.mark.board
 def test_a_killed_process_leaves_no_handle_of_the_device_behind(process):
     # The kernel releases the keys of a device when its last handle is closed.
     process, events, reader = process

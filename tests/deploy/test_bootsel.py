@@ -53,6 +53,7 @@ def answers(monkeypatch):
     end()
 
 
+@pytest.mark.board
 @pytest.mark.usefixtures("answers")
 def test_flash_copies_the_image_and_waits_for_hello(mount, runtime, capsys, tmp_path):
     folder = mount()
@@ -76,6 +77,7 @@ def test_without_a_runtime_flash_says_what_a_boot_loader_needs(mount, capsys):
     assert "--runtime FILE.uf2" in said
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("board", "drives", "more", "why"),
     [
@@ -95,6 +97,7 @@ def test_flash_refuses(mount, runtime, capsys, board, drives, more, why):
     assert not any((folder / "spots.uf2").exists() for folder in folders)
 
 
+@pytest.mark.board
 def test_nothing_is_copied_without_a_confirmation(mount, runtime, capsys):
     folder = mount()
     assert "add --yes" in refused(capsys, "pico", "--runtime", str(runtime))
@@ -135,6 +138,7 @@ def test_a_drive_that_goes_away_with_the_last_block_is_a_success(mount, runtime,
     bootsel._copy(data, mount())
 
 
+@pytest.mark.board
 def test_a_drive_that_goes_away_before_is_an_error(mount, runtime, monkeypatch, capsys):
     monkeypatch.setattr(bootsel, "open", lambda *_, **__: Failing(5000), raising=False)
     mount()

@@ -24,6 +24,7 @@ MACHINE_CODE = {f"spots_device/{name}.mpy" for name in (*VIPER, "reading/stickin
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("board", board_names())
 def test_every_board_gets_what_its_runtime_takes(board, built):
     device = device_of(board)
@@ -99,6 +100,7 @@ def traceback_on_board(folder, code):
     return re.findall(r'File "(.+)", line \d+, in (\S+)', run.stdout + run.stderr)[-1]
 
 
+@pytest.mark.board
 def test_a_traceback_names_file_and_function(built):
     raises = "from spots_device.board.start import run; run(None, None, None, None, None)"
     place = traceback_on_board(built("virtual"), raises)
@@ -113,11 +115,13 @@ def test_boards_get_machine_code_without_any_correction_of_signs(module):
     assert "^ sign" not in code.replace(*builder._SIGN)
 
 
+@pytest.mark.board
 def test_the_modules_of_a_pico_stay_small(built):
     files = files_of(built("pico"))
     assert sum(len(data) for path, data in files.items() if path.endswith(".mpy")) <= 97 * 1024
 
 
+@pytest.mark.board
 def test_nothing_stale_stays(tmp_path):
     folder = build("virtual", tmp_path)
     (folder / "spots_device" / "gone.py").write_text("")
@@ -135,6 +139,7 @@ def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
     assert files_of(tmp_path) == {"virtual/thesis.txt": b"the user's own"}
 
 
+@pytest.mark.board
 def test_a_failure_leaves_the_old_build(tmp_path, monkeypatch):
     before = files_of(build("virtual", tmp_path))
     monkeypatch.setattr(builder, "mpy_cross_command", lambda: ["false"])
@@ -155,6 +160,7 @@ def test_a_folder_that_cannot_be_made_is_one_sentence(tmp_path, monkeypatch, cap
     assert (tmp_path / "build").read_text() == "mine"
 
 
+@pytest.mark.board
 def test_a_full_disk_leaves_the_old_build(tmp_path, full_disk):
     before = files_of(build("virtual", tmp_path))
     refused = pytest.raises(SpotsError, match=r"virtual cannot be written .*File too large")

@@ -67,6 +67,7 @@ def files_on(disk):
     return found
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("board", "geometry"), [("pico", runtimes.PICO), ("pico2", runtimes.PICO2)]
 )
@@ -82,6 +83,7 @@ def test_an_image_is_the_runtime_and_the_build(make, built, board, geometry):
     assert files_on(disk_of(blocks, at, size)) == files_of(built(board))
 
 
+@pytest.mark.board
 def test_the_image_does_not_depend_on_the_date(make):
     data = runtimes.micropython(*runtimes.PICO)
     assert make(data).read_bytes() == make(data).read_bytes()
@@ -148,12 +150,14 @@ def crcs(files):
     return {path: crc32(data) for path, data in files.items()}
 
 
+@pytest.mark.board
 def test_micropython_mounts_reads_and_writes_the_file_system(make, built, tmp_path):
     at, size, _ = runtimes.PICO
     disk = disk_of(read(make(runtimes.micropython(*runtimes.PICO))), at, size)
     assert mounted(disk, tmp_path, 256) == crcs(files_of(built("pico")))
 
 
+@pytest.mark.board
 def test_an_esp32_image_is_one_file_for_address_0(built, tmp_path):
     data = runtimes.esp32()
     (tmp_path / "runtime.bin").write_bytes(data)
@@ -164,6 +168,7 @@ def test_an_esp32_image_is_one_file_for_address_0(built, tmp_path):
     assert mounted(made[0x200000:], tmp_path, 32) == crcs(files_of(built("xiao_esp32s3")))
 
 
+@pytest.mark.board
 def test_a_circuitpython_image_has_a_drive_with_the_build(make, built, tmp_path):
     blocks = read(make(runtimes.circuitpython(), "qtpy_rp2040"))
     disk = disk_of(blocks, 0x100000, (8 << 20) - (1 << 20))
@@ -200,6 +205,7 @@ def stored(make, tmp_path, monkeypatch):
     return stored
 
 
+@pytest.mark.board
 def test_a_layout_makes_a_board_that_starts_as_a_keyboard(stored):
     layout = load("mini").lines
     load_part = stored(layout=layout)
@@ -207,6 +213,7 @@ def test_a_layout_makes_a_board_that_starts_as_a_keyboard(stored):
     assert load_part("settings") == ["keys=1"]
 
 
+@pytest.mark.board
 def test_an_image_has_the_connection_of_each_strip_s_led(stored):
     load_part = stored(led="gpio", layout=load("mini").lines, strips=2)
     assert load_part("settings") == ["led=gpio", "keys=1"]
@@ -255,6 +262,7 @@ def mutated(data, chance):
     return data, what
 
 
+@pytest.mark.board
 def test_a_damaged_runtime_is_refused_and_nothing_written(tmp_path, monkeypatch):
     monkeypatch.setattr("spots.deploy.image.build", lambda *_: pytest.fail("accepted"))
     good = runtimes.micropython(*runtimes.PICO)
@@ -269,6 +277,7 @@ def test_a_damaged_runtime_is_refused_and_nothing_written(tmp_path, monkeypatch)
     assert not out.exists()
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("board", "data"),
     [

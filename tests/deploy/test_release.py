@@ -43,12 +43,14 @@ def releases(tmp_path_factory):
     return made
 
 
+@pytest.mark.board
 def test_two_releases_are_equal(releases):
     first, second = ({path.name: path.read_bytes() for path in one.iterdir()} for one in releases)
     assert first.keys() == second.keys()
     assert not [name for name in first if first[name] != second[name]]
 
 
+@pytest.mark.board
 def test_the_hashes_are_those_of_the_files(releases):
     for line in (releases[0] / "SHA256SUMS").read_text().splitlines():
         digest, name = line.split("  ")
@@ -58,6 +60,7 @@ def test_the_hashes_are_those_of_the_files(releases):
     )
 
 
+@pytest.mark.board
 def test_a_release_has_each_real_board_and_the_licences(releases):
     names = {path.name for path in releases[0].iterdir()}
     for board in ("pico", "pico2", "xiao_esp32s3", "qtpy_rp2040", "feather_rp2040"):
@@ -74,6 +77,7 @@ def test_a_release_has_each_real_board_and_the_licences(releases):
     assert "spots/_device/boards/pico/board.toml" in rows
 
 
+@pytest.mark.board
 @pytest.mark.skipif(sys.platform != "linux", reason="circup keeps its data elsewhere")
 def test_circup_installs_the_firmware_and_its_libraries(releases, tmp_path):
     (packed,) = releases[0].glob("*-bundle-py-*.zip")
@@ -105,6 +109,7 @@ def test_circup_installs_the_firmware_and_its_libraries(releases, tmp_path):
             assert (drive / there).read_bytes() == content, path
 
 
+@pytest.mark.board
 def test_the_version_is_the_same_everywhere(releases):
     cited = re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[1]
     logged = re.search(r"^## \[?([\d.]+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1]

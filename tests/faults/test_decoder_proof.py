@@ -49,6 +49,7 @@ def intruders(damaged, meaning, last, last_meaning):
     return [one for one in found[:-1] if one != meaning]
 
 
+@pytest.mark.board
 def test_every_change_of_every_byte(stream):
     pieces, meanings = stream
     tried = 0
@@ -63,6 +64,7 @@ def test_every_change_of_every_byte(stream):
     assert tried == 255 * (sum(map(len, pieces)) - COUNT)
 
 
+@pytest.mark.board
 def test_every_insertion_and_every_deletion(stream):
     pieces, meanings = stream
     tried = 0

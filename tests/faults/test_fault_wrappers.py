@@ -84,6 +84,7 @@ def test_one_fault_does_not_move_another():
     assert more.to_host(data, 0.0) == faults(to_host=SOME).to_host(data, 0.0)
 
 
+@pytest.mark.board
 def test_bursts_of_a_rate_length_and_density_damage_so_many_bytes_in_the_mean():
     bursts = Bursts(per_min=10, last_ms=120, damage_percent=50)  # 1 %: 10/min x 0.12 s x 50 %
     made = faults(to_host=SerialFaults(bursts=bursts))

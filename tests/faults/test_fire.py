@@ -30,6 +30,7 @@ def quiet_fire(tmp_path_factory):
     return str(path)
 
 
+@pytest.mark.board
 def test_the_seed_decides_everything(capsys):
     fire = ("demo", "--fast", "--scenario", "fire", "--seconds", "25")
     first, again = run(capsys, *fire), run(capsys, *fire)
@@ -38,6 +39,7 @@ def test_the_seed_decides_everything(capsys):
     assert run(capsys, *fire, "--seed", "1")["stream_sha256"] != first["stream_sha256"]
 
 
+@pytest.mark.board
 def test_a_minute_of_fire_delivers_nothing_wrong_and_loses_only_what_was_touched(capsys):
     ledger = run(capsys, "--hours", str(61 / 3600), "--seed", "3", command=soak_main)
     assert ledger["wrong"] == 0
@@ -58,6 +60,7 @@ def test_a_minute_of_fire_delivers_nothing_wrong_and_loses_only_what_was_touched
     assert len(ledger["memory"]["host"]) == 2
 
 
+@pytest.mark.board
 def test_keys_of_overlapping_touches_are_released_under_fire(capsys):
     run_of = "--hours", "0.012", "--words-per-min", "100", "--seed", "1"
     ledger = run(capsys, *run_of, command=soak_main)
@@ -67,6 +70,7 @@ def test_keys_of_overlapping_touches_are_released_under_fire(capsys):
         assert keys["stuck"] == keys["down_at_the_end"] == 0
 
 
+@pytest.mark.board
 def test_damage_on_the_way_does_not_change_what_the_board_sends(capsys, quiet_fire, monkeypatch):
     sent = []
     send = Audit.send
@@ -94,6 +98,7 @@ def test_a_soak_without_faults_is_refused(capsys):
     assert "has no [faults] table: use 'fire'" in capsys.readouterr().err
 
 
+@pytest.mark.board
 def test_the_table_is_for_people(capsys):
     assert soak_main(["--hours", "0.003"]) == 0
     said = capsys.readouterr().out
@@ -266,6 +271,7 @@ def test_a_key_that_two_fingers_press_is_down_until_both_are_lifted():
     assert fingers.at(20.0) == 1
 
 
+@pytest.mark.board
 def test_in_real_time_a_program_goes_on_as_well(tmp_path):
     # On a slow machine the first faults may be over before the board is open.
     path = tmp_path / "blaze.toml"

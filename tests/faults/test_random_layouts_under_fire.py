@@ -26,6 +26,8 @@ from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 MINUTES = int(os.environ.get("SPOTS_FIRE_MINUTES", "10"))
 START_S, REST_S = 4.0, 3.0  # the last seconds of a minute are without fingers
 MINUTE_S = 60.0

@@ -91,6 +91,7 @@ def held():
     return threading.active_count(), len(os.listdir("/dev/fd"))
 
 
+@pytest.mark.board
 def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_behind(hub, capsys):
     names = [plug.name for plug in hub.plugs]
     links = [Stopping(SerialLink(name)) for name in names[:2]]
@@ -145,6 +146,7 @@ def test_monitor_keyboard_and_page_recover_a_hundred_times_and_leave_nothing_beh
     typed.close()
 
 
+@pytest.mark.board
 def test_the_firmware_itself_comes_back_under_another_name(monkeypatch, tmp_path):
     there, kept = set(), []
     monkeypatch.setattr("spots.link.serial_link.list_ports.comports", lambda: listed(there))

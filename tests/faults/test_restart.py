@@ -378,6 +378,7 @@ class Drifting(StandIn):
         return int(1e6 * self._rate * (self.time_s - self.booted_s)) % (1 << 32)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("ppm", [50, -50])
 def test_the_drift_of_a_clock_is_followed_for_hours(ppm):
     link = Drifting(ppm)

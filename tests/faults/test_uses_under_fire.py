@@ -110,12 +110,14 @@ def under(run, now_s):
     return found
 
 
+@pytest.mark.board
 def test_the_minute_was_one_of_fire(run):
     assert run.stats.bad_crc > 20
     assert run.stats.restarts >= 1
     print(run.ledger)
 
 
+@pytest.mark.board
 def test_no_key_that_no_finger_pressed_and_none_stays(run):
     down = {}
     for now_s, usage, pressed in run.host.events:

@@ -168,6 +168,7 @@ def test_times_are_exact_two_seconds_after_the_period_jumped(share, seed):
         assert max(map(abs, errors)) <= LIMIT_US
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("nominal_us", [2_780, 100_000, 1_000_000])
 @pytest.mark.parametrize("percent", [-5, 5])
 def test_other_exposures_stay_within_31_bits(nominal_us, percent):

@@ -121,6 +121,7 @@ def full(*_):
     raise MemoryError
 
 
+@pytest.mark.board
 def test_a_board_starts_whichever_transfer_fails_first():
     lost = []
     for transfers in range(60):

@@ -14,6 +14,8 @@ import pytest
 import spots_device
 from spots.deploy.build import mpy_cross_command
 
+pytestmark = pytest.mark.board
+
 _PACKAGE = Path(spots_device.__file__).parent
 # An .mpy file stores no name that is built into MicroPython, such as `write`.
 _PREFIX = "of_"

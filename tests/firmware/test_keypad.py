@@ -401,6 +401,7 @@ EVERYTHING = (
 )
 
 
+@pytest.mark.board
 @given(
     flavor=st.integers(0, 3),
     readings=st.lists(
@@ -442,6 +443,7 @@ def taps(draw):
     return draw(st.lists(hands, min_size=1, max_size=12))
 
 
+@pytest.mark.board
 @settings(max_examples=300)
 @given(taps())
 def test_whoever_taps_types_what_was_meant(hands):

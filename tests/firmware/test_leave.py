@@ -105,6 +105,7 @@ def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
     return app, usb, interrupts
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_an_interrupt_at_any_point_of_the_end_leaves_no_key_down(tmp_path, monkeypatch, error):
     came = 0

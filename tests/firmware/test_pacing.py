@@ -111,6 +111,7 @@ class FifoRun(Run):
             pacing.held(asked, SmallInt(self.now % WRAP), SmallInt(1))
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("error_percent", [-5, 0, 5])
 @pytest.mark.parametrize(("nominal_us", "share"), [(1_000, 0.3), (2_780, 0.7), (10_000, 0.5)])
 def test_most_polls_are_sure_to_find_a_sample_and_do(error_percent, nominal_us, share):
@@ -163,6 +164,7 @@ def test_a_drifting_oscillator_is_followed():
     assert [index for index, _ in run.samples] == list(range(1, len(run.samples) + 1))
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("nominal_us", [1_000, 1_500, 2_780, 10_000])
 @pytest.mark.parametrize("passes", [0.3, 0.9, 1.05, 1.2, 1.5, 2.65, 7.3])
 @pytest.mark.parametrize("error_percent", [-3, 0, 3])

@@ -8,6 +8,8 @@ from support.pairs import ACTIONS, some
 from spots.outputs.usages import chord_of
 from spots_device.keys.layout import FULL, action
 
+pytestmark = pytest.mark.board
+
 PAIRS = 10_000  # half of them on one strip, half on two
 _AT = {name: (i + 0.5) / len(ACTIONS) for i, name in enumerate(ACTIONS)}
 

@@ -169,6 +169,7 @@ BEFORE = {
 }
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("before", BEFORE)
 @pytest.mark.parametrize("atomic", [False, True], ids=["FAT", "littlefs"])
 def test_a_cut_at_any_step_leaves_the_old_or_the_new(tmp_path, monkeypatch, before, atomic):

@@ -533,6 +533,7 @@ def a_frame(framer, rng):
         framer.text(b'{"re": "get", "text": "%s"}' % (b"x" * rng.randrange(500)))
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("seed", range(5))
 def test_micropython_never_blocks_for_a_host_that_stops_reading(serial, seed):
     ours, port = serial

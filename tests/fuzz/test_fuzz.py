@@ -13,6 +13,7 @@ from targets import TARGETS, run
 INPUTS = {name: kept.kept(name) for name in TARGETS}
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", TARGETS)
 def test_what_was_kept(name):
     assert INPUTS[name]
@@ -46,6 +47,7 @@ def test_a_flood_lets_readings_have_their_turn(flood):
     assert sum(isinstance(frame, Touch) for frame in said) >= max(replies, 5000 // LINE_MAX // 2)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", TARGETS)
 def test_any_bytes(name):
     # Derandomized, so that each run tests the same bytes; `make fuzz` uses random bytes.

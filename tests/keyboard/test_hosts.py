@@ -109,6 +109,7 @@ def batches(host, texts):
     yield group
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", NAMES)
 def test_a_desktop_gets_every_character_and_200_sentences(name):
     keyboards = [desktop(name), desktop(name, "en_US")]
@@ -127,6 +128,7 @@ def test_a_desktop_gets_every_character_and_200_sentences(name):
             assert seen(reports, keyboard) == "".join(group)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", NAMES)
 def test_a_host_knows_every_character_that_the_desktop_types(name):
     own, other = desktop(name), desktop(name, "en_US")
@@ -162,6 +164,7 @@ def test_the_codes_of_this_test_are_those_of_the_table():
     assert {usage: ecodes[USAGES[7, usage].linux] for usage in CODE} == CODE
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", NAMES)
 def test_other_systems_get_a_part_of_what_linux_gets_by_the_same_keys(name):
     linux = hosts.host_of(name, "linux")

@@ -287,6 +287,7 @@ def test_the_demo_types_the_scenarios_text(capsys):
     assert figures["host_agrees"]
 
 
+@pytest.mark.board
 def test_a_dry_run_prints_the_keys(capsys):
     arguments = ["keyboard", "--port", "virtual", "--dry-run", "--seconds", "8"]
     assert cli.main(arguments) == 0
@@ -355,6 +356,7 @@ def test_gestures_through_the_firmware(sensor, calibration):
     assert min(one.confidence for one in found) > 0.6
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("seed", [0, 1])
 def test_every_gesture_on_an_arm_that_moves_and_sweats(sensor, calibration, seed):
     file = load_scenario(ScenarioFile, "worn")

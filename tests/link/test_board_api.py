@@ -185,6 +185,7 @@ def test_a_timeout_that_is_too_short_names_the_call_that_does_not_wait(strip):
         board.read_latest(0)
 
 
+@pytest.mark.board
 def test_a_strip_that_the_board_does_not_have_is_refused_by_its_number(sensor):
     link = LockstepLink(sensor, Scenario(load(ScenarioFile, "demo")))
     with pytest.raises(SpotsError, match="has no strip 1: leave out #1"):
@@ -487,6 +488,7 @@ def test_an_encoder_of_a_file_and_a_port_that_is_a_path(tmp_path):
         spots.open(tmp_path / "ttyNONE")
 
 
+@pytest.mark.board
 def test_the_info_of_a_virtual_board_has_its_calibration():
     with spots.open("virtual") as board:
         assert board.info == board.command("hello")

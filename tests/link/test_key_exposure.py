@@ -48,12 +48,14 @@ def test_the_narrowest_key_counts(calibration):
     assert shortest_us(calibration, narrow) > shortest_us(calibration, row(5))
 
 
+@pytest.mark.board
 def test_a_calibration_holds_at_any_exposure(sensor, calibration):
     at_5_ms = calibrate(sensor, 5_000)
     layout = row(14)
     assert shortest_us(at_5_ms, layout) == pytest.approx(shortest_us(calibration, layout), rel=0.1)
 
 
+@pytest.mark.board
 def test_a_long_strip_needs_more(calibration):
     assert shortest_us(calibrate(load_file(SensorFile, "long_200mm")), row(10)) > 8000
 
@@ -82,6 +84,7 @@ def exposure_us(board):
     return board.command("get")["exposure_us"]
 
 
+@pytest.mark.board
 def test_a_push_sets_and_stores_the_exposure(board):
     pushed = push(board, load("digits"), expose=True)
     assert "4.0 ms, the shortest" in pushed.exposure
@@ -92,6 +95,7 @@ def test_a_push_sets_and_stores_the_exposure(board):
     assert exposure_us(board) == pytest.approx(4500, rel=0.01)
 
 
+@pytest.mark.board
 def test_an_exposure_that_the_user_has_set_stays(board):
     push(board, load("digits"), expose=True)
     board.command("set exposure_us=6000")
@@ -100,6 +104,7 @@ def test_an_exposure_that_the_user_has_set_stays(board):
     assert "6.0 ms; from 4.0 ms on every key is certain" in pushed.exposure
 
 
+@pytest.mark.board
 def test_lamps_still_determine_the_exposure(board):
     board.command("set mains_hz=50")
     pushed = push(board, load("digits"), expose=True)
@@ -107,6 +112,7 @@ def test_lamps_still_determine_the_exposure(board):
     assert pushed.exposure
 
 
+@pytest.mark.board
 def test_without_a_calibration_nothing_is_chosen(sensor):
     with Board(LockstepLink(sensor, Held())) as board:
         before = exposure_us(board)
@@ -114,6 +120,7 @@ def test_without_a_calibration_nothing_is_chosen(sensor):
         assert exposure_us(board) == before
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(("set_us", "ok"), [(4_000, True), (2_780, False)])
 def test_the_doctor_finds_an_exposure_that_is_too_short_for_the_keys(board, set_us, ok):
     push(board, load("digits"))
@@ -123,5 +130,6 @@ def test_the_doctor_finds_an_exposure_that_is_too_short_for_the_keys(board, set_
     assert "every key is certain" in found.text
 
 
+@pytest.mark.board
 def test_the_doctor_says_nothing_about_keys_that_are_off(board):
     assert "keys" not in [finding.check for finding in examine_board(board)]

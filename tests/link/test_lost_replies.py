@@ -14,6 +14,8 @@ from spots_device.reading.calibration import Calibration
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held
 
+pytestmark = pytest.mark.board
+
 MINI = load("mini")
 
 

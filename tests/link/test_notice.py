@@ -77,6 +77,7 @@ DRIFTS = {
 }
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", DRIFTS)
 @pytest.mark.parametrize("force_mN", [1500, 6000])
 def test_each_drift_of_a_millimetre_is_advised(sensor, calibration, name, force_mN):
@@ -85,6 +86,7 @@ def test_each_drift_of_a_millimetre_is_advised(sensor, calibration, name, force_
     assert presses < PRESSES
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     "change", [{}, {"temperature_K": 4.0}, {"light_percent": -20.0}, {"dye_percent": -3.0}]
 )
@@ -97,12 +99,14 @@ def test_nothing_is_advised_without_an_error_that_spectra_show(
     assert presses >= PRESSES - 2  # noise may look like a second finger
 
 
+@pytest.mark.board
 def test_a_re_zero_ends_the_advice(sensor):
     change = {"phosphor_nm": 0.8}
     lines = recalibrated(replace(sensor, change=Change(**change)))
     assert advised(sensor, lines, change)[0] == ""
 
 
+@pytest.mark.board
 def test_the_estimate_is_the_error_of_the_position(sensor, calibration):
     board, end_s = pressed(sensor, {"phosphor_nm": 0.42})
     with board:
@@ -116,6 +120,7 @@ def test_the_estimate_is_the_error_of_the_position(sensor, calibration):
     assert "the phosphor of the LED" in notice.sentence
 
 
+@pytest.mark.board
 def test_an_application_prints_the_advice(sensor, calibration, capsys):
     board, end_s = pressed(sensor, {"phosphor_nm": -0.42}, presses=8)
     with board:
@@ -204,6 +209,7 @@ def test_moving_light_is_the_advice_not_a_re_zero():
     assert "rezero" not in advice.sentence
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("light_uW_cm2", [3.0, 20.0])
 def test_nothing_is_re_zeroed_under_moving_leaves(sensor, calibration, light_uW_cm2):
     leaves = Ambient(steps=[(0.0, light_uW_cm2)], leaves_percent=80.0)
@@ -220,6 +226,7 @@ def test_nothing_is_re_zeroed_under_moving_leaves(sensor, calibration, light_uW_
     assert all("the ambient light changes" in one for one in said if one)
 
 
+@pytest.mark.board
 def test_a_host_reads_the_calibration_from_the_board(sensor, calibration):
     board, _ = pressed(sensor, {})
     with board:
@@ -234,6 +241,7 @@ def test_a_host_reads_the_calibration_from_the_board(sensor, calibration):
         assert stored_calibration(board, {**info, "calibration": checksum(["other"])}) is None
 
 
+@pytest.mark.board
 def test_a_calibration_without_spectra_is_used_without_them(sensor, calibration):
     lines = [line for line in calibration if not line.startswith("spectrum")]
     assert press_spectra(lines) is None

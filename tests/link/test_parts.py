@@ -14,12 +14,14 @@ def loads(program):
     return {*subprocess.run([sys.executable, "-c", program], stdout=-1, text=True).stdout.split()}
 
 
+@pytest.mark.board
 def test_a_board_on_a_link_of_ones_own_needs_no_serial_ports():
     loaded = loads("from spots.link.board import Board")
     assert "spots.link.channel" in loaded
     assert not {"serial", "spots.link.serial_link", "spots.recording"} & loaded
 
 
+@pytest.mark.board
 def test_the_import_of_spots_is_light():
     assert not {"numpy", "serial", "msgspec", "rich"} & loads("import spots")
 

@@ -62,6 +62,7 @@ def as_wearable(board, seconds):
     play(board, nothing, seconds, False, Mapping())
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("run", [as_keyboard, as_controller, as_wearable])
 def test_only_untrusted_readings_are_reported_within_a_second(sensor, calibration, run, capsys):
     with Board(LockstepLink(sensor, Scenario(TWO), 0)) as board:
@@ -116,6 +117,7 @@ def test_one_good_reading_ends_it_and_nothing_is_said_of_a_strip_that_nobody_tou
     assert untrusted.sentence == ""
 
 
+@pytest.mark.board
 def test_short_presses_that_do_not_fit_are_reported_until_one_is_trusted(sensor, calibration):
     untrusted, said = Untrusted(), []
     with Stage(sensor) as stage:
@@ -150,6 +152,7 @@ def test_a_dark_frame_after_presses_that_do_not_fit_is_not_the_cause():
     assert "re-zero is advised" in untrusted.sentence
 
 
+@pytest.mark.board
 def test_monitor_advises_a_re_zero_within_a_second(sensor, calibration, capsys):
     with Board(LockstepLink(sensor, Scenario(TWO), 0)) as board:
         prepare(board, calibration)
@@ -161,6 +164,7 @@ def test_monitor_advises_a_re_zero_within_a_second(sensor, calibration, capsys):
         assert capsys.readouterr().err == ""
 
 
+@pytest.mark.board
 def test_the_picture_of_monitor_advises_a_re_zero(sensor, calibration, monkeypatch):
     screen = Console(file=io.StringIO(), force_terminal=True, width=100)
     monkeypatch.setattr(view, "Console", lambda: screen)

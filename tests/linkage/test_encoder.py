@@ -146,6 +146,7 @@ def test_at_rest_the_play_is_in_the_error_and_moving_it_is_not():
     assert unknown.angle_rad == pytest.approx(math.radians(5), abs=1e-4)
 
 
+@pytest.mark.board
 def test_noise_alone_is_hardly_ever_a_movement():
     told = played(PLAY, np.full(20_000, 10.0), noise_deg=0.03)
     turns = np.count_nonzero(np.diff([angle.direction for angle in told]))

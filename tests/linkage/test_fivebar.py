@@ -65,6 +65,7 @@ def elbows_apart_mm(linkage, theta1, theta2):
     return np.ma.getdata(np.hypot(across, a2 * np.cos(theta2) - a1 * np.cos(theta1)))
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("linkage", LINKAGES, ids=repr)
 def test_there_and_back_within_a_micrometre_at_the_limits(linkage):
     # From points inside the limits, outwards until the next step exceeds a limit.

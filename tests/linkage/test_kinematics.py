@@ -32,6 +32,7 @@ def test_without_noise_it_finds_the_linkage():
     assert repr(found.linkage).startswith("Linkage((101, 99.3")
 
 
+@pytest.mark.board
 def test_the_standard_errors_are_those_of_the_scatter():
     off = []
     for seed in range(40):

@@ -53,6 +53,7 @@ def test_along_a_line_one_joint_stands(joint):
     assert half.min() > 110
 
 
+@pytest.mark.board
 def test_every_picture_is_drawn(files, found, run, tmp_path):
     sensor, linkage, _ = files
     mechanism = Mechanism(linkage, sensor)
@@ -65,6 +66,7 @@ def test_every_picture_is_drawn(files, found, run, tmp_path):
         assert path.stat().st_size > 10_000
 
 
+@pytest.mark.board
 def test_the_page_tells_what_was_measured(files, found, run):
     sensor, linkage, _ = files
     surveys = {"ideal": [found], "real": [found]}
@@ -83,6 +85,7 @@ def test_the_page_tells_what_was_measured(files, found, run):
     assert not re.search(r"\{|nan", text)
 
 
+@pytest.mark.board
 def test_a_real_linkage_is_right_again_after_a_re_zero_of_its_joints(files):
     _, linkage, path = files
     last = msgspec.structs.replace(path, stroke=path.stroke[-1:])

@@ -186,6 +186,7 @@ def test_the_subtle_vibrations_are_in_the_twin(files):
     assert seen_mm == pytest.approx(0.3, abs=0.05)
 
 
+@pytest.mark.board
 def test_a_run_repeats_and_a_recording_tells_the_same(short):
     sensor, linkage, path = short
     first = survey.follow(*short, seed=5)
@@ -203,6 +204,7 @@ def test_a_run_repeats_and_a_recording_tells_the_same(short):
     assert len(again) > 60
 
 
+@pytest.mark.board
 def test_the_workspace_is_within_the_papers_deviation_and_a_calibration_finds_the_lengths(files):
     sensor, linkage, _ = files
     found = survey.survey(sensor, linkage, pitch_mm=16.0)
@@ -238,6 +240,7 @@ def quick(short, tmp_path):
     return ["twin", "--path", str(path)]
 
 
+@pytest.mark.board
 def test_the_command_tells_errors_lines_and_draws(quick, capsys, tmp_path):
     picture = tmp_path / "s.png"
     assert cli.main([*quick, "--json", "--picture", str(picture)]) == 0

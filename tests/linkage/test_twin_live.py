@@ -73,6 +73,7 @@ def test_boards_tell_where_the_terminal_is_and_their_recordings_tell_the_same(ma
     assert 0.4 * len(live) < len(some) < 0.6 * len(live)
 
 
+@pytest.mark.board
 def test_a_board_that_restarts_gets_its_calibration_again_and_so_does_the_recording(
     machine, tmp_path
 ):
@@ -113,6 +114,7 @@ def test_a_board_that_refuses_after_a_restart_is_asked_again_for_a_while():
     assert refused[-1] - refused[0] >= 10
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("ports", [("0", "1"), ()])
 def test_the_example_of_a_twin(ports, machine, capsys, monkeypatch):
     # The example runs for ever, so the test limits it to 3 s.
@@ -134,6 +136,7 @@ def test_the_example_of_a_twin(ports, machine, capsys, monkeypatch):
     assert np.ptp(told, axis=0).max() > 3
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("virtual", [False, True])
 def test_the_example_that_tracks_a_joint(virtual, machine, capsys, monkeypatch):
     touches = Board.touches

@@ -61,6 +61,8 @@ from spots_device.reading.decode import (
 from spots_device.reading.frame import TEXT_MAX
 from spots_device.reading.log2 import LIMIT, ONE
 
+pytestmark = pytest.mark.board
+
 CHANNELS = 6
 LOG_MAX = 24 * ONE
 SMALL_MIN, SMALL_MAX = -(1 << 30), (1 << 30) - 1

@@ -3,6 +3,10 @@
 The cuts are in each operation of the flash: a program or an erase that stops half-way.
 """
 
+import pytest
+
+pytestmark = pytest.mark.board
+
 CHANGES = {"1": ["settings", "auto", "new_layout", "calibrate"], "2": ["everything", "removal"]}
 
 

@@ -13,6 +13,8 @@ import pytest
 
 from spots_sim.measure.bound import Bound
 
+pytestmark = pytest.mark.board
+
 SAMPLES = int(os.environ.get("SPOTS_REPLAY", "5000"))
 PER_TOUCH = 20
 LINES = 20

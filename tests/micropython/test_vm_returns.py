@@ -4,7 +4,10 @@ Each allocation searches the heap for a free block. So garbage slows the loop do
 command, which collects garbage.
 """
 
+import pytest
 from bench.firmware import for_canned_board
+
+pytestmark = pytest.mark.board
 
 GARBAGE_MAX_BYTES = 2_000
 

@@ -29,6 +29,8 @@ from spots_device.reading.decode import (
 )
 from spots_device.sensor.exposure import MAX_US
 
+pytestmark = pytest.mark.board
+
 # Counts of presses at the two ends of the default sensor's strip, and of more and less light.
 NEAR, FAR = [1372, 1392, 1751, 2027, 2449, 1275], [251, 260, 381, 698, 1382, 881]
 FEEBLE = [count // 3 for count in FAR]

@@ -7,6 +7,8 @@ from bench.firmware import for_canned_board
 
 from spots.keyboard.layout import load
 
+pytestmark = pytest.mark.board
+
 NOTES = ["this board has no USB keyboard; keys are sent as frames only"] * 2
 PARSERS = {"spots_device.reading.calibration_lines", "spots_device.keys.layout"}
 

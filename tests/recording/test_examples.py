@@ -15,6 +15,8 @@ from support.reels import replayed
 import spots
 from spots.link.frames import Touch
 
+pytestmark = pytest.mark.board
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 matplotlib.use("Agg")
 

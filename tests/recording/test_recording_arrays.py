@@ -39,6 +39,7 @@ def key(sequence, t_us):
     return encoded(struct.pack("<BHIBHBB", 4, sequence, t_us & 0xFFFFFFFF, 7, 30, 0, 3))
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("size", _SIZES)
 def test_arrays_of_real_firmware(seen, size):
     assert check(seen.path, size) >= len(seen.frames)  # the recording also has replies
@@ -47,6 +48,7 @@ def test_arrays_of_real_firmware(seen, size):
     assert min(map(len, got.tables)) > 0
 
 
+@pytest.mark.board
 def test_columns_are_those_that_are_documented(seen):
     got = spots.read_arrays(seen.path)
     first = seen.frames[0]
@@ -76,6 +78,7 @@ def test_every_kind_of_damage(path):
     assert spots.read_arrays(path).stats.bad_crc > 30_000
 
 
+@pytest.mark.board
 def test_every_truncation(path):
     data = recording_of(path, b"".join(made(8)) + note(5)).read_bytes()
     for size in range(len(data)):
@@ -245,6 +248,7 @@ def test_a_byte_at_a_time(path):
     assert check(recording_of(path, data), block_bytes=1) == 4
 
 
+@pytest.mark.board
 def test_a_recording_is_read_twice_the_same(seen):
     blocks = spots.RecordingBlocks(seen.path)
     first, again = list(blocks), list(blocks)

@@ -36,6 +36,7 @@ def refused(capsys, *arguments):
     return output.err
 
 
+@pytest.mark.board
 def test_record_then_replay_shows_what_monitor_shows(fast, tmp_path, capsys):
     path = tmp_path / "run.spots"
     assert cli.main(["record", str(path), "--seconds", "1.5"]) == 0
@@ -57,6 +58,7 @@ def test_record_then_replay_shows_what_monitor_shows(fast, tmp_path, capsys):
     assert cli.main(["monitor", "--port", f"recording:{path}", "--seconds", "0.1"]) == 0
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_recording_of_the_virtual_board_cleanly(tmp_path, number):
     path = tmp_path / "run.spots"
@@ -81,6 +83,7 @@ def test_a_signal_ends_a_recording_of_the_virtual_board_cleanly(tmp_path, number
     assert recording.header.calibration
 
 
+@pytest.mark.board
 def test_rotation_by_the_command(fast, tmp_path, capsys):
     path = tmp_path / "run.spots"
     assert cli.main(["record", str(path), "--seconds", "20", "--rotate-mb", "0.1"]) == 0
@@ -88,6 +91,7 @@ def test_rotation_by_the_command(fast, tmp_path, capsys):
     assert len(replayed(path)[1].paths) > 1
 
 
+@pytest.mark.board
 def test_a_board_that_goes_away_leaves_its_recording(fast, tmp_path, capsys):
     path = tmp_path / "run.spots"
     read = fast._link.read
@@ -122,6 +126,7 @@ def test_a_full_disk_is_told_and_what_was_written_stays(tmp_path, full_disk):
     assert recording.size == (tmp_path / "run.spots").stat().st_size
 
 
+@pytest.mark.board
 def test_a_calibration_file_has_to_be_that_of_the_board(fast, tmp_path, capsys):
     path = tmp_path / "other.toml"
     path.write_text("colour = 3\n")
@@ -130,6 +135,7 @@ def test_a_calibration_file_has_to_be_that_of_the_board(fast, tmp_path, capsys):
     assert not (tmp_path / "a.spots").exists()
 
 
+@pytest.mark.board
 def test_the_calibration_is_recorded_where_a_file_has_it(fast, calibration, tmp_path, capsys):
     fast.calibration = None
     made = Conditions(fast.info["id"], tuple(fast.info["plan"]), 9, 10_000, 20)
@@ -214,6 +220,7 @@ def test_a_header_that_is_none_of_ours(tmp_path, capsys):
     assert "is not a recording" in refused(capsys, "info", path)
 
 
+@pytest.mark.board
 def test_a_recording_never_writes_over_a_file(fast, tmp_path, capsys):
     path = bad(tmp_path, b"mine")
     assert f"{path} exists: choose another name" in refused(

@@ -44,6 +44,7 @@ def whole(tmp_path_factory):
     return data, frames, ends
 
 
+@pytest.mark.board
 def test_cut_at_every_byte_the_whole_frames_are_there(whole, tmp_path):
     data, frames, ends = whole
     path = tmp_path / "cut.spots"
@@ -107,6 +108,7 @@ def ctrl_c_at_line(count):
         sys.settrace(tracing)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("rotate_bytes", [None, 1000])
 def test_ctrl_c_at_any_line_of_the_recorder_leaves_a_recording_with_an_end(tmp_path, rotate_bytes):
     pieces = [key(0), key(1), b"\x55" * 400, b"\0", key(2), b"".join(map(key, range(3, 9))), key(9)]
@@ -133,6 +135,7 @@ def test_ctrl_c_at_any_line_of_the_recorder_leaves_a_recording_with_an_end(tmp_p
     assert rotate_bytes is None or len(recording.paths) > 1
 
 
+@pytest.mark.board
 def test_a_killed_recorder_keeps_all_that_it_handed_on(tmp_path, monkeypatch):
     # A fork server has imported all modules, so that each new process starts in milliseconds. It
     # finds the modules only by PYTHONPATH.
@@ -188,6 +191,7 @@ def damaged(data, damage):
     return data
 
 
+@pytest.mark.board
 @settings(max_examples=200)
 @given(damages)
 @example([("cut", 0)])
@@ -215,6 +219,7 @@ def test_any_bytes_give_a_sentence_or_nothing(whole, tmp_path_factory, content, 
         assert not headed
 
 
+@pytest.mark.board
 def test_every_flipped_byte_of_the_header_is_made_good_by_its_copy(tmp_path):
     path = tmp_path / "a.spots"
     frames, _ = record(path, [touch(0)])

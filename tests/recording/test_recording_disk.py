@@ -13,6 +13,8 @@ from spots.recording.recording import Recording
 from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.scenario import Held
 
+pytestmark = pytest.mark.board
+
 
 @pytest.fixture
 def board(sensor):

@@ -60,6 +60,7 @@ def test_every_key_of_the_header_is_in_the_table():
     )
 
 
+@pytest.mark.board
 def test_the_bytes_a_frame_are_those_that_are_measured(tmp_path):
     measured = bench._overhead(tmp_path)
     for what in ("touch", "touch spectrum"):
@@ -75,6 +76,7 @@ def test_the_times_are_ratios_to_plain_decoding(tmp_path, monkeypatch):
     assert all(ratio > 0 for ratio in ratios.values())
 
 
+@pytest.mark.board
 def test_the_unit_for_systemd_runs_a_command_that_exists():
     (text,) = re.findall(r"```ini\n(.*?)```", DOCUMENT, re.DOTALL)
     unit = configparser.ConfigParser(interpolation=None)

@@ -114,6 +114,7 @@ def test_nothing_is_printed_of_an_undamaged_recording(seen, tmp_path, capsys):
         assert capsys.readouterr().err == ""
 
 
+@pytest.mark.board
 def test_a_recording_that_begins_later_has_lost_nothing(opened, tmp_path):
     board = opened()
     board.stream("touch")

@@ -10,6 +10,8 @@ import pytest
 from support.frames import encoded, touch
 from support.reels import record
 
+pytestmark = pytest.mark.board
+
 SHORT, TIMES = 3000, 3
 PAIRS = 3  # pairs of a reading and a spectrum between two texts
 GROWS_AT_MOST_KIB = 2 * 1024

@@ -135,6 +135,7 @@ def test_a_slow_reader_loses_nothing_of_a_recording(monkeypatch, tmp_path):
     assert got == frames
 
 
+@pytest.mark.board
 def test_a_recording_can_begin_in_the_middle_of_a_frame_and_of_a_stream(opened, tmp_path):
     board = opened()
     frames = board.touches()
@@ -188,6 +189,7 @@ def test_the_time_of_the_board_wraps_in_a_recording_as_on_the_link(tmp_path):
     assert frames[-1].time_s - frames[0].time_s == pytest.approx(19_000)
 
 
+@pytest.mark.board
 def test_a_board_that_restarts_has_its_new_clock_in_the_recording(opened, tmp_path):
     board = opened()
     with board.record(tmp_path / "a.spots"):

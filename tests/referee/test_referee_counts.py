@@ -41,6 +41,7 @@ OTHER_QUIRKS = {
 }
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("plan", [LOW, HIGH], ids=["F1-F4", "F5-F8"])
 @pytest.mark.parametrize(
     ("exposure_us", "gains"), [(2_780, (9,)), (10_000, (4, 7, 10)), (200_000, (5,))]

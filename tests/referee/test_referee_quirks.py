@@ -35,6 +35,7 @@ def name(quirks):
     )
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("exposure_us", [2_780, 10_000])
 @pytest.mark.parametrize("quirks", CORNERS, ids=name)
 def test_every_sample_becomes_one_frame(sensor, quirks, exposure_us):

@@ -74,12 +74,14 @@ def clean(request, sensor):
     return request.param, (lit, state)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("registers", SINGLE.values(), ids=SINGLE)
 def test_one_foreign_register(sensor, clean, registers):
     board, expected = clean
     assert samples_of(sensor, registers, board) == expected
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("seed", range(12))
 def test_all_registers_are_foreign(sensor, clean, seed):
     board, expected = clean

@@ -152,6 +152,7 @@ def test_thousands_of_boards_are_one_short_sentence(net):
         assert len(str(told.value)) < 1000
 
 
+@pytest.mark.board
 def test_messages_that_nobody_reads_take_bounded_memory():
     for size in (0, 1, 100, mailbox.MESSAGE_BYTES_MAX):
         tracemalloc.start()
@@ -191,6 +192,7 @@ def test_names_of_boards_are_forgotten_the_least_recently_used_first(monkeypatch
     assert grown < 300_000
 
 
+@pytest.mark.board
 def test_a_reader_whose_output_is_blocked_does_not_grow(net):
     reader = subprocess.Popen(
         [sys.executable, "-m", "spots", "subscribe", "/**", "--json"]
@@ -238,6 +240,7 @@ def _rss(pid):
         return int(statm.read().split()[1]) * 4096
 
 
+@pytest.mark.board
 def test_a_flood_of_questions_costs_no_reading(net):
     # test_answers.py limits the time for the replies, in simulated time.
     with publishing(net.hub, stand_in()), session(net.leaf) as other:

@@ -205,6 +205,7 @@ def test_frames_that_come_from_zenoh(net, fault, monkeypatch):
             assert next(touches).force_mN == 3000
 
 
+@pytest.mark.board
 def test_a_board_that_appears_on_zenoh(net, fault, monkeypatch):
     fault.patch(monkeypatch, ZenohLink, "_note")
     with publishing(net.hub, stand_in()), spots.open("zenoh:a1") as board:
@@ -212,6 +213,7 @@ def test_a_board_that_appears_on_zenoh(net, fault, monkeypatch):
         wait_until(lambda: fault.raised)
 
 
+@pytest.mark.board
 def test_boards_that_are_looked_for_on_zenoh(net, fault, monkeypatch):
     condition = threading.Condition()
     fault.patch(monkeypatch, condition, "notify_all")
@@ -269,6 +271,7 @@ def test_a_finger_that_another_process_moves(fault, monkeypatch, tmp_path):
     assert held.presses(0.0)[0].position_mm == 42.5
 
 
+@pytest.mark.board
 @pytest.mark.parametrize(
     ("platform", "call"), [(sys.platform, "select.select"), ("win32", "os.read")]
 )

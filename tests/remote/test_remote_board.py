@@ -299,6 +299,7 @@ def test_a_board_without_a_proper_id_is_not_published(net, board_id):
         Publisher(Board(stand_in(board_id)), session=own)
 
 
+@pytest.mark.board
 def test_a_board_that_its_publisher_lost_is_asked_until_it_is_back(net, monkeypatch):
     link = stand_in(kind=Restarting)
     refusals = []

@@ -34,6 +34,7 @@ def spawn(net_file, *arguments):
     )
 
 
+@pytest.mark.board
 def test_every_frame_of_several_boards_is_accounted_for():
     figures = bench.measure(boards=4, publishers=2, readers=3, rate_Hz=50, seconds=0.5, rounds=1)
     for mode in bench.MODES:
@@ -98,6 +99,7 @@ def test_ctrl_c_while_the_board_is_announced_ends_cleanly(monkeypatch, capsys):
     assert "3 frames" in capsys.readouterr().err
 
 
+@pytest.mark.board
 def test_a_publisher_killed_outright_and_back(net, monkeypatch):
     monkeypatch.setattr(reconnect_module, "PATIENCE_S", DEADLINE_S)
     with running("") as start:
@@ -125,6 +127,7 @@ def test_a_publisher_killed_outright_and_back(net, monkeypatch):
         assert again.returncode == 0
 
 
+@pytest.mark.board
 def test_a_reader_that_stands_still_holds_up_nobody(net):
     # Buffers are small, so they are full soon. A publisher that waited for room would then block
     # for ever.
@@ -150,6 +153,7 @@ def test_a_reader_that_stands_still_holds_up_nobody(net):
         reader.communicate()
 
 
+@pytest.mark.board
 def test_subscribe_prints_as_monitor_does(net):
     wanted = {" 42.500 mm   3.000 N", "spectrum  flags 1  gain 256.0", "link  connected  frames "}
     with publishing(net.hub, stand_in()):
@@ -164,6 +168,7 @@ def test_subscribe_prints_as_monitor_does(net):
     assert reader.returncode == 0
 
 
+@pytest.mark.board
 def test_what_has_no_zenoh_is_told_how_to_get_it():
     program = (
         "import sys; sys.modules['zenoh'] = None; import spots.cli; sys.exit(spots.cli.main())"
@@ -181,6 +186,7 @@ def test_what_has_no_zenoh_is_told_how_to_get_it():
         assert run.stderr.count("\n") == 1
 
 
+@pytest.mark.board
 def test_a_program_that_does_not_close_its_board_ends(net):
     program = "import spots; print(next(spots.open('zenoh:a1').touches()).force_mN)"
     with publishing(net.hub, stand_in()):

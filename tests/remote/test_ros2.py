@@ -79,6 +79,7 @@ def recording(tmp_path_factory):
     return path
 
 
+@pytest.mark.board
 def test_a_recording_becomes_a_bag_that_others_read(recording, tmp_path):
     (bag,) = export(recording, "ros2", tmp_path / "run.mcap")
     with bag.open("rb") as file:
@@ -110,6 +111,7 @@ def _same(one, other):
     return one == other or (math.isnan(one) and math.isnan(other))
 
 
+@pytest.mark.board
 def test_ten_thousand_messages_of_each_type_are_decoded_identically():
     rng = random.Random(8_130)
     made = store().types

@@ -39,6 +39,7 @@ def blocks(language):
     return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
 
 
+@pytest.mark.board
 def test_the_subscriber_needs_nothing_of_ours(net):
     (program,) = (block for block in blocks("python") if "import zenoh" in block)
     assert "spots." not in program

@@ -257,6 +257,7 @@ def test_every_change_of_the_package_loads_by_its_name():
     assert all(load_change(name) != Change() for name in names)
 
 
+@pytest.mark.board
 def test_a_demonstration_is_calibrated_before_the_change(capsys):
     errors_um = []
     for words in ([], ["--change", "phosphor"]):

@@ -24,6 +24,7 @@ def measured(capsys, sensor, *options):
     return json.loads(capsys.readouterr().out.splitlines()[-1])
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("sensor", ["default", "weak_dye", "strong_dye", "always", "cold_led"])
 def test_the_strength_of_a_test_piece_is_measured(capsys, sensor):
     found = measured(capsys, sensor)
@@ -33,6 +34,7 @@ def test_the_strength_of_a_test_piece_is_measured(capsys, sensor):
     assert found["misfit"] < 0.01
 
 
+@pytest.mark.board
 def test_dose_and_length_of_the_test_piece_count(capsys):
     usual = measured(capsys, "default")["dose_g_per_100g"]
     more = measured(capsys, "default", "--test-dose", "3")["dose_g_per_100g"]

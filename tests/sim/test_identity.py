@@ -18,6 +18,7 @@ def test_the_id_depends_on_the_number_of_the_board():
     assert board_id(sensor) == board_id(sensor, 0)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("runtime", ["", "cpython"])
 def test_virtual_boards_with_different_seeds_are_different_boards(runtime, monkeypatch):
     if runtime:
@@ -37,6 +38,7 @@ def test_the_boards_of_a_simulated_linkage_are_different_boards():
         assert second.calibration
 
 
+@pytest.mark.board
 def test_a_calibration_belongs_to_the_virtual_board_of_its_seed(tmp_path, capsys):
     session, made = str(tmp_path / "a.jsonl"), str(tmp_path / "a.toml")
     words = ["calibrate", "--rough", "--port", "virtual", "--session", session]

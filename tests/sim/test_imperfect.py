@@ -251,6 +251,7 @@ def published_leds():
     return import_module("colour.colorimetry.datasets.illuminants").SDS_ILLUMINANTS
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("name", ["LED-B1", "LED-B3", "LED-BH1", "LED-V2"])
 def test_a_strip_under_a_published_led_spectrum_calibrates(tmp_path, sensor, published_leds, name):
     published = published_leds[name]
@@ -317,6 +318,7 @@ def test_errors_of_a_strip_are_measured_by_force(sensor):
         assert missed.missing_percent == 100
 
 
+@pytest.mark.board
 def test_a_person_calibrates_the_strip_by_hand(sensor):
     with Rig(sensor, 0, 10_000, 1) as rig:
         by_stage = rig.lines
@@ -329,6 +331,7 @@ def test_a_person_calibrates_the_strip_by_hand(sensor):
     assert firm.missing_percent == 0
 
 
+@pytest.mark.board
 def test_the_program_prints_errors_or_what_is_wrong(monkeypatch, capsys):
     def run(*words):
         monkeypatch.setattr("sys.argv", ["effects", "--readings", "2", "--forces", "3", *words])

@@ -17,6 +17,7 @@ def written(folder, length_mm, *options):
     return main([*DESIGN.split(), str(length_mm), "--out", str(folder), *options])
 
 
+@pytest.mark.board
 def test_a_design_ends_with_something_to_make(tmp_path, capsys):
     assert written(tmp_path, 60, "--strips", "3") == 0
     listed = capsys.readouterr().err.split()
@@ -63,6 +64,7 @@ def test_each_batch_fills_its_cavities_with_spare(strips):
     assert ml["Dragon Skin 30 A"] == pytest.approx(2 * ml["Ecoflex 00-30 B"])  # as in the paper
 
 
+@pytest.mark.board
 def test_a_length_without_moulds_gets_the_other_files(tmp_path, capsys):
     assert written(tmp_path, 20) == 0
     assert "no moulds were made: moulds are for strips of 30 to 200 mm" in capsys.readouterr().err

@@ -89,6 +89,7 @@ def test_touches_overlap_as_those_of_people(words_per_min, overlap):
     assert 12 * 2000 / (file.seconds - 3) == pytest.approx(words_per_min, rel=0.05)
 
 
+@pytest.mark.board
 def test_people_differ_as_those_in_the_data():
     files = [fast_typing(DIGITS, None, 2000, LENGTH_MM, seed=person) for person in range(10)]
     shares = [overlaps(file) for file in files]

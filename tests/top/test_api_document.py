@@ -40,6 +40,7 @@ def simulated(sensor, calibration, monkeypatch):
         board.close()
 
 
+@pytest.mark.board
 def test_the_document_runs(simulated, capsys):
     names = {}
     for block in BLOCKS:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.board
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PRINTING = sorted(path.name for path in EXAMPLES.glob("*.py") if "print(" in path.read_text())
 

@@ -201,6 +201,7 @@ def test_a_finger_of_before_the_silence_is_forgotten(arm):
     assert arm.names == [g.TAP]
 
 
+@pytest.mark.board
 def test_a_dry_run_says_at_once_which_gestures_it_waits_for(capsys):
     arguments = ["wearable", "--dry-run", "--port", "virtual", "--seconds", "0.1"]
     assert cli.main(arguments) == 0
@@ -243,6 +244,7 @@ def squeezing(first_mm, second_mm, soft_mN=1500, first_mN=6000, second_mN=6000):
 PLACES = (12.0, 45.0), (30.0, 62.0), (60.0, 25.0), (70.0, 30.0), (20.0, 65.0)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("places_mm", PLACES)
 def test_two_fingers_that_press_harder_squeeze(places_mm):
     found = played(squeezing(*places_mm))
@@ -250,12 +252,14 @@ def test_two_fingers_that_press_harder_squeeze(places_mm):
     assert 0.6 < found[0].confidence <= 1
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("forces_mN", [(6000, 1500), (1500, 6000)])
 def test_one_of_two_fingers_that_presses_harder_is_no_squeeze(forces_mN):
     found = played(squeezing(30.0, 62.0, 1500, *forces_mN))
     assert g.TWO_FINGER_SQUEEZE not in [one.name for one in found]
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("mm_per_s", [50, 100])
 @pytest.mark.parametrize("places_mm", [(8, 30, 70), (12, 70, 35), (60, 45, 12), (75, 20, 50)])
 def test_a_finger_that_slides_beside_a_resting_one(places_mm, mm_per_s):
@@ -272,6 +276,7 @@ def test_two_fingers_that_both_slide_are_no_anchor():
     assert played([Finger(points=moved), second]) == []
 
 
+@pytest.mark.board
 def test_one_finger_and_typing_make_no_gesture_of_two():
     two = {g.TWO_FINGER_SQUEEZE, g.ANCHOR_AND_SLIDE}
     for name in ("worn", "demo"):
@@ -281,6 +286,7 @@ def test_one_finger_and_typing_make_no_gesture_of_two():
         assert not two & {one.name for one in played(file.touch)}
 
 
+@pytest.mark.board
 def test_gestures_of_one_finger_do_not_change():
     for name in ("worn", "demo"):
         board, _ = open_fast("default", Scenario(load(ScenarioFile, name)), 1)

@@ -19,6 +19,7 @@ ONCE = [
 ]  # fmt: skip
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("irradiance_uW_cm2", [3.0, 10.0, 20.0])
 def test_all_gestures_are_found_and_no_rezero_is_advised(
     sensor, calibration, irradiance_uW_cm2, capsys

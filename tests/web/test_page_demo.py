@@ -39,6 +39,7 @@ def no_board(board_id):
     raise SpotsError("no board found")
 
 
+@pytest.mark.board
 def test_the_page_is_opened(at_a_screen, monkeypatch, capsys):
     opened = []
 

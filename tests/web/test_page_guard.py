@@ -399,6 +399,7 @@ def test_a_port_that_is_taken_is_told(serve, capsys):
     assert "--http-port" in capsys.readouterr().err
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_the_end_is_quiet(number):
     arguments = ["serve", "--port", "/dev/nowhere", "--http-port", "0"]

@@ -31,6 +31,7 @@ def state():
     return PageState()
 
 
+@pytest.mark.board
 def test_a_page_that_draws_nothing_gets_two_messages_and_then_the_newest(state, serve):
     server = serve(state)
 

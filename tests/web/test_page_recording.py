@@ -300,6 +300,7 @@ def test_the_next_step_names_only_buttons_with_these_words(folder, open_page):
     expect(page.get_by_role("button", name="recordings", exact=True)).to_be_visible()
 
 
+@pytest.mark.board
 def test_curves_of_recordings_are_those_of_the_finger(folder):
     _, server, _ = folder
     status, text = post(server, "compare\na.spots\nb.spots", token=token_of(server))
@@ -313,6 +314,7 @@ def test_curves_of_recordings_are_those_of_the_finger(folder):
     assert (status, "damaged.spots" in text) == (409, True)
 
 
+@pytest.mark.board
 def test_only_recordings_of_the_folder_are_read(folder, tmp_path):
     one, server, inside = folder
     token = token_of(server)

@@ -72,6 +72,7 @@ def test_a_simulated_linkage_moves_on_the_page(machine, monkeypatch, running, se
     assert part(state)["base_mm"] == pytest.approx(80.72)
 
 
+@pytest.mark.board
 def test_boards_of_a_linkage_file_are_waited_for(machine, monkeypatch, running):
     there = {"0"}
 

@@ -187,6 +187,7 @@ CHECKED = settings(
 )
 
 
+@pytest.mark.board
 @CHECKED
 @given(files(), st.data())
 def test_a_changed_value_changes_its_own_bytes_only(tmp_path, file, data):
@@ -211,6 +212,7 @@ def test_a_changed_value_changes_its_own_bytes_only(tmp_path, file, data):
 EDITS = ("add a zone", "remove a zone", "add an action", "add a layer", "tune", "untune", "swipe")
 
 
+@pytest.mark.board
 @CHECKED
 @given(files(), st.lists(st.sampled_from(EDITS), min_size=1, max_size=4), st.randoms())
 def test_zones_layers_and_tuning_come_and_go(tmp_path, file, edits, random):
