@@ -2,6 +2,7 @@
 
 from unittest.mock import Mock
 
+import msgspec
 import numpy as np
 import pytest
 from support.press_model import ALONG, OFF_CENTRE, PRESSED, Strip, has_cross
@@ -9,6 +10,7 @@ from support.press_model import ALONG, OFF_CENTRE, PRESSED, Strip, has_cross
 from spots.calibrate.decoded import Decoded
 from spots.calibrate.fit import fit
 from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
+from spots.link.replies import validated
 from spots_device.fingers.tracker import ContactTracker
 from spots_device.keys.layout import default_lines, parse
 from spots_device.reading.calibration import Calibration
@@ -215,3 +217,12 @@ def moved_um(decode, counts):
     """Return by how much the cross-sensitivity corrects a position."""
     decode.update_mean(counts)
     return decode.state[FOUND + 3] * decode.state[FOUND + 2] / 4096
+
+
+def test_a_host_gets_the_cross_sensitivity_from_the_reply_to_hello():
+    found = list(Calibration(Strip(seed=6, gap_percent=-9.0).lines()).cross)
+    assert validated("hello", {"cross": found})["cross"] == found
+    assert validated("hello", {})["cross"] is None
+    for wrong in ([1, 2], "abc", [1 << 29, 0, 0]):
+        with pytest.raises(msgspec.ValidationError):
+            validated("hello", {"cross": wrong})

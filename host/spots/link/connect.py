@@ -11,7 +11,7 @@ from typing import Any
 from spots_device.board.settings import checksum  # pyright: ignore[reportUnknownVariableType]
 from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.calibration_lines import CalibrationError as LinesError
-from spots_device.reading.rescale import rescale
+from spots_device.reading.rescale import rescale  # pyright: ignore[reportUnknownVariableType]
 
 from ..errors import BoardError, CalibrationError, NoReplyError, PortError, SpotsError, path_text
 from .board import Board
@@ -266,9 +266,9 @@ def upload(board: Board, calibration: Sequence[str], sensor: int = 0) -> None:
     board.calibration = list(calibration)
     board.info["calibration"], board.info["length_um"] = name, made.length_um
     board.info["decay"], board.info["relative_force"] = made.decay, made.relative_force
-    if now.exposure_us != made.conditions.exposure_us:
-        rescale(made, now.exposure_us)
-    board.info["cross"] = made.cross
+    if i["exposure_us"] != made.conditions.exposure_us:
+        rescale(made, i["exposure_us"])
+    board.info["cross"] = made.cross and list(made.cross)
 
 
 def upload_lines(board: Board, command: str, lines: Sequence[str], sensor: int = 0) -> str:

@@ -19,6 +19,12 @@ _Count = Annotated[int, msgspec.Meta(ge=1, le=1 << 31)]
 _Time = Annotated[int, msgspec.Meta(ge=0, lt=1 << 32)]
 _Dark = Annotated[list[_Number], msgspec.Meta(min_length=CHANNELS, max_length=CHANNELS)]
 
+_CROSS_MAX = 1 << 28
+_Cross = Annotated[
+    list[Annotated[int, msgspec.Meta(ge=-_CROSS_MAX, le=_CROSS_MAX)]],
+    msgspec.Meta(min_length=3, max_length=3),
+]
+
 
 class Settings(TypedDict):
     """Settings of a board, see docs/extend/protocol.md.
@@ -54,8 +60,9 @@ class Hello(Settings):
 
     ``id`` is None if the board has no id; ``layout`` is None if it uses the default layout. If it
     has no calibration that is valid at its settings, ``length_um``, ``decay``, ``relative_force``
-    and ``calibration`` are None. ``boot`` has a sentence for each fault at the start of the board,
-    such as a damaged file.
+    and ``calibration`` are None. ``cross`` is None if the calibration has no cross-sensitivity, see
+    `spots_device.reading.calibration.Calibration.cross`. ``boot`` has a sentence for each fault at
+    the start of the board, such as a damaged file.
     """
 
     board: str
@@ -64,6 +71,7 @@ class Hello(Settings):
     id: str | None
     length_um: _Count | None
     decay: _Count | None
+    cross: _Cross | None
     relative_force: bool | None
     calibration: str | None
     layout: str | None
