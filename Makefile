@@ -10,7 +10,7 @@ PARALLEL := --numprocesses auto --maxprocesses 8 --dist worksteal
 PURE := --numprocesses 2 --dist worksteal -m "not board and not browser"
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: help demo test test-fast browser lint bench soak fuzz release build flash erase doctor docs pictures paper clean
+.PHONY: help demo test test-fast browser lint labs lab-lerobot lab-rerun bench soak fuzz release build flash erase doctor docs pictures paper clean
 .DEFAULT_GOAL := help
 
 help:
@@ -18,6 +18,7 @@ help:
 	@echo 'make test      run all tests                                             ARGS="-k log2"'
 	@echo 'make test-fast run the pure tests: no process, no browser; about a minute'
 	@echo 'make lint      check style, format, docstrings, links and types'
+	@echo 'make labs      test with LeRobot and Rerun, each in an environment of its own (9 GB)'
 	@echo 'make bench     compare driver, firmware and host with other projects'
 	@echo 'make soak      test with faults for hours of simulated time              ARGS="--hours 1"'
 	@echo 'make fuzz      search for bytes that a parser fails on                   ARGS="decoder --seconds 60"'
@@ -55,6 +56,24 @@ lint: .venv/test tests/wasm/node_modules
 	@$(BIN)/pyright
 	@$(BIN)/zizmor --offline --no-progress --quiet .github/workflows
 	@PATH="$(CURDIR)/$(BIN):$$PATH" node tests/wasm/lint_workflows.mjs .github/workflows/*.yml
+
+labs: lab-lerobot lab-rerun
+
+# Each in its own environment, because their packages are large and exclude each other's versions.
+lab-lerobot: build/labs/lerobot
+	@$</bin/python -m pip --quiet install --no-deps --editable examples/lerobot_teleoperator_spots
+	@$</bin/python -m pytest --noconftest -p no:cacheprovider tests/labs/lab_lerobot.py
+
+lab-rerun: build/labs/rerun
+	@$</bin/python -m pytest --noconftest -p no:cacheprovider tests/labs/lab_rerun.py
+
+build/labs/lerobot:
+	@$(PYTHON) -m venv $@
+	@$@/bin/python -m pip --quiet install 'lerobot>=0.4,<0.5' pandas pytest --editable '.[virtual,export,lerobot]'
+
+build/labs/rerun:
+	@$(PYTHON) -m venv $@
+	@$@/bin/python -m pip --quiet install pytest --editable '.[virtual,rerun]'
 
 release: .venv/test
 	@$(BIN)/python tools/release.py $(ARGS)
