@@ -136,7 +136,7 @@ offset_deg = -108.0
 
 Each calibration stores the id of its strip, so `spots twin` finds the board and the strip of each
 joint. Both strips can be on one board
-([hardware.md](../build/hardware.md#two-strips-on-one-board)); then calibrate each joint with
+([two strips](../build/two-strips.md)); then calibrate each joint with
 `--port PORT#0` or `--port PORT#1`.
 """
 

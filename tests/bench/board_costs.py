@@ -2,7 +2,7 @@
 
 `bench.board_inputs` writes two files. Copy them to a board with firmware and a sensor:
 ``mpremote fs rm :main.py + fs cp calibration.inputs counts.inputs :``. Then
-``mpremote run tests/bench/board_costs.py`` prints the times for docs/build/hardware.md and
+``mpremote run tests/bench/board_costs.py`` prints the times for docs/evidence/board-costs.md and
 ``host/spots_sim/data/cpus.toml``, after many dots that stand for the frames.
 
 The sensor samples, but the counts come from a file, so no finger is necessary. The time of a

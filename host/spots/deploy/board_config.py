@@ -15,7 +15,7 @@ _PINS = "SCL_PIN", "SDA_PIN", "STRIP_LED_PIN", "LED_PIN", "SAFE_BOOT"
 
 
 class _Config(toml.Strict, kw_only=True):
-    """Names and values of board_config.py for one strip; docs/build/hardware.md describes them."""
+    """Names and values of board_config.py for one strip; docs/extend/new-board.md."""
 
     NAME: str = ""
     I2C_ID: Annotated[int, msgspec.Meta(ge=0, le=3)] | None = None
