@@ -31,6 +31,7 @@ _ROOT_PAGES = {
 # A link with its text, or a picture. A text may contain a picture, but no other link.
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|!?\[[^\[\]]*\])*)\]\(([^)\s]+)\)")
 _CODE = re.compile(r"^ *(```|~~~).*?^ *\1 *$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+_COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 # The search needs this script if the site is opened from a folder. The theme links to a copy on
 # another host.
 _WORKER = re.compile(r"https://unpkg\.com/iframe-worker/shim")
@@ -122,7 +123,8 @@ def build(folder: Path) -> Path:
         text=True,
     )
     if run.returncode:
-        sys.exit(f"the site cannot be built:\n{run.stdout}{run.stderr}")
+        said = _COLOUR.sub("", run.stdout + run.stderr).partition("Traceback")[0]
+        sys.exit(f"the site cannot be built:\n{said}")
     site = folder / "site"
     shutil.rmtree(site, ignore_errors=True)
     shutil.move(folder / "docs" / "site", site)

@@ -89,9 +89,9 @@ spots twin --json --picture sust.png                 # the same, faster, with th
 In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
 and singularities (positions where the outer bars are in line). If the output is a file or pipe, it
 prints lines. With `--json` it prints an object for each position, with `time_s`; `x_mm`, `y_mm`,
-`theta1_rad`, `theta2_rad` and `cov` as in [page.md](../try/web.md#messages); and `velocity_mm_s`,
-`sigma_mm`, `limit`, `singular` (within 10° of a singularity, or no position) and `within` (whether
-both joints are in their calibrated range). The web UI shows this picture, too:
+`theta1_rad`, `theta2_rad` and `cov` as in [messages](../extend/web-messages.md); and
+`velocity_mm_s`, `sigma_mm`, `limit`, `singular` (within 10° of a singularity, or no position) and
+`within` (whether both joints are in their calibrated range). The web UI shows this picture, too:
 `spots serve --linkage arm.toml`, or without hardware `spots demo --use fivebar --page`.
 
 `spots_linkage.Encoder` computes angles from readings with the result of `spots calibrate joint`.
@@ -273,7 +273,7 @@ mechanism has only backlash and wrong lengths.
 
 Ideal strips are those of the sensor file `default`; imperfect strips are those of `real`, which
 [applications.md](applications.md) describes, and strips made at home are those of `first`. All LEDs
-have warmed up. A re-zero (`spots rezero --joint`, [drift.md](../calibrate/drift.md#joints))
+have warmed up. A re-zero (`spots rezero --joint`, [drift.md](../calibrate/rezero.md#a-joint))
 corrects the calibration of an imperfect strip at three angles of the joint. Without a re-zero, many
 readings do not fit the calibration. An encoder normally ignores these readings; for this table it
 used them. A kinematic calibration also corrects the strips' errors, until the strips change

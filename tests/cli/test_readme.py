@@ -1,4 +1,4 @@
-"""The commands in README and first-press.md run from the wheel, with the packages of `make demo`."""
+"""Commands in README and first-press.md run from the wheel, with the packages of `make demo`."""
 
 from __future__ import annotations
 

@@ -6,16 +6,11 @@ import re
 
 from support.documents import ROOT, shell_lines
 
-# Commands in the list of first-press.md that cannot run here, and why. Other steps of the list have no
-# command: copying a .uf2 file to the drive of a bootloader, wiring, painting, and the udev file.
+# Commands in first-press.md that cannot run here, and why.
 _NETWORK = "downloads from PyPI"
 
 
 _DRIVE = "copies to the drive of a boot loader; deploy/test_bootsel.py has a substitute"
-
-
-
-
 
 
 NEEDS_HARDWARE = {
