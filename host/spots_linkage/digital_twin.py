@@ -342,9 +342,10 @@ def readings(
         The reading.
     """
     joints = list(zip(boards, sensors))
+    boards = [board for i, board in enumerate(boards) if board not in boards[:i]]
+    touches = [board.touches() for board in boards]
     for board, sensor in joints:
         board.command(of_sensor("stream touch", sensor))
-    boards = [board for i, board in enumerate(boards) if board not in boards[:i]]
     read_s = [board.now_s() for board in boards]
     ends_s = math.inf if seconds is None else max(read_s) + seconds
     restarts = [board.stats.restarts for board in boards]
@@ -354,9 +355,9 @@ def readings(
     while min(read_s) < ends_s:
         i = read_s.index(min(read_s))
         board = boards[i]
-        for frame in board.frames(_POLL_S):
-            if isinstance(frame, Touch) and (board, frame.sensor) in joints:
-                yield joints.index((board, frame.sensor)), frame
+        for touch in touches[i].within(_POLL_S):
+            if (board, touch.sensor) in joints:
+                yield joints.index((board, touch.sensor)), touch
         seen = board.stats.restarts
         if seen != restarts[i]:
             try:

@@ -48,8 +48,9 @@ def publish(board: Board, outlets: Sequence[Outlet], seconds: float | None = Non
     """
     now_s = board.now_s
     end_s = None if seconds is None else now_s() + seconds
+    frames = board.frames()
     while end_s is None or now_s() < end_s:
-        for frame in board.frames(_TURN_S):
+        for frame in frames.within(_TURN_S):
             if isinstance(frame, _READINGS):
                 ago_s = 0.0 if frame.time_s is None else now_s() - frame.time_s
                 utc_s = time.time() - ago_s

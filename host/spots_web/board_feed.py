@@ -186,8 +186,9 @@ class BoardReader:
         health = _Health(board, self._state)
         left = self._orders
         try:
+            frames = board.frames()
             while not self._stopping.is_set():
-                for frame in board.frames(_TICK_S):
+                for frame in frames.within(_TICK_S):
                     self._take(frame, feels, health, board)
                     if self._stopping.is_set():
                         return

@@ -111,13 +111,13 @@ def test_an_unplugged_strip_takes_nothing_from_the_other(name):
         board.stream("touch")
         for _ in board.frames(_SETTLE_S):
             pass
-        found = []
+        found, touches = [], board.touches()
         for _ in range(5):
             plug.pull()
-            found += board.touches(0.25)
+            found += touches.within(0.25)
             assert board.command("get sensor=1")["fault"]
             plug.push()
-            found += board.touches(0.25)
+            found += touches.within(0.25)
             assert board.command("get sensor=1")["fault"] is None
         one = [touch for touch in found if touch.sensor == 0]
         assert not any(touch.flags & DROPPED for touch in one)

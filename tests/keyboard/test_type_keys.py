@@ -16,6 +16,7 @@ from spots.keyboard.layout import load
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
+from spots.link.readers import FrameIterator
 from spots.link.timeouts import RELEASE_S
 from spots.outputs.devices import Keyboard
 from spots.wearable import gestures as g
@@ -68,14 +69,14 @@ def test_a_finger_types_and_the_end_of_the_time_lets_go(board):
 @pytest.mark.parametrize("end", [SpotsError("unplugged"), KeyboardInterrupt(), ValueError()])
 def test_whatever_ends_it_lets_go(board, monkeypatch, end):
     """The pressed key is released if the board is unplugged, at Ctrl-C, and at a defect."""
-    frames = board.frames
+    within = FrameIterator.within
 
-    def ended(seconds):
+    def ended(frames, seconds):
         if board.now_s() > HELD_S + 0.5:
             raise end
-        return frames(seconds)
+        return within(frames, seconds)
 
-    monkeypatch.setattr(board, "frames", ended)
+    monkeypatch.setattr(FrameIterator, "within", ended)
     with Computer() as computer:
         with pytest.raises(type(end)):
             type_on(board, load("digits"), computer)

@@ -20,10 +20,12 @@ from support.stand_in_link import StandIn
 import spots
 import spots_linkage
 from spots.errors import ClosedError, PortLostError, SpotsError
+from spots.link import readers
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
 from spots.link.turn import Turn
 from spots_device.reading.decode import (
+    DROPPED,
     LED_OFF,
     NOT_CALIBRATED,
     TOO_DARK,
@@ -163,6 +165,66 @@ def test_the_latest_reading_never_waits_for_a_thread_that_reads(strip):
     assert thread.is_alive()
     release.set()
     thread.join()
+
+
+def arrive(board):
+    """Let readings arrive that no iterator waits for, as during a command."""
+    for _ in range(3):
+        board._channel.pump(0.01)
+
+
+def test_an_iterator_yields_what_arrives_from_its_creation_on(strip):
+    _, board = strip
+    first = take(board.touches(), 1)[0]
+    arrive(board)
+    touches, spectra = board.touches(), board.spectra()
+    created_us = board._channel.newest.touches[0].t_us
+    arrive(board)
+    assert touches.unread
+    touch = next(touches)
+    assert touch.t_us > created_us > first.t_us
+    assert next(spectra).t_us > created_us
+
+
+def test_a_loop_with_other_work_loses_no_frame_between_its_turns(strip):
+    _, board = strip
+    touches, found = board.touches(), []
+    for _ in range(5):
+        found += touches.within(0.05)
+        arrive(board)
+    numbers = [touch.sequence for touch in found]
+    assert len(found) > 20
+    assert not any(touch.flags & DROPPED for touch in found)
+    assert numbers == sorted(numbers)
+
+
+def test_an_iterator_that_is_never_advanced_needs_bounded_memory_and_only_while_it_lives(
+    strip, monkeypatch
+):
+    monkeypatch.setattr(readers, "FRAMES_MAX", 50)
+    _, board = strip
+    idle = board.touches()
+    list(board.touches(1.0))
+    log = board._channel.frames
+    assert len(log._frames) == 50
+    del idle
+    list(board.touches(0.05))
+    assert len(log._frames) < 10
+
+
+def test_in_asyncio_too_readings_count_from_the_creation_on(strip):
+    _, board = strip
+    take(board.touches(), 1)
+
+    async def first():
+        touches = board.atouches()
+        arrive(board)
+        newest_us = board._channel.newest.touches[0].t_us
+        async for touch in touches:
+            return touch.t_us, newest_us
+
+    t_us, newest_us = asyncio.run(first())
+    assert t_us <= newest_us
 
 
 def test_readings_of_which_only_the_latest_is_wanted_are_not_kept(strip):

@@ -99,16 +99,20 @@ def test_a_board_that_refuses_after_a_restart_is_asked_again_for_a_while():
         raise SpotsError("the board refuses")
 
     stats, clock = LinkStats(), iter(np.arange(0, 100, 0.5))
+
+    def within(seconds):
+        stats.restarts = 1
+        return iter(())
+
     board = SimpleNamespace(
         command=lambda line: {},
         now_s=lambda: float(next(clock)),
-        frames=lambda seconds: iter(()),
+        touches=lambda: SimpleNamespace(within=within),
         stats=stats,
         ended=False,
     )
     pairs = twin_source.readings([board], (0,), None, restarted)
     stats.restarts = 0
-    board.frames = lambda seconds: setattr(stats, "restarts", 1) or iter(())
     with pytest.raises(SpotsError, match="the board refuses"):
         next(pairs)
     assert refused[-1] - refused[0] >= 10

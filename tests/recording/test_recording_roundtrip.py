@@ -138,8 +138,8 @@ def test_a_slow_reader_loses_nothing_of_a_recording(monkeypatch, tmp_path):
 @pytest.mark.board
 def test_a_recording_can_begin_in_the_middle_of_a_frame_and_of_a_stream(opened, tmp_path):
     board = opened()
-    frames = board.touches()
-    next(frames)
+    touches, frames = board.touches(), board.frames()
+    next(touches)
     rest, read = b"", board._link.read
 
     def late(timeout_s):
@@ -149,11 +149,12 @@ def test_a_recording_can_begin_in_the_middle_of_a_frame_and_of_a_stream(opened, 
         return data
 
     board._link.read = late
-    next(frames)
+    next(touches)
     assert board._channel.decoder.pending
     with board.record(tmp_path / "a.spots"):
-        waited = len(board._channel.frames)
-        live = list(board.frames(0.2))[waited:]
+        while frames.unread:
+            next(frames)
+        live = list(frames.within(0.2))
     assert live == [f for f in replayed(tmp_path / "a.spots")[0] if not isinstance(f, Text)]
     assert len(live) > 10
 
@@ -193,9 +194,11 @@ def test_the_time_of_the_board_wraps_in_a_recording_as_on_the_link(tmp_path):
 def test_a_board_that_restarts_has_its_new_clock_in_the_recording(opened, tmp_path):
     board = opened()
     with board.record(tmp_path / "a.spots"):
-        live = list(board.touches(0.5))
+        frames = board.frames()
+        board.command("stream touch")
+        live = list(frames.within(0.5))
         board.command("reboot")
-        live += list(board.frames(3.0))
+        live += frames.within(3.0)
     assert board.stats.restarts == 1
     assert len(live) > 200
     assert live == [f for f in replayed(tmp_path / "a.spots")[0] if not isinstance(f, Text)]

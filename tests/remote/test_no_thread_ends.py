@@ -245,7 +245,9 @@ def test_questions_that_come_from_zenoh(net, fault, monkeypatch):
 def test_a_board_that_is_published_in_a_measurement(fault):
     ended, closed = threading.Event(), Future()
     quiet = SimpleNamespace(
-        now_s=time.monotonic, stream=lambda *kinds: None, frames=lambda timeout_s: iter(())
+        now_s=time.monotonic,
+        stream=lambda *kinds: None,
+        frames=lambda: SimpleNamespace(within=lambda seconds: iter(())),
     )
     outlet = SimpleNamespace(
         turn=fault.into(lambda: time.sleep(0.01)), close=lambda: closed.set_result(None)

@@ -95,13 +95,15 @@ class Watch:
             self._usages.append({action & 0xFF for action in layout.typed})
         self._gaps = self._told_gaps()
         self._brown_outs = 0
+        self._frames = None  # created when the streams are chosen
 
     def run(self, seconds: float) -> None:
         """Process the frames of the next `seconds` of simulated time."""
         board = self._board
+        self._frames = self._frames or board.frames()
         end_s = board.now_s() + seconds
         while board.now_s() < end_s:
-            for frame in board.frames(min(_TICK_S, end_s - board.now_s())):
+            for frame in self._frames.within(min(_TICK_S, end_s - board.now_s())):
                 self._take(frame)
             self._look()
 

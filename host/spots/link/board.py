@@ -300,10 +300,9 @@ class Board(AbstractContextManager["Board"]):
     def touches(self, seconds: float | None = None) -> FrameIterator[Touch]:
         """Iterate over the readings of all strips as they arrive.
 
-        Earlier readings come first, unless an iterator has read or skipped them; an iterator skips
-        frames of other kinds than its own. This method starts the stream of readings, which
-        continues until the board is closed. On a board with several strips, `frames.Touch.sensor`
-        is the number of the strip.
+        The iterator yields what arrives from now on. This method starts the stream of readings,
+        which continues until the board is closed. On a board with several strips,
+        `frames.Touch.sensor` is the number of the strip.
 
         Parameters
         ----------
@@ -408,7 +407,7 @@ class Board(AbstractContextManager["Board"]):
     def subscribe(self, callback: Callable[[Any], object], *kinds: Any) -> Subscription[Any]:
         """Call a function with each frame, in a new thread.
 
-        Earlier frames come first as in `touches`. A board can have any number of subscribers.
+        A board can have any number of subscribers.
 
         Parameters
         ----------
@@ -447,8 +446,8 @@ class Board(AbstractContextManager["Board"]):
     def read_latest(self, timeout_s: float | None = None) -> Touch:
         """Return the newest reading and drop older readings, for a display that must not lag.
 
-        If no unread reading has arrived, this waits for the next one, on average for half the time
-        of a reading; `latest` does not wait. This starts the stream of readings.
+        If no reading is waiting in the port, this waits for the next one, on average for half the
+        time of a reading; `latest` does not wait. This starts the stream of readings.
 
         Parameters
         ----------

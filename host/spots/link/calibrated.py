@@ -120,11 +120,12 @@ def fed(
     board.command("stream " + " ".join(streams(board.info)))
     end_s = None if seconds is None else board.now_s() + seconds
     since_s = -math.inf
+    frames = board.frames()
     while not board.ended and (end_s is None or board.now_s() < end_s):
         if resumed():
             engine.release()
             since_s = board.now_s()
-        for frame in board.frames(tick_s):
+        for frame in frames.within(tick_s):
             if frame.sensor or (frame.time_s or 0.0) < since_s:
                 continue
             advice.warn(frame, board.now_s())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 from collections import deque
@@ -24,32 +25,21 @@ _ReadingT = TypeVar("_ReadingT", bound=Reading)
 class FrameLog:
     """Stores each frame until all readers (iterators and callbacks) have taken it.
 
-    A new reader begins with the first frame that no reader has taken or skipped. A reader skips
-    frames of other kinds than its own.
+    A reader begins with the first frame after its creation, and skips frames of other kinds than
+    its own. Without readers, nothing is stored.
     """
 
     def __init__(self):
         self._lock = threading.Lock()
         self._frames: deque[Reading] = deque()
         self._begin = 0  # number of the first stored frame
-        self._taken = 0  # number of the first frame that no reader has taken or skipped
+        self._taken = 0  # number of the first frame that no reader has taken
         # Not a WeakSet: its callback runs when a reader is dropped. If Ctrl-C raises
         # KeyboardInterrupt there, Python ignores the exception, and the program continues.
         self._readers: list[ref[FrameIterator[Any]]] = []
 
     def __len__(self) -> int:
         return self._begin + len(self._frames) - max(self._begin, self._taken)
-
-    def clear(self) -> None:
-        """Drop all frames."""
-        with self._lock:
-            self._taken = self._begin = self._begin + len(self._frames)
-            self._frames.clear()
-
-    def skip(self) -> None:
-        """Count all frames as taken: a new reader begins with the next frame."""
-        with self._lock:
-            self._taken = self._begin + len(self._frames)
 
     def append(self, frame: Reading, stats: LinkStats) -> None:
         """Add a frame, and drop the oldest frame if the log is full.
@@ -62,8 +52,12 @@ class FrameLog:
             Statistics of the link; `overrun` counts the frames that no reader took in time.
         """
         with self._lock:
+            places = [reader.place for reader in self._alive()]
             self._frames.append(frame)
-            least = min([reader.place for reader in self._alive()], default=self._taken)
+            end = self._begin + len(self._frames)
+            if not places:
+                self._taken = end
+            least = min(places, default=end)
             while self._frames and (self._begin < least or len(self._frames) > FRAMES_MAX):
                 self._frames.popleft()
                 stats.overrun += self._begin >= self._taken
@@ -73,7 +67,7 @@ class FrameLog:
         """Add a reader, and return the number of its first frame, counted since the start."""
         with self._lock:
             self._readers = [*map(ref, self._alive()), ref(reader)]
-            return self._taken
+            return self._begin + len(self._frames)
 
     def unread(self, reader: FrameIterator[_ReadingT]) -> bool:
         """Return whether the log has a frame for a reader."""
@@ -116,7 +110,10 @@ class FrameIterator(Iterator[_ReadingT]):
     kinds : tuple of type
         Kinds of the frames to yield.
     advance : callable
-        ``advance(reader)`` waits a short time for frames; returns False if no more will come.
+        ``advance(reader, until_s)`` waits a short time for frames; returns False at the time
+        `until_s`, or if no more frames will come.
+    now_s : callable
+        The clock of `within` and of `advance`.
 
     Attributes
     ----------
@@ -126,29 +123,44 @@ class FrameIterator(Iterator[_ReadingT]):
         Whether frames were dropped since the last yielded frame.
     sensor : int or None
         Number of the strip whose frames to yield; None for the frames of all strips.
+    end_s : float
+        Time at which the iteration ends.
     """
 
     sensor: int | None = None
+    end_s = math.inf
 
     def __init__(
         self,
         log: FrameLog,
         kinds: tuple[type[_ReadingT], ...],
-        advance: Callable[[FrameIterator[_ReadingT]], bool],
+        advance: Callable[[FrameIterator[_ReadingT], float], bool],
+        now_s: Callable[[], float],
     ):
         self.kinds, self.missed = kinds, False
-        self._log, self._advance = log, advance
+        self._log, self._advance, self._now_s = log, advance, now_s
         self._closed = False
         self.place = log.join(self)
 
     def __next__(self) -> _ReadingT:
+        for frame in self._until(math.inf):
+            return frame
+        raise StopIteration
+
+    def within(self, seconds: float) -> Iterator[_ReadingT]:
+        """Iterate for a time in seconds; the next call continues, and no frame is lost between.
+
+        For a loop that also has other work, such as a tick.
+        """
+        return self._until(self._now_s() + seconds)
+
+    def _until(self, end_s: float) -> Iterator[_ReadingT]:
         while not self._closed:
             frame = self._log.take(self)
             if frame is not None:
-                return frame
-            if not self._advance(self):
-                break
-        raise StopIteration
+                yield frame
+            elif not self._advance(self, end_s):
+                return
 
     @property
     def unread(self) -> bool:
@@ -157,7 +169,7 @@ class FrameIterator(Iterator[_ReadingT]):
 
     def wait(self) -> bool:
         """Wait for a frame, usually up to 0.2 s; return False if the iteration has ended."""
-        return not self._closed and (self.unread or self._advance(self))
+        return not self._closed and (self.unread or self._advance(self, math.inf))
 
     def close(self) -> None:
         """End the iteration; safe in any thread."""

@@ -70,8 +70,6 @@ class Connection:
         self._commands.take_settings(channel.info)
         if channel.player is None:
             self._map_clocks()
-            # Frames of a stream that an earlier program left on have no host time yet.
-            channel.frames.clear()
 
     def advance(self, timeout_s: float) -> None:
         """Take what arrives within a time; look after a board that is silent or unplugged.

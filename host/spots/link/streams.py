@@ -109,14 +109,22 @@ class Streams:
         channel = self._channel
         channel.check_open()
         lasts_s = math.inf if seconds is None else duration_s(seconds, "seconds")
+        reader = self._reader(*kinds)
         if wanted:
             self.want(*kinds)
-        end_s = channel.now_s() + lasts_s
-        poll_s = POLL_S if channel.player is None else channel.player.poll_s
+        reader.end_s = channel.now_s() + lasts_s
+        return reader
 
-        def advance(reader: FrameIterator[_ReadingT]) -> bool:
-            left_s = end_s - channel.now_s()
-            if self.ended or left_s <= 0:
+    def _reader(self, *kinds: type[_ReadingT]) -> FrameIterator[_ReadingT]:
+        channel = self._channel
+        player = channel.player
+        poll_s = POLL_S if player is None else player.poll_s
+
+        def advance(reader: FrameIterator[_ReadingT], until_s: float) -> bool:
+            if player is not None and player.ended:
+                return reader.unread
+            left_s = min(reader.end_s, until_s) - channel.now_s()
+            if left_s <= 0:
                 return False
             # While another thread reads the link, that thread stores this reader's frames, too.
             if channel.turn.take(POLL_S, lambda: reader.unread):
@@ -127,11 +135,19 @@ class Streams:
                     channel.turn.give()
             return True
 
-        return FrameIterator(channel.frames, kinds, advance)
+        return FrameIterator(channel.frames, kinds, advance, channel.now_s)
 
-    async def atouches(self, seconds: float | None) -> AsyncGenerator[Touch, None]:
+    def atouches(self, seconds: float | None) -> AsyncGenerator[Touch, None]:
         """Iterate over readings in asyncio; see `Board.atouches`."""
-        touches = await asyncio.to_thread(self.start, seconds, Touch)
+        self._channel.check_open()
+        lasts_s = math.inf if seconds is None else duration_s(seconds, "seconds")
+        return self._in_asyncio(self._reader(Touch), lasts_s)
+
+    async def _in_asyncio(
+        self, touches: FrameIterator[Touch], lasts_s: float
+    ) -> AsyncGenerator[Touch, None]:
+        await asyncio.to_thread(self.want, Touch)
+        touches.end_s = self._channel.now_s() + lasts_s
         try:
             while await asyncio.to_thread(touches.wait):
                 while touches.unread:
@@ -175,7 +191,6 @@ class Streams:
                 self._connection.advance(0.0)
             finally:
                 channel.turn.give()
-        channel.frames.skip()
         return channel.newest.touches.get(sensor) if self._connection.state == CONNECTED else None
 
     def stop(self) -> None:
