@@ -234,7 +234,7 @@ class Arrays:
     contacts: np.ndarray
     texts: list[tuple[float, Text]]
     stats: LinkStats
-    marks: list[Mark] = field(default_factory=list)
+    marks: list[Mark] = field(default_factory=list[Mark])
 
     @property
     def tables(self) -> tuple[np.ndarray, ...]:
@@ -275,7 +275,8 @@ class RecordingBlocks(Recording):
                 elif isinstance(found, Text):
                     texts.append((self.end_s, found))
             tables = (_joined(rows, _TABLES[kind].dtype) for kind, rows in parts.items())
-            yield Arrays(*tables, texts, replace(self.stats), self.marks[marks:])
+            stats, found_marks = replace(self.stats), self.marks[marks:]
+            yield Arrays(*tables, texts=texts, stats=stats, marks=found_marks)
 
     def _add(self, run: _Run, header: Header, parts: dict[int, list[np.ndarray]]) -> None:
         count = len(run.t_us)
@@ -352,4 +353,4 @@ def read_arrays(path: str | Path) -> Arrays:
         )
     dtypes = (table.dtype for table in _TABLES.values())
     arrays = map(np.frombuffer, growing, dtypes)
-    return Arrays(*arrays, texts, replace(blocks.stats), blocks.marks)
+    return Arrays(*arrays, texts=texts, stats=replace(blocks.stats), marks=blocks.marks)
