@@ -8,6 +8,7 @@ import struct
 import sys
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import aiohttp
@@ -19,6 +20,8 @@ from support.net import stand_in, wait_until
 import spots
 from spots import Board
 from spots.link.frames import Contact, Key, Spectrum, Touch
+from spots.recording.foxglove import schema
+from spots.recording.table import tables
 from spots_net import outlet
 from spots_net.publishing import publish, stream
 
@@ -187,3 +190,24 @@ def test_a_missing_package_is_named_with_its_extra(package, monkeypatch):
     monkeypatch.delitem(sys.modules, f"spots_net.to_{name}", raising=False)
     with pytest.raises(spots.SpotsError, match=f"publishing to {name} needs .*pip install"):
         outlet.maker(name)
+
+
+def test_the_layout_for_foxglove_shows_what_is_served():
+    path = Path(__file__).parents[2] / "examples" / "foxglove" / "spots.json"
+    layout = json.loads(path.read_text())
+    plan = ["F3", "F4", "F5", "F6", "F7", "F8"]
+    columns = {one.name: set(schema(one)["properties"]) for one in tables(plan)}
+    shown = [line["value"] for panel in layout["configById"].values() for line in panel["paths"]]
+    for one in shown:
+        topic, _, column = one.partition(".")
+        assert column in columns[topic.removeprefix("/spots/0/")]
+    assert {one.partition(".")[2] for one in shown} >= {"position_um", "force_mN", "counts_F3"}
+    assert {*layout["configById"]} == {*_panels(layout["layout"])}
+
+
+def _panels(split):
+    if isinstance(split, str):
+        yield split
+    else:
+        for side in ("first", "second"):
+            yield from _panels(split[side])
