@@ -33,8 +33,9 @@ def rules():
             named = set(re.findall(r"[\w/]+", may)) - {"all", "rooms", "above"}
             # The name of a package stands for all of its rooms.
             within = {one for one in found if one.split("/")[0] in named}
-            # Every room may use what its package itself defines, such as a version.
-            found[room] = above | named | within | {room.split("/")[0]}
+            # Every room of a package may use what its package itself defines, such as a version.
+            own = {room.split("/")[0]} & {*OURS}
+            found[room] = above | named | within | own
     return found
 
 
@@ -45,7 +46,9 @@ def room(module):
         return f"{top}/{inner[0]}" if inside else top
     if not inner or inner == ["__main__"]:
         return "top"
-    return inner[0] if (HOST / "spots" / inner[0]).is_dir() else "common"
+    if not (HOST / "spots" / inner[0]).is_dir():
+        return "common"
+    return "/".join(inner[:2]) if (HOST / "spots" / "/".join(inner[:2])).is_dir() else inner[0]
 
 
 def imports(module):
@@ -95,6 +98,13 @@ def test_no_room_imports_what_it_may_not():
         if room(module) != room(target) and room(target) not in allowed[room(module)]
     ]
     assert forbidden == []
+
+
+def test_the_fit_of_a_calibration_needs_no_board_no_terminal_and_no_clock():
+    modules = [module for module in MODULES if room(module) == "calibrate/fit"]
+    outside = "serial", "rich", "sys", "os", "pathlib", "time", "datetime", "threading"
+    found = [(m, target) for m in modules for target, _ in imports(m) if target in outside]
+    assert (found, len(modules) > 10) == ([], True)
 
 
 def test_no_circle_of_modules():

@@ -19,7 +19,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from spots.calibrate.presses import FULL_MN
+from spots.calibrate.fit.presses import FULL_MN
 from spots.common import atomic
 from spots.errors import SettingError, printable
 from spots_device.board.settings import DEFAULT_PLAN

@@ -22,9 +22,9 @@ from functools import partial
 import msgspec
 import numpy as np
 
-from spots.calibrate.dark import take_dark
-from spots.calibrate.guide import Guide
-from spots.calibrate.spectra import SpectrumReader
+from spots.calibrate.session.dark import take_dark
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.spectra import SpectrumReader
 from spots.errors import CalibrationError
 from spots.link.connect import open_named
 from spots_sim.demo.virtual import VIRTUAL

@@ -10,13 +10,14 @@ import msgspec
 import numpy as np
 
 from spots.calibrate import calibration_file
-from spots.calibrate.bench import Bench
-from spots.calibrate.dialog import Progress, UndoError
-from spots.calibrate.presser import Presser
-from spots.calibrate.rezero import rezero, use
-from spots.calibrate.session import Session, Wanted, settings
-from spots.calibrate.spectra import Reading, SpectrumReader
-from spots.calibrate.steps import COUNTS, LENGTH_UM, calibrate
+from spots.calibrate.fit.points import Wanted
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.dialog import Progress, UndoError
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.rezero import rezero, use
+from spots.calibrate.session.session_file import Session, settings
+from spots.calibrate.session.spectra import Reading, SpectrumReader
+from spots.calibrate.session.steps import COUNTS, LENGTH_UM, calibrate
 from spots.common.atomic import check_writable
 from spots.errors import FileError, SpotsError, StateError, printable
 from spots.link.board import Board
@@ -175,7 +176,7 @@ class PageCalibration(Orders):
             count = usual if taken < usual else taken + _MORE
             calibrate(bench, self._session, start.kind, count, None, options)
 
-    # The dialog of the session, see `calibrate.dialog.Dialog`.
+    # The dialog of the session, see `calibrate.session.dialog.Dialog`.
 
     def begin(self, title: str, total: int, plan: tuple[str, ...], length_um: float) -> None:
         """Show the title of a series of presses and their number, see `Dialog.begin`."""

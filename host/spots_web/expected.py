@@ -1,6 +1,6 @@
 """Computes the spectra of presses from a board's calibration; the web UI shows these spectra."""
 
-from spots.calibrate.expect import expected
+from spots.calibrate.fit.expect import expected
 from spots.link.board import Board
 from spots_device.board.settings import checksum
 from spots_device.reading.calibration_lines import CalibrationError

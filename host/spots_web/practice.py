@@ -4,7 +4,7 @@ from argparse import Namespace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from spots.calibrate.practice import practise
+from spots.calibrate.session.practice import practise
 from spots.errors import SettingError
 
 from .calibration import PageCalibration, Start
@@ -12,7 +12,7 @@ from .state import PageState
 
 
 class PagePractice(PageCalibration):
-    """Runs practice sessions for browsers, see `calibrate.practice`.
+    """Runs practice sessions for browsers, see `calibrate.session.practice`.
 
     Parameters
     ----------

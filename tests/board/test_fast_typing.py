@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.sensors import replaced
 
-from spots.calibrate.shift import shifted
+from spots.calibrate.fit.shift import shifted
 from spots_sim.demo.demo import open_fast
 from spots_sim.demo.demo_applications import type_on_board
 from spots_sim.demo.typing_speed import added, typed

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import Noise
+from spots.calibrate.fit.fit import fit
+from spots.calibrate.fit.presses import Noise
 from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load

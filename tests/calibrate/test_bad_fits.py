@@ -6,9 +6,9 @@ import pytest
 from msgspec.structs import replace
 
 from spots import SpotsError, cli
-from spots.calibrate.joint import fit_joint
-from spots.calibrate.make import make
-from spots.calibrate.session import Session
+from spots.calibrate.session.joint import fit_joint
+from spots.calibrate.session.make import make
+from spots.calibrate.session.session_file import Session
 
 
 def run(*arguments):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from support.sensors import replaced
 
-from spots.calibrate.presses import Noise, Presses
+from spots.calibrate.fit.presses import Noise, Presses
 from spots.cli import main
 from spots_sim.measure import figures
 from spots_sim.measure.bound import Bound

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from spots import SpotsError
-from spots.calibrate.choose import DIODES, choose, passes
-from spots.calibrate.presses import FIRM_MN, FULL_MN, Presses
+from spots.calibrate.fit.choose import DIODES, choose, passes
+from spots.calibrate.fit.presses import FIRM_MN, FULL_MN, Presses
 from spots_sim.measure.bound import Bound
 from spots_sim.person.stage import Stage
 

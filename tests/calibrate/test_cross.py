@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from support.press_model import ALONG, OFF_CENTRE, PRESSED, Strip, has_cross
 
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.fit.fit import fit
+from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots.link.replies import validated
 from spots_device.fingers.tracker import ContactTracker
 from spots_device.keys.layout import default_lines, parse

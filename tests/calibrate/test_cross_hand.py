@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from support.press_model import Strip, has_cross
 
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, MARKS, Noise, Presses
-from spots.calibrate.surface import Sizes, Surface, fitted
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.fit.fit import fit
+from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, MARKS, Noise, Presses
+from spots.calibrate.fit.surface import Sizes, Surface, fitted
 from spots_device.reading.calibration import Calibration
 
 pytestmark = pytest.mark.board

@@ -7,13 +7,13 @@ import pytest
 from support.press_model import Strip, has_cross
 
 from spots.calibrate.calibration_file import CalibrationFile, Marks, now
-from spots.calibrate.cross_lines import CrossLines
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.joint import fit_joint
-from spots.calibrate.make import _joint
-from spots.calibrate.presses import FIRM_MN, MARKS
-from spots.calibrate.rezero import rezero
-from spots.calibrate.session import Session
+from spots.calibrate.fit.cross_lines import CrossLines
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.fit.presses import FIRM_MN, MARKS
+from spots.calibrate.session.joint import fit_joint
+from spots.calibrate.session.make import _joint
+from spots.calibrate.session.rezero import rezero
+from spots.calibrate.session.session_file import Session
 from spots_device.reading.calibration import Calibration
 from spots_sim.measure.effects import with_keys
 from spots_sim.measure.rezeroed import silent_bench

@@ -2,7 +2,7 @@
 
 import pytest
 
-from spots.calibrate.dark import take_dark
+from spots.calibrate.session.dark import take_dark
 from spots.cli import main
 from spots.errors import SpotsError
 from spots.link.board import Board

@@ -7,10 +7,10 @@ import threading
 import pytest
 
 from spots import SpotsError
-from spots.calibrate import steps
-from spots.calibrate.bench import Bench
-from spots.calibrate.dialog import UndoError
-from spots.calibrate.session import Session
+from spots.calibrate.session import steps
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.dialog import UndoError
+from spots.calibrate.session.session_file import Session
 from spots_sim.person.stage import Stage
 from spots_sim.person.stage_presser import StagePresser
 

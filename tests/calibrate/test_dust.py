@@ -10,14 +10,14 @@ from support.sensors import replaced
 
 from spots import SpotsError
 from spots.calibrate import calibration_file as file
-from spots.calibrate import fit as fitting
-from spots.calibrate import rest, steps
-from spots.calibrate.bench import Bench
-from spots.calibrate.guide import Guide
-from spots.calibrate.presser import Presser
-from spots.calibrate.presses import Presses
-from spots.calibrate.rezero import rezero
-from spots.calibrate.session import Session, settings
+from spots.calibrate.fit import fit as fitting
+from spots.calibrate.fit.presses import Presses
+from spots.calibrate.session import rest, steps
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.rezero import rezero
+from spots.calibrate.session.session_file import Session, settings
 from spots.link.frames import Touch
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import DARK_SAMPLES

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from spots.calibrate.expect import expected
+from spots.calibrate.fit.expect import expected
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Spectrum, Touch

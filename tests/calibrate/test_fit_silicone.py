@@ -9,7 +9,7 @@ import pytest
 from msgspec import structs
 
 from spots import SpotsError
-from spots.calibrate.silicone import fit_silicone
+from spots.calibrate.fit.silicone import fit_silicone
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import FLAGS, FORCE_MN, POSITION_UM
 from spots_sim.board.identity import board_id

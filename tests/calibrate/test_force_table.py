@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from spots import SpotsError
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import Noise, Presses
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.fit.fit import fit
+from spots.calibrate.fit.presses import Noise, Presses
 from spots_device.reading.calibration import Calibration, Conditions
 from spots_sim.measure.bound import Bound
 from spots_sim.person.stage import calibrate

@@ -11,12 +11,12 @@ from rich.console import Console
 from support.hand_session import LONG, PLAN, Room, calibrate, errors_um
 
 from spots import SpotsError
-from spots.calibrate import hand, steps
-from spots.calibrate.bench import Bench
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.guide import Guide
-from spots.calibrate.session import Session, settings
-from spots.calibrate.typed import typed
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.session import hand, steps
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.session_file import Session, settings
+from spots.calibrate.session.typed import typed
 from spots_device.reading.calibration import Calibration
 from spots_sim.person.person import Habits
 from spots_sim.person.stage import Stage

@@ -8,10 +8,10 @@ import pytest
 from msgspec import structs
 from support.hand_session import LONG, Room, calibrate, errors_um
 
-from spots.calibrate.bench import Bench, TooDarkError
-from spots.calibrate.hand import _LOADS, _LOADS_FROM, _load
-from spots.calibrate.session import Session
-from spots.calibrate.steps import COUNTS
+from spots.calibrate.session.bench import Bench, TooDarkError
+from spots.calibrate.session.hand import _LOADS, _LOADS_FROM, _load
+from spots.calibrate.session.session_file import Session
+from spots.calibrate.session.steps import COUNTS
 from spots_sim.person.loading import record
 from spots_sim.person.person import Habits
 from spots_sim.person.stage import Stage

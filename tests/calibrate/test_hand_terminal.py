@@ -5,7 +5,7 @@ import pytest
 from support.terminal_session import calibrate_in_terminal
 
 from spots.calibrate import calibration_file as file
-from spots.calibrate.session import Session
+from spots.calibrate.session.session_file import Session
 from spots_sim.person.person import Habits
 
 

@@ -9,10 +9,10 @@ from msgspec import structs
 from rich.console import Console
 
 from spots import SpotsError
-from spots.calibrate import steps
-from spots.calibrate.bench import Bench
-from spots.calibrate.guide import Guide
-from spots.calibrate.session import Session
+from spots.calibrate.session import steps
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.session_file import Session
 from spots.deploy.doctor import examine_board
 from spots.link import lamps
 from spots.link.board import Board

@@ -5,7 +5,7 @@ import pytest
 from msgspec import structs
 
 from spots import SpotsError
-from spots.calibrate.fit import estimators
+from spots.calibrate.fit.fit import estimators
 from spots_device.reading.calibration import Calibration
 from spots_sim.measure import measurements
 from spots_sim.measure.effects import errors

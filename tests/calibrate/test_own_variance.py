@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spots.calibrate.presses import own_variance
+from spots.calibrate.fit.presses import own_variance
 
 FAR_END = np.array([31.3, 33.1, 60.2, 195.4, 636.1, 488.3])  # counts at the far end of a long strip
 TREMOR = 0.005

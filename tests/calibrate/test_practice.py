@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from spots.calibrate.guide import ruler_lines
+from spots.calibrate.session.guide import ruler_lines
 from spots.cli import main
 
 ANSWER = {"rough": r"score: position (\S+) mm rms, \S+ mm at most; your .* by (\S+) mm rms from ru"}

@@ -13,18 +13,18 @@ from rich.console import Console
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
-from spots.calibrate import steps
-from spots.calibrate.bench import Bench
-from spots.calibrate.decoded import bounds_of, coarse_of, fit_of, segments_of
-from spots.calibrate.drift import described
-from spots.calibrate.guide import Guide
-from spots.calibrate.make import make
-from spots.calibrate.presser import Presser
-from spots.calibrate.rezero import rezero, use
-from spots.calibrate.session import Session, settings
-from spots.calibrate.shift import shifted
-from spots.calibrate.spectra import SpectrumReader
-from spots.calibrate.steps import DARK_S
+from spots.calibrate.fit.decoded import bounds_of, coarse_of, fit_of, segments_of
+from spots.calibrate.fit.drift import described
+from spots.calibrate.fit.shift import shifted
+from spots.calibrate.session import steps
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.make import make
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.rezero import rezero, use
+from spots.calibrate.session.session_file import Session, settings
+from spots.calibrate.session.spectra import SpectrumReader
+from spots.calibrate.session.steps import DARK_S
 from spots.link.advice import advice_for
 from spots.link.connect import upload
 from spots.link.frames import Touch

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spots.calibrate.ruler import common_error_um
+from spots.calibrate.fit.ruler import common_error_um
 
 COUNT, LENGTH_UM = 39, 85_000.0
 NO_NOISE = np.zeros(COUNT)

@@ -20,15 +20,16 @@ from support.sensors import replaced
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
-from spots.calibrate import steps
-from spots.calibrate.bench import Bench
-from spots.calibrate.decoded import Decoded, bounds_of, coarse_of, segments_of
-from spots.calibrate.guide import Guide
-from spots.calibrate.joint import fit_joint
-from spots.calibrate.make import make
-from spots.calibrate.presser import Presser
-from spots.calibrate.presses import FULL_MN
-from spots.calibrate.session import Point, Session, Wanted, settings
+from spots.calibrate.fit.decoded import Decoded, bounds_of, coarse_of, segments_of
+from spots.calibrate.fit.points import Point, Wanted
+from spots.calibrate.fit.presses import FULL_MN
+from spots.calibrate.session import steps
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.joint import fit_joint
+from spots.calibrate.session.make import make
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.session_file import Session, settings
 from spots.keyboard.layout import FOLDER as LAYOUTS
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
@@ -204,7 +205,7 @@ def test_a_session_in_a_folder_that_does_not_exist_names_the_folder(full, tmp_pa
 HOLDER = """
 import sys
 from pathlib import Path
-from spots.calibrate.session import Session
+from spots.calibrate.session.session_file import Session
 with Session(Path(sys.argv[1])).locked():
     print("locked", flush=True)
     sys.stdin.read()

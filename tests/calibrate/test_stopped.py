@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from spots.calibrate import dark, rezero
+from spots.calibrate.session import dark, rezero
 from spots.cli import main
 from spots.controller import controller_setup
 from spots_linkage import twin

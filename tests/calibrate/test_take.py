@@ -10,10 +10,10 @@ from rich.console import Console
 from support.sensors import replaced
 
 from spots import SpotsError
-from spots.calibrate.bench import BadPressError, Bench
-from spots.calibrate.guide import Guide
-from spots.calibrate.session import Wanted
-from spots.calibrate.spectra import SpectrumReader
+from spots.calibrate.fit.points import Wanted
+from spots.calibrate.session.bench import BadPressError, Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.spectra import SpectrumReader
 from spots_sim.person.person import follow
 from spots_sim.person.stage import Stage
 from spots_sim.person.stage_presser import StagePresser

@@ -2,8 +2,8 @@
 
 import pytest
 
-from spots.calibrate.presser import Presser
-from spots.calibrate.session import Wanted
+from spots.calibrate.fit.points import Wanted
+from spots.calibrate.session.presser import Presser
 
 
 class Script:

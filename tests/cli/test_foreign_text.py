@@ -23,8 +23,8 @@ from support.fault_streams import encoded
 from support.net import Announced, Net, session, topic_key
 from support.plugs import Hub, Plug
 
-from spots.calibrate.guide import Guide
-from spots.calibrate.session import Point
+from spots.calibrate.fit.points import Point
+from spots.calibrate.session.guide import Guide
 from spots.cli import main
 from spots.controller import controller_setup, stick
 from spots.deploy import place

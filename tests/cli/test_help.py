@@ -138,7 +138,7 @@ def test_a_locale_without_unicode_gets_plain_characters(tmp_path):
 
 
 def test_every_glyph_of_a_picture_has_a_plain_character():
-    views = ("terminal/view.py", "calibrate/guide.py", "controller/stick.py")
+    views = ("terminal/view.py", "calibrate/session/guide.py", "controller/stick.py")
     text = "".join((Path(spots.__file__).parent / name).read_text("utf-8") for name in views)
     assert [c for c in set(text) if not c.isascii() and c not in glyphs.PLAIN] == []
     assert all(len(plain) == 1 and plain.isascii() for plain in glyphs.PLAIN.values())

@@ -11,8 +11,8 @@ import pytest
 
 from spots import SpotsError, cli
 from spots.calibrate import calibration_file as file
-from spots.calibrate.make import make
-from spots.calibrate.session import Session
+from spots.calibrate.session.make import make
+from spots.calibrate.session.session_file import Session
 from spots.controller import controller_settings
 from spots.keyboard import layout
 from spots.wearable import wearable

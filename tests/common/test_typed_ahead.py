@@ -12,9 +12,9 @@ from rich.console import Console
 
 import spots
 from spots import SpotsError
-from spots.calibrate.guide import Guide
-from spots.calibrate.presser import Presser
-from spots.calibrate.session import Wanted
+from spots.calibrate.fit.points import Wanted
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.presser import Presser
 from spots.deploy.confirm import confirm
 from spots_linkage import twin_points
 

@@ -6,7 +6,7 @@ import pytest
 from support.calibration_lines import GOOD
 from support.smallint import SmallInt
 
-from spots.calibrate.decoded import bounds_of, segments_of
+from spots.calibrate.fit.decoded import bounds_of, segments_of
 from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.calibration_lines import CalibrationError
 

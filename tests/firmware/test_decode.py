@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from support.smallint import SmallInt, small
 
-from spots.calibrate.decoded import Decoded, segments_of
+from spots.calibrate.fit.decoded import Decoded, segments_of
 from spots_device.reading import decode, kernel
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import ONE_Q13, WEIGHT_SUM_MAX

@@ -7,7 +7,7 @@ import pytest
 from support.keys import DECAY
 from support.smallint import SmallInt
 
-from spots.calibrate.decoded import Decoded
+from spots.calibrate.fit.decoded import Decoded
 from spots_device.fingers import locate as locate_module
 from spots_device.fingers import state as contact_state
 from spots_device.fingers.locate import locate, power

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from spots.calibrate.shift import shifted
+from spots.calibrate.fit.shift import shifted
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.log2 import ONE

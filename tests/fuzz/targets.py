@@ -25,7 +25,7 @@ from support.smallint import small
 import desk
 import spots
 from spots.calibrate import calibration_file
-from spots.calibrate.decoded import Decoded
+from spots.calibrate.fit.decoded import Decoded
 from spots.controller import controller_settings
 from spots.controller.gamepad_engine import Controller
 from spots.errors import SpotsError

@@ -3,7 +3,7 @@
 import pytest
 
 from spots.calibrate import calibration_file
-from spots.calibrate.rezero import use
+from spots.calibrate.session.rezero import use
 from spots.errors import NoReplyError, SpotsError
 from spots.keyboard import keys
 from spots.keyboard.layout import load

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from spots.common.press_spectra import PressSpectra, press_spectra
 from spots.keyboard.keyboard import type_on
 from spots.keyboard.layout import load as load_layout
 from spots.link.advice import Advice, advice_for, stored_calibration
@@ -11,7 +12,6 @@ from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Spectrum, Touch
 from spots.link.notice import PRESSES_A_WEEK, Cusum, notice_for
-from spots.link.press_spectra import PressSpectra, press_spectra
 from spots.link.run_length import MOST, run_length, threshold
 from spots.outputs.devices import PrintedKeyboard
 from spots_device.board.settings import checksum

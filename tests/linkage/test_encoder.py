@@ -10,7 +10,7 @@ import pytest
 from support.joints import JOINT, PERIOD_S, touch
 
 from spots import SpotsError
-from spots.calibrate.joint import fit_joint
+from spots.calibrate.session.joint import fit_joint
 from spots_device.reading import decode
 from spots_linkage import Encoder
 from spots_sim.measure.simulated_linkage import Turned

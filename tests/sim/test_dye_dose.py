@@ -5,7 +5,7 @@ import json
 import pytest
 from support.sensors import replaced
 
-from spots.calibrate.spectra import SpectrumReader
+from spots.calibrate.session.spectra import SpectrumReader
 from spots.cli import main
 from spots.errors import SpotsError
 from spots_make import dye_dose

@@ -25,8 +25,8 @@ import numpy as np
 from playwright.sync_api import sync_playwright
 
 from spots.calibrate import calibration_file as file
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.session import settings
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.session.session_file import settings
 from spots.keyboard.layout import load as load_layout
 from spots.link.board import Board
 from spots.link.connect import prepare

@@ -26,7 +26,8 @@ from support.frames import stream, touch
 from support.reels import INFO, clock, record
 
 from spots.calibrate import calibration_file
-from spots.calibrate.session import Point, Session
+from spots.calibrate.fit.points import Point
+from spots.calibrate.session.session_file import Session
 from spots.controller import controller_settings
 from spots.errors import SpotsError
 from spots.keyboard import layout

@@ -7,12 +7,12 @@ import numpy as np
 from rich.console import Console
 
 from spots.calibrate import calibration_file as file
-from spots.calibrate import steps
-from spots.calibrate.bench import Bench
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.guide import Guide
-from spots.calibrate.presser import Presser
-from spots.calibrate.session import Session
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.session import steps
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.session_file import Session
 from spots_device.reading.calibration import Calibration
 from spots_sim.person.person import Person, follow
 

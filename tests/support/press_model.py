@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.fit.fit import fit
+from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
 from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.decode import TOUCHING
 from spots_sim.measure.bound import Bound

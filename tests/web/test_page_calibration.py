@@ -22,7 +22,7 @@ from support.serving import (
 )
 
 from spots.calibrate import calibration_file
-from spots.calibrate.session import Session
+from spots.calibrate.session.session_file import Session
 from spots.cli import main
 from spots.errors import SpotsError
 from spots_device.board.settings import checksum

@@ -20,7 +20,7 @@ with examples of their values::
     f 123456 1000 900          knot: brightness, force in mN, tolerance of the misfit (Q12);
                                optional: share of the cross-sensitivity (Q12)
     spectrum 5000 812345 ...   position in um, log2 of the six counts of a firm press there (Q16);
-                               only for the host, see spots/link/press_spectra.py; optional
+                               only for the host, see spots/common/press_spectra.py; optional
     tint 5000 -65536 12 ...    position in um, brightness minus that of a firm press (Q16), change
                                of log2 of the six counts with the force (Q16); only for the host
     silicone 4200 300 1000 ... compensation of hysteresis and creep: factor of the force (Q12);

@@ -26,17 +26,7 @@ from ..common.bounded import read_text
 from ..errors import FileError
 from ..link.board import Board
 from ..link.connect import ensured, upload
-from .session import (
-    Degrees,
-    ExposureUs,
-    ForceMN,
-    Gain,
-    LedMA,
-    PlaceUm,
-    Plan,
-    Ppm,
-    Sigma,
-)
+from .fit.points import Degrees, ExposureUs, ForceMN, Gain, LedMA, PlaceUm, Plan, Ppm, Sigma
 
 VERSION = 1
 _END = "[end]\n"

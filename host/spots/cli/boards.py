@@ -183,7 +183,7 @@ def calibrate(parser: Parser):
     parser.needs(
         ["--length-mm"], lambda options: options.kind != "joint", "a joint needs no length"
     )
-    return calls("spots.calibrate.calibrate:calibrate_command")
+    return calls("spots.calibrate.session.calibrate:calibrate_command")
 
 
 def rezero(parser: Parser):
@@ -218,7 +218,7 @@ def rezero(parser: Parser):
         "the indenter of a joint presses with a force of its own",
     )
     parser.set_defaults(length_mm=None)
-    return calls("spots.calibrate.rezero:rezero_command")
+    return calls("spots.calibrate.session.rezero:rezero_command")
 
 
 def dark(parser: Parser):
@@ -228,7 +228,7 @@ def dark(parser: Parser):
       spots dark
     """
     arguments.add_port(parser, arguments.READ_ONLY)
-    return calls("spots.calibrate.dark:dark_command")
+    return calls("spots.calibrate.session.dark:dark_command")
 
 
 def erase(parser: Parser):

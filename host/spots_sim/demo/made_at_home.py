@@ -18,8 +18,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from spots.calibrate.bench import Bench
-from spots.calibrate.rezero import rezero
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.rezero import rezero
 from spots.cli import arguments
 from spots.wearable import gestures as g
 from spots.wearable.wearable import Mapping, play

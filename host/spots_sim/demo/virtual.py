@@ -18,11 +18,11 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
-from spots.calibrate.bench import Bench
 from spots.calibrate.calibration_file import CalibrationFile
-from spots.calibrate.guide import Guide
-from spots.calibrate.presser import Presser
-from spots.calibrate.session import settings
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.session_file import settings
 from spots.deploy.drive import Drive
 from spots.deploy.place import Place
 from spots.deploy.prompt import Prompt

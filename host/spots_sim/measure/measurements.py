@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from spots.calibrate.decoded import coarse_of
+from spots.calibrate.fit.decoded import coarse_of
 from spots.errors import SettingError
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.decode import TOO_DARK, TOUCHING

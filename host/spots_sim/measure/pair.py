@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.polynomial import Chebyshev
 
-from spots.calibrate.presses import Noise, Presses
+from spots.calibrate.fit.presses import Noise, Presses
 
 _CURVE_DEGREE = 7
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from spots.calibrate.bench import Bench, samples_of
 from spots.calibrate.calibration_file import CalibrationFile, Marks, now
-from spots.calibrate.guide import Guide
-from spots.calibrate.presses import FIRM_MN, MARKS
-from spots.calibrate.rezero import rezero
-from spots.calibrate.steps import DARK_S
+from spots.calibrate.fit.presses import FIRM_MN, MARKS
+from spots.calibrate.session.bench import Bench, samples_of
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.rezero import rezero
+from spots.calibrate.session.steps import DARK_S
 from spots.errors import SettingError
 from spots_device.sensor.exposure import DEFAULT_US
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from spots.calibrate import rest
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import Noise
-from spots.calibrate.shift import shifted
+from spots.calibrate.fit.fit import fit
+from spots.calibrate.fit.presses import Noise
+from spots.calibrate.fit.shift import shifted
+from spots.calibrate.session import rest
 from spots.link.connect import upload
 from spots.link.frames import Spectrum, Touch
 from spots_device.reading.dark import _DARK_EVERY_US, _WINDOW_SAMPLES, _WINDOWS
@@ -111,7 +111,7 @@ class Rig:
         self._use()
 
     def shift(self, place_um, shifts) -> None:
-        """Correct the calibration on the board as a re-zero does; see `spots.calibrate.shift`.
+        """Correct the calibration on the board as a re-zero does; see `spots.calibrate.fit.shift`.
 
         Parameters
         ----------

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from spots.calibrate.calibration_file import CalibrationFile, now
-from spots.calibrate.joint import fit_joint, joint_marks
-from spots.calibrate.rezero import rezero
+from spots.calibrate.session.joint import fit_joint, joint_marks
+from spots.calibrate.session.rezero import rezero
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch
@@ -48,7 +48,7 @@ _APART = 0.4  # delay between the two boards' exposures, as a share of an exposu
 
 
 class Turned(NamedTuple):
-    """Measurement of a joint at one angle, for `spots.calibrate.joint.fit_joint`.
+    """Measurement of a joint at one angle, for `spots.calibrate.session.joint.fit_joint`.
 
     Attributes
     ----------

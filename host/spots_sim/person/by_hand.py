@@ -10,11 +10,12 @@ from pathlib import Path
 
 from rich.console import Console
 
-from spots.calibrate import calibration_file, steps
-from spots.calibrate.bench import Bench
-from spots.calibrate.guide import Guide
-from spots.calibrate.presser import Presser
-from spots.calibrate.session import Session
+from spots.calibrate import calibration_file
+from spots.calibrate.session import steps
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.guide import Guide
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.session_file import Session
 
 from .person import Habits, Person, follow
 from .stage import Stage

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from spots.calibrate.silicone import fit_silicone
+from spots.calibrate.fit.silicone import fit_silicone
 from spots.link.board import Board
 from spots.link.connect import prepare
 from spots.link.frames import Touch

@@ -1,4 +1,4 @@
-"""The simulated strip and finger of a practice session, see `spots.calibrate.practice`."""
+"""The simulated strip and finger of a practice session, see `spots.calibrate.session.practice`."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from spots.calibrate.bench import Bench
 from spots.calibrate.calibration_file import CalibrationFile
-from spots.calibrate.decoded import Decoded
-from spots.calibrate.dialog import Dialog
-from spots.calibrate.practice import Practice, Score
-from spots.calibrate.presser import Presser
-from spots.calibrate.session import Session, Wanted
+from spots.calibrate.fit.decoded import Decoded
+from spots.calibrate.fit.points import Wanted
+from spots.calibrate.session.bench import Bench
+from spots.calibrate.session.dialog import Dialog
+from spots.calibrate.session.practice import Practice, Score
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.session_file import Session
 from spots.errors import SettingError
 from spots_device.reading.calibration import Calibration
 
@@ -76,7 +77,7 @@ def practice(options, path: Path, guide: Dialog) -> Iterator[Practice]:
     Parameters
     ----------
     options : argparse.Namespace
-        ``sensor``, ``seed`` and ``length_mm``, see `spots.calibrate.practice.practise`.
+        ``sensor``, ``seed`` and ``length_mm``, see `spots.calibrate.session.practice.practise`.
     path : Path
         Calibration file to write.
     guide : Dialog

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from spots.calibrate import rest
-from spots.calibrate.fit import fit
-from spots.calibrate.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
-from spots.calibrate.spectra import SpectrumReader
+from spots.calibrate.fit.fit import fit
+from spots.calibrate.fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, Noise, Presses
+from spots.calibrate.session import rest
+from spots.calibrate.session.spectra import SpectrumReader
 from spots.errors import CalibrationError
 from spots.link.board import Board
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from spots.calibrate.presser import Presser
-from spots.calibrate.presses import FIRM_MN
-from spots.calibrate.session import Wanted
-from spots.calibrate.spectra import SpectrumReader
+from spots.calibrate.fit.points import Wanted
+from spots.calibrate.fit.presses import FIRM_MN
+from spots.calibrate.session.presser import Presser
+from spots.calibrate.session.spectra import SpectrumReader
 from spots.link.board import Board
 
 from .stage import Stage
@@ -14,7 +14,7 @@ _LEAST_STEP = 1.05  # the search ends when the limits of the force differ by les
 
 
 class StagePresser(Presser):
-    """Presses a simulated strip for a calibration session, see `spots.calibrate.presser`.
+    """Presses a simulated strip for a calibration session, see `spots.calibrate.session.presser`.
 
     Parameters
     ----------

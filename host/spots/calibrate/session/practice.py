@@ -13,12 +13,12 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import RequirementError
-from ..link.ports import offered
-from . import calibration_file as file
+from ...errors import RequirementError
+from ...link.ports import offered
+from .. import calibration_file as file
 from .bench import Bench
 from .dialog import Dialog
-from .session import Session
+from .session_file import Session
 from .steps import COUNTS, calibrate
 
 KINDS = ("fine", "rough")

@@ -11,9 +11,10 @@ import numpy as np
 
 from spots_device.reading.decode import DARK_SAMPLES
 
-from ..errors import CalibrationError
-from .presses import FIRM_MN, Presses
-from .session import Session, presses
+from ...errors import CalibrationError
+from ..fit.points import presses
+from ..fit.presses import FIRM_MN, Presses
+from .session_file import Session
 
 # Largest light without a press, as a share of a firm press at the same place. Dust of 2 % of a full
 # contact has 3 %. With more light, the strip is not as it was cast.

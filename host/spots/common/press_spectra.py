@@ -16,7 +16,7 @@ _ONE_Q20 = 1 << 20
 _NAME, _TINT = "spectrum", "tint"
 _TEMPERATURE, _WARM = "temperature", "warm"
 # Positions and brightnesses of the lines ``tint``. A polynomial through them is the change that
-# `calibrate.cross` has fitted.
+# `calibrate.fit.cross` has fitted.
 _TINT_PLACES, _TINT_LIGHTS = 3, 6
 
 

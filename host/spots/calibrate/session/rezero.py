@@ -17,17 +17,17 @@ from numpy.polynomial import polynomial
 from spots_device.reading.calibration import Calibration
 from spots_device.reading.log2 import ONE as ONE_Q20
 
-from ..common.atomic import check_writable
-from ..common.signals import stop_explained
-from ..errors import CalibrationError, FileError, SettingError, SpotsError
-from . import calibration_file as file
+from ...common.atomic import check_writable
+from ...common.signals import stop_explained
+from ...errors import CalibrationError, FileError, SettingError, SpotsError
+from .. import calibration_file as file
+from ..fit.cross_lines import CrossLines
+from ..fit.drift import described
+from ..fit.points import Wanted
+from ..fit.shift import shifted
 from . import rest
 from .bench import Bench
 from .calibrate import opened
-from .cross_lines import CrossLines
-from .drift import described
-from .session import Wanted
-from .shift import shifted
 from .steps import DARK_S
 from .thermal import with_lines as with_thermal
 

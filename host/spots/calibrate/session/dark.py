@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 from spots_device.reading.decode import DARK_SAMPLES
 
-from ..common.signals import stop_explained
-from ..errors import BoardError
-from ..link.board import Board
-from ..link.connect import ensured, open_named
+from ...common.signals import stop_explained
+from ...errors import BoardError
+from ...link.board import Board
+from ...link.connect import ensured, open_named
 from .guide import Guide
 
 _TIMEOUT_S = 60.0

@@ -15,10 +15,10 @@ import numpy as np
 
 from spots_device.reading.calibration import Calibration
 
-from ..errors import CalibrationError
+from ...errors import CalibrationError
 from .decoded import Decoded
 from .fit import ONE_Q12
-from .session import Point
+from .points import Point
 
 PLAYS_MN = (300, 1000, 3000)  # half widths of the play operators
 TAUS_MS = (400, 4000, 40_000)  # time constants of the creep

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..errors import SettingError, SpotsError
+from ...errors import SettingError, SpotsError
 
 _STANDARD_GRAVITY = 9.80665  # mN per g
 PLACES = {"mm": 1000.0, "cm": 10_000.0}

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import CalibrationError
+from ...errors import CalibrationError
+from ..fit.points import Wanted, presses
+from ..fit.presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
+from ..fit.surface import Sizes, Surface, fitted
 from . import rest
 from .bench import CONTINUES, TRIES, BadPressError, Bench, TooDarkError, samples_of
 from .dialog import Dialog, Progress
-from .presses import FIRM_MN, FULL_MN, MARKS, Noise, Presses
-from .session import Session, Wanted, point, presses
-from .surface import Sizes, Surface, fitted
+from .session_file import Session, point
 from .typed import grams
 
 _KINDS = ("hand", "position", "force", "mark")

@@ -16,7 +16,7 @@ from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import CalibrationError
 from spots_device.reading.log2 import ONE as ONE_Q20
 
-from . import calibration_file as file
+from .. import calibration_file as file
 
 _PAUSE = timedelta(days=1)  # longest time between two re-zeros whose difference is used
 _LEAST_K = 3.0  # a smaller difference of the temperature gives too much noise

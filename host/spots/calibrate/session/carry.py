@@ -13,10 +13,11 @@ from datetime import datetime
 import numpy as np
 from msgspec.structs import replace
 
-from ..errors import FileError
-from .calibration_file import CalibrationFile, Rezero
-from .session import Point, Session
-from .shift import drift_at, shifted
+from ...errors import FileError
+from ..calibration_file import CalibrationFile, Rezero
+from ..fit.points import Point
+from ..fit.shift import drift_at, shifted
+from .session_file import Session
 from .thermal import with_lines as with_thermal
 
 

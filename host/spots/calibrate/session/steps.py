@@ -12,20 +12,21 @@ import numpy as np
 from spots_device.board.settings import checksum
 from spots_device.sensor.exposure import full_scale, registers
 
-from ..errors import CalibrationError, SettingError
-from ..link import lamps
-from ..link.connect import ensured
-from . import calibration_file as file
+from ...errors import CalibrationError, SettingError
+from ...link import lamps
+from ...link.connect import ensured
+from .. import calibration_file as file
+from ..fit.choose import choose, passes
+from ..fit.fit import PLACES_MIN
+from ..fit.points import Wanted, presses
+from ..fit.presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
 from . import carry, rest
 from .bench import BadPressError, Bench, judge_force, judge_place
-from .choose import choose, passes
 from .dialog import UndoError
-from .fit import PLACES_MIN
 from .hand import by_hand
 from .joint import ANGLES_MIN, fit_joint, joint_marks
 from .make import make
-from .presses import FIRM_MN, FORCE_PLACES, FULL_MN, MARKS, Noise
-from .session import Session, Wanted, point, presses
+from .session_file import Session, point
 from .spectra import Reading
 
 LENGTH_UM = 85_000.0  # usual length of a strip

@@ -19,8 +19,8 @@ from spots_device.reading.calibration import Conditions
 from spots_device.reading.calibration_lines import ONE_Q13, WEIGHT_SUM_MAX
 from spots_device.reading.log2 import ONE as ONE_Q20
 
-from ..errors import CalibrationError
-from ..link import press_spectra
+from ...common import press_spectra
+from ...errors import CalibrationError
 from .cross import Change, change
 from .monotone import monotone
 from .presses import Noise, Presses

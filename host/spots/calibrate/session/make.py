@@ -11,17 +11,18 @@ from spots_device.reading.calibration import Calibration
 from spots_device.reading.calibration_lines import CalibrationError as LinesError
 from spots_device.reading.decode import CROSS
 
-from ..errors import CalibrationError, SpotsError
-from ..link.press_spectra import press_spectra
-from . import calibration_file as file
+from ...common.press_spectra import press_spectra
+from ...errors import CalibrationError, SpotsError
+from .. import calibration_file as file
+from ..fit.decoded import Decoded
+from ..fit.fit import PLACES_MIN, fit
+from ..fit.points import presses
+from ..fit.presses import FIRM_MN, MARKS, Noise, Presses
+from ..fit.silicone import fit_session
 from . import rest
-from .decoded import Decoded
-from .fit import PLACES_MIN, fit
 from .hand import material
 from .joint import fit_joint, joint_marks
-from .presses import FIRM_MN, MARKS, Noise, Presses
-from .session import Session, presses
-from .silicone import fit_session
+from .session_file import Session
 
 # Limits of the rms errors at the presses, above which a calibration is refused: of the positions in
 # um, and of the forces as a share of their rms. A stage reaches 10 um and 2 %; a person who reads

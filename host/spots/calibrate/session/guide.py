@@ -10,11 +10,11 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ..common import typed_ahead
-from ..errors import StateError, printable
-from ..terminal.view import bar, bars, framed, live, strip_columns
+from ...common import typed_ahead
+from ...errors import StateError, printable
+from ...terminal.view import bar, bars, framed, live, strip_columns
+from ..fit.points import Wanted
 from .dialog import Progress, UndoError
-from .session import Wanted
 from .spectra import Reading
 from .typed import FORCES
 

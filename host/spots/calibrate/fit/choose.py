@@ -14,7 +14,7 @@ import numpy as np
 
 from spots_device.board.settings import DEFAULT_PLAN
 
-from ..errors import CalibrationError
+from ...errors import CalibrationError
 from .fit import Curves
 from .presses import Noise, Presses
 

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import CalibrationError
+from ...errors import CalibrationError
+from ..fit.points import Wanted
+from ..fit.presses import Noise, Presses
 from .dialog import Dialog
 from .presser import Presser
-from .presses import Noise, Presses
-from .session import Wanted
 from .spectra import Reading, SpectrumReader, mean
 
 TRIES = 5  # attempts at a press before the session ends with an error

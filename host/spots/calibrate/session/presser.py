@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from ..errors import SettingError, SpotsError
-from ..link.board import Board
+from ...errors import SettingError, SpotsError
+from ...link.board import Board
+from ..fit.points import Wanted
+from ..fit.presses import FIRM_MN
 from .dark import take_dark
 from .dialog import PRESS, RELEASE, Dialog
-from .presses import FIRM_MN
-from .session import Wanted
 from .spectra import SpectrumReader
 from .typed import FORCES, decimal, grams, typed
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import CalibrationError
-from .calibration_file import Joint, Marks
-from .session import Point
+from ...errors import CalibrationError
+from ..calibration_file import Joint, Marks
+from ..fit.points import Point
 
 ANGLES_MIN = 4  # least number of angles in each direction
 # Largest distance of an angle from the straight line, as a share of the joint's travel.

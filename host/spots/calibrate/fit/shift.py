@@ -18,8 +18,8 @@ from spots_device.reading.calibration_lines import CalibrationError as LinesErro
 from spots_device.reading.log2 import ONE as ONE_Q20
 from spots_device.sensor.smux import CHANNELS
 
-from ..errors import CalibrationError
-from ..link import press_spectra
+from ...common import press_spectra
+from ...errors import CalibrationError
 from .fit import ONE_Q12
 
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 from spots_device.sensor.smux import smux_map
 
-from ..common import atomic
-from ..common.signals import stop_explained
-from ..errors import SettingError
-from ..link.connect import open_named
-from ..link.ports import offered
+from ...common import atomic
+from ...common.signals import stop_explained
+from ...errors import SettingError
+from ...link.connect import open_named
+from ...link.ports import offered
+from ..calibration_file import KIND, CalibrationFile
 from .bench import Bench
-from .calibration_file import KIND, CalibrationFile
 from .guide import Guide
 from .practice import KINDS, practise
 from .presser import Presser
-from .session import Session
+from .session_file import Session
 from .spectra import SpectrumReader
 from .steps import COUNTS, LENGTH_UM, calibrate
 

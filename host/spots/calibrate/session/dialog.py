@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from .session import Wanted
+from ..fit.points import Wanted
 from .spectra import Reading
 
 PRESS, RELEASE = "press", "release"  # what a session requests, see `Dialog.request`

@@ -18,10 +18,10 @@ from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.decode import DARK_SAMPLES, DARK_SUBTRACTED, LED_OFF, SATURATED
 from spots_device.sensor.smux import CHANNELS
 
-from ..errors import BoardError, CalibrationError, SpotsError
-from ..link.board import Board
-from ..link.frames import Frame, Spectrum, Touch
-from .presses import own_variance
+from ...errors import BoardError, CalibrationError, SpotsError
+from ...link.board import Board
+from ...link.frames import Frame, Spectrum, Touch
+from ..fit.presses import own_variance
 
 _CHANNELS_MIN = 3  # with fewer channels, the noise that all channels share cannot be separated
 _TIMEOUT_S = 10.0  # more than any dark frame takes

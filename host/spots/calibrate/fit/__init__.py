@@ -1,0 +1,1 @@
+"""Presses in, a calibration out: no board, no terminal and no clock."""
