@@ -17,14 +17,14 @@ and may have
 ``check(rest, options)``
     Raises SpotsError if the arguments are invalid, so that every call of ``open_port`` would fail.
 ``calibration_setup(options, made, path, guide)``
-    Returns a `calibrate.session.bench.Bench`: a board whose strip is pressed by a machine. `options` are
-    those of the command line. `made` is the `Session` of ``spots calibrate``, or the
+    Returns a `calibrate.session.bench.Bench`: a board whose strip is pressed by a machine.
+    `options` are those of the command line. `made` is the `Session` of ``spots calibrate``, or the
     `CalibrationFile` that ``spots rezero`` corrects. `path` is the calibration file to write.
     `guide` prints the progress.
 ``practice(options, path, guide)``
-    Returns a context manager that yields a `calibrate.session.practice.Practice`: a simulated strip whose
-    simulated finger follows the requests of a session. `path` is the calibration file to write, and
-    `guide` is a `calibrate.session.dialog.Dialog`.
+    Returns a context manager that yields a `calibrate.session.practice.Practice`: a simulated strip
+    whose simulated finger follows the requests of a session. `path` is the calibration file to
+    write, and `guide` is a `calibrate.session.dialog.Dialog`.
 ``linkage(options)``
     Returns a driven linkage: a five-bar linkage whose method ``open`` opens the boards of its
     joints. ``options.linkage`` is the name of its file.
