@@ -9,7 +9,7 @@ import pytest
 import spots
 from spots import cli
 from spots.calibrate import calibration_file
-from spots.calibrate.shift import shifted
+from spots.calibrate.fit.shift import shifted
 from spots.errors import SpotsError
 from spots.link.board import Board
 from spots.link.connect import prepare, upload
