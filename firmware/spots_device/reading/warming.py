@@ -2,8 +2,8 @@
 
 The lines ``warm`` contain the changes of the channels at marks, between the lowest and the highest
 temperature of several re-zeros. Between the marks, a change is a polynomial of the position, as in
-spots/calibrate/fit/shift.py. Between the temperatures, it is linear. Beyond them, the tables are those
-at the nearest one.
+spots/calibrate/fit/shift.py. Between the temperatures, it is linear. Beyond them, the tables are
+those at the nearest one.
 """
 
 from array import array
