@@ -53,23 +53,12 @@ def parser_says(words, capsys):
     return code, "".join(capsys.readouterr())
 
 
-def own_commands(name):
-    """Return the commands that the package of a document adds; they exist if it is installed."""
-    project = (ROOT / name).parent / "pyproject.toml"
-    if name == "README.md" or not project.exists():
-        return set()
-    table = toml.loads(project.read_text(encoding="utf-8"))["project"]
-    return {*table.get("entry-points", {}).get("spots.commands", ())}
-
-
 @pytest.mark.board
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_parser_takes_each_command(name, capsys):
     text = (ROOT / name).read_text(encoding="utf-8")
-    refused, own = [], own_commands(name)
+    refused = []
     for line in shell_lines(name):
-        if shlex.split(line)[1:2] and shlex.split(line)[1] in own:
-            continue
         command, *words = shlex.split(line)
         assert command != ".venv/bin/spots", "the README activates .venv once"
         if command == "spots" and not PLACEHOLDER.search(line):
