@@ -240,6 +240,7 @@ def _next(
         places_um, sigma_um = surface.bent.errors()[0]
         place_um, force_mN = places_um[np.argmax(sigma_um)], 0.0
     else:
+        # Not a fixed grid: with as many presses, its positions have larger errors.
         place_um, force_mN = surface.bent.next_press(dark_mN)
     place_um = np.clip(round(place_um, -3), _END_UM, length_um - _END_UM)
     load = _load(session, surface, place_um) if surface and not rough else None
