@@ -105,6 +105,7 @@ docs: .venv/docs
 pictures: .venv/test browser
 	@$(BIN)/python docs/make/pictures.py
 	@$(BIN)/python docs/make/timings.py
+	@$(BIN)/python docs/make/press.py
 	@$(BIN)/python docs/make/screenshots.py
 
 paper: .venv/test

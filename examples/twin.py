@@ -1,6 +1,6 @@
 """Print the position of a five-bar linkage's end point.
 
-docs/evidence/linkage.md shows how to write or measure the linkage file.
+docs/play/linkage.md shows how to write or measure the linkage file.
 """
 
 import argparse

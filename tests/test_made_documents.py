@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from make import applications_page, linkage_page, pictures, screenshots, timings
+from make import applications_page, linkage_page, pictures, press, screenshots, timings
 
 from spots_sim.measure import survey
 from spots_sim.strip.files import load
@@ -69,6 +69,7 @@ def test_the_pictures(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(pictures, "wirings", partial(pictures.wirings, tmp_path))
     pictures.main()
     timings.main(tmp_path)
+    press.main(tmp_path)
     printed = {Path(line) for line in capsys.readouterr().out.splitlines()}
     assert printed == {*tmp_path.rglob("*.svg")}
     assert {path.relative_to(tmp_path) for path in printed} == {

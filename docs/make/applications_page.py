@@ -51,28 +51,40 @@ FINGERS = (
 _SECONDS = 10.0
 _TEXT = """# Typing and controller, on the ideal strip and on others
 
-This document compares the errors of typing and of the game controller on three simulated strips.
-`make paper` writes this document, and measures all numbers. The ideal strip (sensor file `default`)
-has not changed since its calibration. The imperfect strip (sensor file `real`) has the faults of a
-physical strip: it has aged and warmed up since its calibration, and is under a lamp. These changes
-cause drift: wrong positions ([drift.md](../calibrate/drift.md)). A re-zero corrects the drift with
-presses at known positions (the marks). For this table each mark was pressed one time, after the LED
-had warmed up. The column "LED cold" is measured after power-on, while the LED warms up. The strip
-made at home (sensor file `first`) has the effects that such a strip probably has, such as dust and
-uneven dye, at assumed sizes ([simulation.md](../science/simulation.md)).
+`make paper` writes this document, and measures all numbers. It compares the errors of typing and of
+the game controller on simulated strips.
+
+| strip | sensor file | what it is |
+|---|---|---|
+| ideal | `default` | has not changed since its calibration |
+| imperfect | `real` | has aged and warmed up since its calibration, and is under a lamp |
+| made at home | `first` | has [assumed effects](../science/sensor-files.md) of home-made strips |
+
+The imperfect strip has a [drift](../calibrate/drift.md): wrong positions. It was re-zeroed with one
+press of each mark (a known position), after the LED had warmed up. The column "LED cold" is
+measured after power-on, while the LED warms up.
 
 A simulated person types {touches} touches on ten keys, for each of {seeds} seeds, with exposures of
 10 ms: {all} touches. Their times are those of real people on usual keyboards, and their forces are
-from a publication ([times.py](../../host/spots_sim/person/times.py),
-[hands.py](../../host/spots_sim/person/hands.py)). "Errors" are wrong, missed and extra keys; "no
-finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches. The 95
-% confidence interval (Wilson) follows in brackets. It contains the chance of these touches only: a
-real person or strip may differ by more. The latency is the time from the start of a touch to the
-report of the correct key; its percentiles are those of all touches together. In the rows
-`controller`, the simulated fingers of the demo move the axes of the game controller for {seconds:g}
-s; [controller.md](../play/controller.md#untrusted-and-missing-readings) explains the values. These
-commands measure the column "imperfect strip, re-zeroed":
+from a publication ([times](../../host/spots_sim/person/times.py),
+[hands](../../host/spots_sim/person/hands.py)). "Errors" are wrong, missed and extra keys; "no
+finger" are wrong or extra keys that no finger touched. Both are in per cent of the touches.
 
+The 95 % confidence interval (Wilson) follows in brackets. It contains the chance of these touches
+only: a real person or strip may differ by more. The latency is the time from the start of a touch
+to the report of the correct key; its percentiles are those of all touches.
+
+In the rows `controller`, the simulated fingers of the demo move the axes of the game controller for
+{seconds:g} s. The rms error is the difference between X and the value for the true position of the
+finger, including lag.
+
+The largest jump is the largest step of X between two states, minus the
+finger's movement. Both are in per cent of the range from rest to an end. A return to rest up to 0.1
+s before the finger lifts is no jump.
+
+These commands measure the column "imperfect strip, re-zeroed":
+
+<!-- not run: they take some minutes -->
 ```sh
 python -m spots_sim.demo.typing_speed {speeds} {same_seeds} --sensor real --rezero --warm
 spots demo --use controller --fast --json --seconds {seconds:g} --sensor real --rezero --warm
@@ -86,12 +98,13 @@ _FINGERS = """
 
 This table shows the ideal strip, with the same number of touches and the same seeds. The sizes of
 the behaviours are *assumed*: nobody has measured fingers on a strip. In each row, all fingers
-behave so; [typist.py](../../host/spots_sim/person/typist.py) describes the pairs of two fingers.
+behave so; [the typist](../../host/spots_sim/person/typist.py) describes the pairs of two fingers.
 
 A finger that rolls or slides is one key, because a position within 4.5 mm of a finger is taken for
 this finger. Most of the remaining errors occur when a finger moves or changes its force while the
 next finger touches. These commands measure the row "roll by 2 to 3 mm" and the row of two fingers:
 
+<!-- not run: they take some minutes -->
 ```sh
 python -m spots_sim.demo.typing_speed 60 --seeds 20 --first-seed 6000 --hands rolling
 python -m spots_sim.demo.typing_speed two-fingers --seeds 20 --first-seed 6000

@@ -42,133 +42,15 @@ ONE_BOARD = {"ideal strips": range(11), "imperfect strips, re-zeroed": range(11)
 EXPOSURES_US = (10_000, 30_000, 50_000)
 _SURVEY_US, _FOLLOW_US = 100_000, 30_000
 
-_HEAD = """# The five-bar linkage and its twin
+_HEAD = """# Errors of the five-bar linkage
 
-A planar five-bar linkage has two joints on its base. A strip in each of these joints measures the
-joint's angle: it is an encoder. The position of the end point follows from both angles
-([paper](paper.md), section IV, Eqs. 3 and 4, Fig. 7). The *twin* is a model of the linkage on the
-computer, which follows the readings of both strips. `make paper` writes this document, and measures
-all numbers except the one from the paper (row "paper, Fig. 7C").
-
-![The bars, and the end point for constant angles of each joint](../pictures/linkage/angles.png)
-
-```python
-from spots_linkage import Linkage
-
-linkage = Linkage(bar_mm=100, base_mm=80)  # or 4 bars: inner 1, outer 1, outer 2, inner 2
-theta1_rad, theta2_rad = linkage.inverse(40, 150)
-x_mm, y_mm = linkage.forward(theta1_rad, theta2_rad)
-```
-
-Joint 1 is at (0, 0), joint 2 at (`base_mm`, 0). A joint angle is 0 if the inner bar points along
-+y, and grows as this bar turns towards the other joint. All methods take scalars or arrays. If
-there is no solution for scalars, a method raises an error with the reason. For arrays, elements
-without a solution are masked; `forward_limits` and `inverse_limits` return the reason for each
-element (`spots_linkage.fivebar.Limit`).
-
-For two angles there are two possible end points. With `assembly="far"`, the default, the end point
-is beyond the elbows (the joints between inner and outer bars), seen from the base. With
-`assembly="near"` it is on the other side of the elbows. `jacobian` and `covariance` compute errors
-of the end point from errors of the angles. These errors grow without bound as the outer bars
-approach a straight line. So the workspace for the numbers in this document contains only positions
-where the outer bars deviate from a straight line by at least 30°.
-
-## Track a joint or a linkage
-
-```sh
-python examples/track_joint.py CALIBRATION.toml      # a joint's angle and speed
-spots twin --linkage arm.toml                        # one or two boards on USB, found by their ids
-spots twin --linkage arm.toml --port /dev/ttyACM0 --port /dev/ttyACM1
-spots twin --linkage arm.toml --port /dev/ttyACM0    # one board with both strips
-spots twin --port virtual                            # no hardware: a simulation draws 'SUST'
-spots twin --json --picture sust.png                 # the same, faster, with the true errors
-```
-
-![The twin in a terminal: bars, path, and position of the end point](../pictures/linkage/twin.svg)
-
-In a terminal window `spots twin` shows a picture with position, standard error, velocity, limits
-and singularities (positions where the outer bars are in line). If the output is a file or pipe, it
-prints lines. With `--json` it prints an object for each position, with `time_s`; `x_mm`, `y_mm`,
-`theta1_rad`, `theta2_rad` and `cov` as in [messages](../extend/web-messages.md); and
-`velocity_mm_s`, `sigma_mm`, `limit`, `singular` (within 10° of a singularity, or no position) and
-`within` (whether both joints are in their calibrated range). The web UI shows this picture, too:
-`spots serve --linkage arm.toml`, or without hardware `spots demo --use fivebar --page`.
-
-`spots_linkage.Encoder` computes angles from readings with the result of `spots calibrate joint`.
-When the position has moved by more than its noise, half the backlash is added to the angle or
-subtracted from it, depending on the direction. A joint at rest may be anywhere in its backlash; the
-standard error includes this uncertainty. The velocity is computed with the board's clock.
-
-`spots_linkage.Twin` takes the readings of both joints, live or recorded. It returns the end point
-at the time of each reading; the angle of the other joint is interpolated between two readings of
-that joint. Nothing is extrapolated, and the order of arrival does not matter. The times of both
-boards are converted to the computer's clock. A board that restarts gets its calibration again.
-
-```python
-from spots_linkage.twin_source import opened
-
-with opened("arm.toml") as source:  # or opened("arm.toml", ["/dev/ttyACM0", "/dev/ttyACM1"])
-    for point in source.follow():
-        print(point.x_mm, point.y_mm, point.sigma_mm)
-```
-
-`--record a.spots --record b.spots` records the data of both boards. Later,
-`--port recording:a.spots --port recording:b.spots` computes from these recordings exactly the
-positions of the live run. For a board with both strips, give one `--record` and one `--port`.
-
-## The linkage file
-
-```toml
-# arm.toml with nominal lengths: inner bar 1, outer bar 1, outer bar 2, inner bar 2.
-bar_mm = [100.0, 100.0, 100.0, 100.0]
-base_mm = 80.0
-assembly = "far"
-
-[[joint]]  # at (0, 0)
-calibration = "a.toml"  # file from 'spots calibrate joint', in the folder of this file
-offset_deg = -108.0     # joint angle where the calibration has 0
-gain = 1.0              # -1.0 if the calibration counts in the opposite direction
-
-[[joint]]  # at (base, 0)
-calibration = "b.toml"
-offset_deg = -108.0
-```
-
-Each calibration stores the id of its strip, so `spots twin` finds the board and the strip of each
-joint. Both strips can be on one board
-([two strips](../build/two-strips.md)); then calibrate each joint with
-`--port PORT#0` or `--port PORT#1`.
+`make paper` writes this document, and measures all numbers except the one from the paper (row
+"paper, Fig. 7C"). [Follow a five-bar linkage](../play/linkage.md) shows how to use one, and
+[how two angles become a position](../play/linkage-model.md) defines it.
 """
 
 _CALIBRATION = """
-## Unknown lengths
-
-These commands measure the true lengths and the mounting of the joints:
-
-```sh
-spots twin --linkage drawn.toml --measure points.csv     # hold the end point, type its position
-spots twin --linkage drawn.toml --calibrate points.csv --out arm.toml
-```
-
-The fit needs `pip install -e ".[kinematics]"`, the encoders' angles, and the coordinates
-of the end point at some positions, in any coordinate system, for example on graph paper. Robust
-least squares finds the lengths of bars and base, the offsets and gains of the joints, and the
-position and rotation of this coordinate system. The fit reports standard errors, points that do not
-fit, and parameters that these positions do not separate from each other. For example, coordinates
-from a picture of unknown scale determine only ratios of lengths. `--place-sigma-mm` is the standard
-error of a measured coordinate. Another program may write `points.csv`: its columns are `x_mm`,
-`y_mm`, `joint1_deg`, `joint2_deg`, `sigma1_deg` and `sigma2_deg`. The angles are those of the
-joints' calibrations, without offset and gain.
-
-```python
-from spots_linkage import Linkage, kinematics
-
-found = kinematics.calibrate(
-    angles_rad, x_mm, y_mm, start=Linkage(100, 80), angle_sigma_rad=2e-4, place_sigma_mm=0.02
-)
-print(found.report())
-linkage, offsets, gains = found.linkage, found.offset_rad, found.gain
-```
+## Fitted lengths
 
 """
 
@@ -255,11 +137,12 @@ A **simulated** linkage (`host/spots_sim/data/linkages/default.toml`) has nomina
 and a base of {base:g} mm. The true lengths differ from these by up to {off}, and the true mounting
 angles of the joints differ by up to {turned}. Each joint moves an indenter with backlash along its
 own strip, over {travel}. The real firmware reads each strip in simulated time. Each strip is
-calibrated, and then its joint is calibrated. The end point stops at {places} points of a grid over
-the workspace. The twin computes its position from one reading of {each:g} ms of each joint. The
-table shows the distance from the true position in mm, for seeds {min(SEEDS)} to {max(SEEDS)}. A
-range goes from the smallest to the largest value of these seeds. In the rows, "nominal", "true" and
-"fitted" are the lengths that the twin uses:
+calibrated, and then its joint is calibrated.
+
+The end point stops at {places} points of a grid over the workspace. The twin computes its position
+from one reading of {each:g} ms of each joint. The table shows the distance from the true position
+in mm, for seeds {min(SEEDS)} to {max(SEEDS)}. A range goes from the smallest to the largest value
+of these seeds. In the rows, "nominal", "true" and "fitted" are the lengths that the twin uses:
 
 """
     text += "".join("| " + " | ".join(cells) + " |\n" for cells in rows)
@@ -267,17 +150,16 @@ range goes from the smallest to the largest value of these seeds. In the rows, "
         text
         + """
 With the true lengths, only the errors of the encoders remain. A kinematic calibration, which fits
-lengths and mounting to 40 places ([below](#unknown-lengths)), is nearly as accurate. The paper's
+lengths and mounting to 40 places ([below](#fitted-lengths)), is nearly as accurate. The paper's
 number includes all errors of a real mechanism, such as bearings and bending bars. The simulated
 mechanism has only backlash and wrong lengths.
 
 Ideal strips are those of the sensor file `default`; imperfect strips are those of `real`, which
-[applications.md](applications.md) describes, and strips made at home are those of `first`. All LEDs
-have warmed up. A re-zero (`spots rezero --joint`, [drift.md](../calibrate/rezero.md#a-joint))
-corrects the calibration of an imperfect strip at three angles of the joint. Without a re-zero, many
-readings do not fit the calibration. An encoder normally ignores these readings; for this table it
-used them. A kinematic calibration also corrects the strips' errors, until the strips change
-further.
+[typing and controller](applications.md) describes, and strips made at home are those of `first`.
+All LEDs have warmed up. A re-zero (`spots rezero --joint`) corrects the calibration of an imperfect
+strip at three angles of the joint. Without a re-zero, many readings do not fit the calibration. An
+encoder normally ignores these readings; for this table it used them. A kinematic calibration also
+corrects the strips' errors, until the strips change further.
 
 ![Deviation over the workspace, before and after calibration](../pictures/linkage/deviation.png)
 """
@@ -345,9 +227,7 @@ the errors in mm, for seeds {min(SEEDS)} to {max(SEEDS)}:
         + f"""
 The column "expected rms" is the error that the twin reports with each position. It is computed with
 the Jacobian from the noise of the strips, the errors of the joint calibrations and the backlash. It
-does not include movements between two readings, or the error of the dark frame (the counts without
-the LED's light). After the start, the board takes dark frames only while the strip is untouched. In
-a joint, the indenter always presses, so the dark frame of the start stays.
+does not include movements between two readings, or the error of the dark frame.
 
 ![SUST: the path and the twin's estimate, at {_FOLLOW_US / 1000:g} ms](../pictures/linkage/sust.png)
 """

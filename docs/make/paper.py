@@ -16,21 +16,25 @@ EXPOSURES_US = (10_000, 100_000)
 _SEED = 0
 _HEAD = """# The paper's figures, and those of the simulated sensor
 
-`make paper` writes this document, and measures all numbers except the published ones. The published
-numbers are from Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile
-Sensor for Trajectory Tracking of Parallel Mechanisms*; the table names the sections. The columns
-"ours" show the default sensor, {length_mm:g} mm long, **simulated** with seed {seed} and read
-through the firmware. [calibration.md](../calibrate/calibration.md) defines the quantities. The
-column titles contain the duration of a reading, which the paper does not state. The **imperfect
-strip** (sensor file `real`) is simulated, too: it has aged and warmed up since its calibration, and
-is under a lamp. Then it was re-zeroed: its calibration was corrected with one press at each of
-three marks, while the strip was on a kitchen scale ([drift.md](../calibrate/drift.md)). The board
-compensates the creep and the hysteresis of this strip's silicone
-([calibration.md](../calibrate/calibration.md#silicone)). The **strip made at home** (sensor file
-`first`) is simulated, too. It has the effects that such a strip probably has, such as dust and
-uneven dye, at assumed sizes ([simulation.md](../science/simulation.md)). An indenter calibrated it;
-then a finger re-zeroed it and pressed it. In the tests of the force, the force rises from 0.6 to
-9.5 N and falls again.
+`make paper` writes this document, and measures all numbers except the published ones. These are
+from Nie, Fan, Huang, Liu and Dai, *Stretchable and High-Precision Optical Tactile Sensor for
+Trajectory Tracking of Parallel Mechanisms*; the table names the sections.
+[Definitions](../science/definitions.md) defines the quantities, and
+[limits](../science/limits.md) compares the results in words.
+
+| strip | sensor file | what it is |
+| --- | --- | --- |
+| ours | `default` | {length_mm:g} mm long, **simulated** with seed {seed} |
+| imperfect strip | `real` | **simulated**; has aged and warmed up, and is under a lamp |
+| strip made at home | `first` | [assumed effects](../science/sensor-files.md) |
+
+The imperfect strip was re-zeroed: its calibration was corrected with one press at each of three
+marks, on a kitchen scale. The board compensates the creep and the hysteresis of its
+[silicone](../science/silicone.md). An indenter calibrated the strip made at home; then a finger
+re-zeroed it and pressed it. In the tests of the force, the force rises from 0.6 to 9.5 N and falls
+again.
+
+The column titles contain the duration of a reading, which the paper does not state.
 
 """
 # Name of the columns of each sensor file.
@@ -134,19 +138,16 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.B",
             "5 mN",
             each("{:.1f} mN", lambda s: s["force"]["resolution_mN"]),
-            "The contact area for a force is assumed, as is a flat finger of constant width. The "
-            "imperfect strip still creeps, because readings begin immediately after each step of "
-            "the force.",
+            "Contact area and a flat finger are assumed. The imperfect strip still creeps: "
+            "readings begin immediately after each step of the force.",
         ),
         (
             "Cramer-Rao bound of the force, with the noise of the LED",
             "",
             "",
             each("{:.1f} mN", lambda s: s["force"]["bound_mN"]),
-            "The bound counts all rounding as noise. While nothing moves, part of the rounding is "
-            "a constant error, so the resolution can be below the bound. Firm presses have "
-            "softened the silicone of the imperfect strip: weak forces give more light, so the "
-            "light rises less with the force.",
+            "While nothing moves, part of the rounding is a constant error, so the resolution can "
+            "be below the bound. The imperfect strip has softened.",
         ),
         (
             "Force accuracy",
@@ -160,9 +161,8 @@ def rows(runs: list[Run], departures_um: list[float]) -> list[tuple]:
             "III.C",
             "similar",
             each("{}", bent("strain")),
-            "The simulated strain is known exactly, uniform, and calibrated at each value. The "
-            "re-zero of the imperfect strip has marks up to 90 % of the unstretched length. Beyond "
-            "them the correction is extrapolated, which gives most of the error at 25 % strain.",
+            "The strain is known exactly and calibrated at each value. Beyond its marks, the "
+            "re-zero is extrapolated: most of the error at 25 %.",
         ),
         (
             "Accuracy straight, then bent up to 180°",

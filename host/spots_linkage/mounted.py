@@ -176,7 +176,7 @@ def load(path: str | Path) -> Mounted:
     except FileNotFoundError:
         raise FileError(
             f"cannot read the linkage file {path}, because there is no such file: name another "
-            "file; docs/evidence/linkage.md shows how to write one",
+            "file; docs/play/linkage.md shows how to write one",
             path,
         ) from None
     except (OSError, UnicodeDecodeError) as error:
@@ -207,7 +207,7 @@ def save(mounted: Mounted, path: Path, before: Mounted | None, comment: str = ""
         If the file cannot be written, or has another content than `before`.
     """
     rows = [
-        "# A five-bar linkage and the strips in its joints, see docs/evidence/linkage.md.",
+        "# A five-bar linkage and the strips in its joints, see docs/play/linkage.md.",
         *(f"# {line}" for line in comment.splitlines()),
         "",
         "# Joint 1 is at (0, 0), joint 2 at (base, 0).",

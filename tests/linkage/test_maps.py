@@ -73,7 +73,7 @@ def test_the_page_tells_what_was_measured(files, found, run):
     runs = {"ideal": {30_000: [run]}, "real": {30_000: [run]}}
     one_board = {"ideal": [found]}
     text = page.document(surveys, one_board, runs, linkage, Mechanism(linkage, sensor))
-    for name in ("angles", "deviation", "sust"):
+    for name in ("deviation", "sust"):
         assert f"(../pictures/linkage/{name}.png)" in text
     for part in (found.given, found.calibrated, found.rested):
         assert f"{part.max_mm:.3f} to {part.max_mm:.3f}" in text
