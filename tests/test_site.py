@@ -70,6 +70,7 @@ def test_no_page_loads_anything_from_another_host(site, built):
         assert not re.search(r"@import|url\(['\"]?(https?:)?//", text), path.name
 
 
+@pytest.mark.board
 def test_a_broken_link_stops_the_build(tmp_path, monkeypatch):
     monkeypatch.setattr(build_site, "pages", dict)
     monkeypatch.setattr(build_site, "sections", dict)

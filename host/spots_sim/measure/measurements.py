@@ -1,6 +1,6 @@
 """Measures a simulated sensor as section III of the paper does, through the firmware.
 
-docs/calibrate/calibration.md defines resolution, accuracy, bias and noise. All readings come from
+docs/science/definitions.md defines resolution, accuracy, bias and noise. All readings come from
 the real firmware; the simulated stage gives the true position and force.
 """
 
