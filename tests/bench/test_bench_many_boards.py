@@ -1,6 +1,10 @@
 """The benchmark of many boards reads real pseudo-terminals, and loses nothing."""
 
+import pytest
+
 from bench import many_boards
+
+pytestmark = pytest.mark.board
 
 
 def test_a_few_boards_lose_nothing():

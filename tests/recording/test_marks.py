@@ -20,6 +20,8 @@ import spots
 from spots import SpotsError, cli
 from spots.recording.export import export
 
+pytestmark = pytest.mark.board
+
 
 @pytest.fixture(scope="module")
 def marked(opened, tmp_path_factory):

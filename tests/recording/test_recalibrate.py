@@ -22,6 +22,8 @@ from spots_sim.person.stage import strip_lines
 from spots_sim.strip.files import Ambient, ScenarioFile, SensorFile, load
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 FIELDS = "t_us", "sequence", "sensor", "flags", "contrast_q20", "brightness_q20", "position_um"
 FIELDS = *FIELDS, "force_mN"
 SILICONE = "silicone 4096 300 1000 3000 400 300 150 400 4000 40000 60 50 40"

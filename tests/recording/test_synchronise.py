@@ -15,6 +15,8 @@ from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import Finger, ScenarioFile
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 RECIPE = runpy.run_path(
     str(Path(__file__).parents[2] / "examples" / "synchronise" / "synchronise.py")
 )

@@ -20,6 +20,8 @@ from spots_sim.board.lockstep import LockstepLink
 from spots_sim.strip.files import ScenarioFile, load
 from spots_sim.strip.scenario import Scenario
 
+pytestmark = pytest.mark.board
+
 
 @pytest.fixture(scope="module")
 def recordings(sensor, calibration, tmp_path_factory):
