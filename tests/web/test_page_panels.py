@@ -106,6 +106,7 @@ def test_the_example_is_small():
         assert 20 < sum(map(bool, map(str.strip, text.splitlines()))) <= lines
 
 
+@pytest.mark.board
 def test_the_example_adds_a_command(installed, monkeypatch, tmp_path):
     monkeypatch.setenv("PYTHONPATH", str(installed))
     line = ["volume", "--dry-run", "--port", "virtual", "--seconds", "5"]
@@ -138,6 +139,7 @@ def test_the_example_adds_a_panel(installed, monkeypatch, tmp_path, open_page):
             server.terminate()
 
 
+@pytest.mark.board
 def test_a_panel_is_guarded_as_the_page_is(installed, plugged, serve):
     plugged(installed)
     state = PageState()
@@ -165,6 +167,7 @@ def test_a_panel_is_guarded_as_the_page_is(installed, plugged, serve):
     assert post(server, "/panels/volume", b"{")[0] == 400
 
 
+@pytest.mark.board
 def test_requests_reach_the_panel_in_the_thread_that_reads_the_board(
     installed, plugged, bench, serve
 ):
