@@ -12,11 +12,12 @@ from types import SimpleNamespace
 
 import pytest
 from support.frames import encoded
+from support.refusals import refusal
 
 from spots import SpotsError
 from spots import open as open_board
 from spots.cli import main
-from spots.errors import missing
+from spots.errors import CalibrationError, missing
 from spots.link import connect, ports
 from spots.link import serial_link as link
 from spots_sim.board import vm
@@ -178,7 +179,7 @@ def test_a_reader_that_goes_away_is_no_traceback():
 
 
 def test_lines_that_are_no_calibration():
-    with pytest.raises(SpotsError, match=r"the calibration is invalid: .*missing"):
+    with refusal(CalibrationError):
         connect.upload(None, ["touch 300 200"])
 
 

@@ -11,11 +11,13 @@ from pathlib import Path
 import pytest
 from support.frames import stream
 from support.reels import record
+from support.refusals import refusal
 
 from spots import SpotsError
 from spots.cli import main
 from spots.common import atomic
 from spots.deploy import build
+from spots.errors import FileError
 from spots_sim.measure import figures
 
 # Script that waits in the middle of a write, at the sync to disk, where the test interrupts it.
@@ -251,7 +253,7 @@ def test_a_new_file_does_not_replace_one_that_came_meanwhile(tmp_path):
             file.write(b"ours")
             path.write_bytes(b"theirs")
 
-    with pytest.raises(SpotsError, match="exists"):
+    with refusal(FileError):
         write()
     assert path.read_bytes() == b"theirs"
     assert [one.name for one in tmp_path.iterdir()] == ["a"]

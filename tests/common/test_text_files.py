@@ -4,10 +4,11 @@ import codecs
 from pathlib import Path
 
 import pytest
+from support.refusals import refusal
 
-from spots import SpotsError
 from spots.calibrate import calibration_file
 from spots.controller import controller_settings
+from spots.errors import FileError
 from spots.keyboard import layout
 from spots.wearable import wearable
 from spots_device.reading.calibration import Calibration
@@ -70,7 +71,7 @@ def test_a_calibration_is_read_in_every_form(tmp_path, calibration, form):
 def test_a_file_in_another_encoding_is_refused_with_the_reason(tmp_path, data):
     path = tmp_path / "file.toml"
     path.write_bytes(data)
-    with pytest.raises(SpotsError, match="not UTF-8 text"):
+    with refusal(FileError):
         layout.load(path)
 
 

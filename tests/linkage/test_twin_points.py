@@ -11,8 +11,10 @@ import pytest
 from support.joints import JOINT
 from support.joints import touch as reading
 from support.linkage_places import FOUND, places
+from support.refusals import refusal
 
 from spots import SpotsError, cli
+from spots.errors import FileError
 from spots.keyboard.layout import FOLDER as LAYOUTS
 from spots_linkage import Encoder, Linkage, Twin, mounted, twin_points
 
@@ -228,7 +230,7 @@ def test_a_point_is_appended_in_the_columns_of_the_table(tmp_path, names, encodi
 def test_a_point_is_not_appended_to_another_table(tmp_path, text):
     points = tmp_path / "points.csv"
     points.write_text(text)
-    with pytest.raises(SpotsError, match="has no column"):
+    with refusal(FileError):
         twin_points._append(points, ROW)
     assert points.read_text() == text
 

@@ -5,8 +5,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from support.refusals import refusal
 
 from spots import SpotsError
+from spots.errors import SettingError
 from spots.outputs.usages import (
     ALIASES,
     CONSUMER,
@@ -77,7 +79,7 @@ def test_a_key_without_a_name_is_its_numbers():
     assert usage_of("usage 7:0xA5") == usage_of("USAGE 7:165") == (KEYBOARD, 0xA5)
     assert chord_of("LEFT_SHIFT+usage 12:0x6F") == (CONSUMER, 0x6F, 2)
     for wrong in ("usage 7:0", "usage 7:0xDE", "usage 12:0x400", "usage 1:0x81", "usage 7:0xA5B"):
-        with pytest.raises(SpotsError, match="a board cannot report"):
+        with refusal(SettingError):
             usage_of(wrong)
 
 
