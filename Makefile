@@ -103,7 +103,7 @@ docs: .venv/docs
 	@$(BIN)/python docs/make/build_site.py
 
 pictures: .venv/test browser
-	@$(BIN)/python docs/make/pictures.py
+	@PYTHONPATH=docs $(BIN)/python -m make.pictures
 	@$(BIN)/python docs/make/timings.py
 	@$(BIN)/python docs/make/press.py
 	@$(BIN)/python docs/make/screenshots.py

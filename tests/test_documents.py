@@ -137,3 +137,30 @@ def test_the_first_wiring_is_that_of_the_first_breakout(name):
     resistors = re.findall(r">(\d+ k?Ω)<", picture)
     assert len(resistors) == 2
     assert all(value in text for value in resistors)
+
+
+def row(name, text):
+    """Return the cells of the table's row with this name, except the name."""
+    (line,) = re.findall(rf"^\| {name} \| (.*) \|$", text, re.MULTILINE)
+    return [cell.strip() for cell in line.split("|")]
+
+
+@pytest.mark.parametrize(
+    ("name", "measured"),
+    {
+        "position accuracy": "Position accuracy",
+        "position resolution": "Position resolution",
+        "force accuracy": "Force accuracy",
+        "angle of a joint, accuracy": "Joint: accuracy",
+    }.items(),
+)
+def test_the_figures_of_the_readme_are_the_measured_ones(name, measured):
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    evidence = (ROOT / "docs/evidence/paper.md").read_text(encoding="utf-8")
+    _, *figures, _ = row(measured, evidence)
+    assert row(name, readme)[: len(figures)] == figures
+
+
+def test_the_readme_fits_a_screen():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len([word for word in text.split() if re.search(r"\w", word)]) <= 700

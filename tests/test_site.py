@@ -42,10 +42,12 @@ def test_each_page_is_in_the_navigation_one_time():
     assert {*PAGES.values()} <= KINDS
 
 
+@pytest.mark.board
 def test_each_page_is_built(built):
     assert {html_name(page) for page in (*PAGES, "index.md")} == {*built} - {"404.html"}
 
 
+@pytest.mark.board
 def test_links_lead_to_files_and_headings_of_the_site(site, built):
     broken = []
     for name, page in built.items():
@@ -61,6 +63,7 @@ def test_links_lead_to_files_and_headings_of_the_site(site, built):
     assert len(built["index.html"].links) > 10  # the test finds links
 
 
+@pytest.mark.board
 def test_no_page_loads_anything_from_another_host(site, built):
     loaded = {link for page in built.values() for link in page.loaded}
     assert [link for link in loaded if FOREIGN.match(link)] == []
@@ -84,6 +87,7 @@ def test_a_broken_link_stops_the_build(tmp_path, monkeypatch):
             build_site.build(tmp_path)
 
 
+@pytest.mark.board
 @pytest.mark.parametrize("page", ["index.md", *FINISHED])
 def test_the_site_shows_what_github_shows(page, built):
     # A list without a blank line before it, or with less than four spaces, is none in the site.

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import io
+import math
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
 
+from make import moving
 from rich.console import Console
 
 from spots.common import atomic
@@ -18,7 +20,7 @@ from spots.keyboard.key_engine import KeyEngine
 from spots.keyboard.keys import push
 from spots.keyboard.layout import load as load_layout
 from spots.link.calibrated import hello_calibrated
-from spots.link.frames import Touch
+from spots.link.frames import Spectrum, Touch
 from spots.terminal.view import StripView
 from spots.wearable import wearable_view
 from spots.wearable.gestures import Gestures
@@ -77,6 +79,8 @@ _WIRES = {
 }
 
 # Moments of the pictures, in seconds of each scenario.
+MOVING_S = 10.0  # demo: all of its presses
+_STEP_S = 0.1
 MOMENT_S = 4.0  # demo: a finger slides back towards the sensor
 HARD_S = 6.5  # demo: a finger presses hard
 WORN_S = 24.6  # worn: a finger slides on the strip
@@ -87,7 +91,8 @@ TYPED = "hello strip, ty"
 
 def main() -> None:
     """Draw the pictures of the demos and the wirings, and print their paths."""
-    for path in (demo(), keyboard(), flavors(), controller(), wearable(), twin(), *wirings()):
+    applications = keyboard(), flavors(), controller(), wearable(), twin()
+    for path in (strip(), demo(), *applications, *wirings()):
         print(path)
 
 
@@ -178,6 +183,40 @@ def demo() -> Path:
                 break
         picture = view.picture(board.stats, score)
     return _drawn(picture, "demo.svg", "spots demo")
+
+
+def strip() -> Path:
+    """Run the demo for `MOVING_S` and draw strip.svg, which moves; return its path."""
+    truth = Scenario(load(ScenarioFile, "demo"))
+    board, _ = open_fast("default", truth, seed=0)
+    frames: dict[type, dict[int, Touch | Spectrum]] = {Touch: {}, Spectrum: {}}
+    with board:
+        board.command("stream touch spectrum")
+        length_mm = hello_calibrated(board)["length_um"] / 1000
+        begin_s = math.ceil(board.now_s() / truth.file.seconds) * truth.file.seconds
+        for frame in board.frames(begin_s + MOVING_S - board.now_s()):
+            if type(frame) in frames and frame.time_s >= begin_s:
+                frames[type(frame)][round((frame.time_s - begin_s) / _STEP_S)] = frame
+    touches, spectra = frames[Touch], frames[Spectrum]
+    dark = [min(counts) for counts in zip(*(one.counts for one in spectra.values()))]
+    brightest = max(max(one.counts) for one in spectra.values())
+    moments = []
+    for number in range(round(MOVING_S / _STEP_S)):
+        touch, spectrum = touches[number], spectra[number]
+        fingers = truth.presses(touch.time_s)
+        light = [((count - low) / brightest) ** 0.5 for count, low in zip(spectrum.counts, dark)]
+        moments.append(
+            moving.Moment(
+                number * _STEP_S,
+                fingers[0].position_mm if fingers else None,
+                touch.position_um / 1000 if touch.trusted else None,
+                touch.force_mN / 1000 if touch.trusted else 0.0,
+                light,
+            )
+        )
+    path = _PICTURES / "strip.svg"
+    atomic.write_text(moving.picture(moments, length_mm), path, SVG)
+    return path
 
 
 def twin() -> Path:
