@@ -1,0 +1,119 @@
+"""The commands and programs of the documents run on a virtual board.
+
+tests/cli/test_readme.py runs those of README, and tests/top those of the pages about Python.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from make import build_site
+from support.readme import LINES, walk
+
+pytestmark = pytest.mark.board
+MINI = build_site.ROOT / "host/spots/keyboard/layouts/mini.toml"
+RUN = Path(__file__).parents[1] / "data" / "run.spots"
+TIMEOUT_S = 120
+# A comment before a block explains why it does not run here.
+BLOCK = re.compile(
+    r"^(?: *<!-- not run: (?P<why>[^\n]+) -->\n)? *```(?P<kind>sh|python)\n(?P<text>.*?)^ *```",
+    re.MULTILINE | re.DOTALL,
+)
+# Commands that do not end by themselves: they are interrupted after their first line of output.
+ENDLESS = re.compile(r"spots (serve|monitor|publish|subscribe|twin|demo --page)\b")
+# Of a page's own test.
+ELSEWHERE = {"build/first-press.md"}
+PAGES = [page for page, kind in build_site.pages().items() if kind not in ("old", "evidence")]
+
+
+def blocks(kind):
+    """Yield (page, text) of each block of a kind that runs here."""
+    for page in PAGES:
+        if page not in ELSEWHERE:
+            for block in BLOCK.finditer(build_site.source(page).read_text(encoding="utf-8")):
+                if block["kind"] == kind and not block["why"]:
+                    yield page, block["text"]
+
+
+def commands():
+    """Return each command of `spots` in the pages one time, with a page that has it."""
+    found = {}
+    for page, text in blocks("sh"):
+        for line in text.splitlines():
+            command = re.sub(r"\s+#.*$", "", line).strip()
+            if command.startswith("spots ") and command not in {*LINES, *walk()}:
+                found.setdefault(command, page)
+    return found
+
+
+def virtual(command):
+    """Return the words of a command, on a virtual board unless it needs none."""
+    words = shlex.split(command)[1:]
+    if words[0] == "serve":
+        words += ["--http-port", "0"]
+    on_board = words[0] in ("command", "doctor", "monitor", "rezero", "serve")
+    return words if not on_board or "--port" in words else [*words, "--port", "virtual"]
+
+
+@pytest.mark.parametrize("command", commands())
+def test_a_command_of_a_page_runs(command, tmp_path):
+    for name in ("run.spots", "first.spots"):
+        if f"record {name}" not in command:
+            shutil.copy(RUN, tmp_path / name)
+    shutil.copy(MINI, tmp_path / "mine.toml")
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-m", "spots", *virtual(command)],
+        cwd=tmp_path,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    timer = threading.Timer(TIMEOUT_S, process.kill)
+    timer.start()
+    lines = []
+    for line in process.stdout:
+        lines.append(line)
+        if len(lines) == 1 and ENDLESS.match(command):
+            process.send_signal(signal.SIGINT)
+    timer.cancel()
+    output = "".join(lines)
+    assert process.wait() in ((0, 130, -signal.SIGINT) if ENDLESS.match(command) else (0,)), output
+    assert "Traceback" not in output
+
+
+# A program of a page opens the board on USB, here a virtual one.
+ON_VIRTUAL = """\
+import spots
+real_open = spots.open
+spots.open = lambda port=None: real_open(port or "virtual")
+"""
+PROGRAMS = dict.fromkeys(page for page, _ in blocks("python"))
+
+
+@pytest.mark.parametrize("page", PROGRAMS)
+def test_the_programs_of_a_page_run_one_after_the_other(page, tmp_path):
+    shutil.copy(RUN, tmp_path)
+    program = "\n".join([ON_VIRTUAL, *(text for one, text in blocks("python") if one == page)])
+    run = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+    )
+    assert run.returncode == 0, run.stderr
+
+
+def test_a_block_is_left_out_only_with_a_reason():
+    text = "<!-- not run: why -->\n```sh\nspots a\n```\n\n```sh\nspots b\n```\n"
+    assert [block["why"] for block in BLOCK.finditer(text)] == ["why", None]
+    assert len(commands()) > 20
