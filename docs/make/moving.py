@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 _LEFT, _WIDE = 40, 600  # the strip in the picture
 _TOP = 96
+_FIRST_S = 3.2  # of the run: a picture that does not move shows this moment
 _FORCE_MAX_N = 8.0
 _BAR_HIGH = 90
 _COLOURS = "#3b6fd4", "#1c9a8b", "#5aa02c", "#b99a00", "#d9731a", "#c23b3b"
@@ -22,9 +23,8 @@ bars show force and light</title>
       .card { fill: #14181f; } text { fill: #e6e9ef; }
     }
     .moves { animation-duration: ${seconds}s; animation-iteration-count: infinite;
-      animation-timing-function: linear; transform-box: view-box; }
-    @media (prefers-reduced-motion: reduce) { .moves { animation-play-state: paused;
-      animation-delay: -3.2s; } }
+      animation-timing-function: linear; animation-delay: -${first}s; transform-box: view-box; }
+    @media (prefers-reduced-motion: reduce) { .moves { animation-play-state: paused; } }
 $keyframes
   </style>
   <defs><linearGradient id="dye"><stop offset="0" stop-color="#f6d9d3"/>
@@ -133,6 +133,7 @@ def picture(moments: list[Moment], length_mm: float) -> str:
         keyframes="\n".join(keyframes),
         ticks="\n".join(ticks),
         bars="\n".join(bars),
+        first=_FIRST_S,
         left=_LEFT,
         wide=_WIDE,
         top=_TOP,
