@@ -45,7 +45,7 @@ def test_the_document_runs(simulated, capsys):
     names = {}
     for block in BLOCKS:
         exec(compile(block, "api.md", "exec"), names)
-    (board,) = simulated
+    board = simulated[0]
     assert board.state == "closed"
     assert len(names["table"]) > 100
     assert len(names["recent"]) > 100

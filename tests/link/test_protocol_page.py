@@ -1,0 +1,73 @@
+"""docs/extend/protocol.md and decoder.md: the bytes are frames, and both programs decode them."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sysconfig
+
+import pytest
+from cobs import cobs
+from support.documents import ROOT, blocks
+
+from spots import Contact, Decoder, Key, Spectrum, Text, Touch
+
+PAGE = (ROOT / "docs/extend/protocol.md").read_text(encoding="utf-8")
+PROGRAMS = dict(blocks("docs/extend/decoder.md"))
+FRAMES = [bytes.fromhex(one) for one in re.findall(r"^frame +([0-9a-f ]+)$", PAGE, re.MULTILINE)]
+PAYLOADS = re.findall(r"^payload +([0-9a-f |]+)$", PAGE, re.MULTILINE)
+
+
+def test_each_kind_of_frame_has_an_example_that_decodes():
+    found = list(Decoder().feed(b"".join(FRAMES)))
+    assert [type(one) for one in found] == [Touch, Spectrum, Text, Key, Contact]
+    touch, spectrum, text, key, contact = found
+    assert (touch.sequence, touch.t_us, touch.flags) == (258, 2_000_000, 9)
+    assert (touch.position_um, touch.force_mN, touch.trusted) == (42_000, 1500, True)
+    assert tuple(spectrum.counts) == (1200, 2300, 1800, 900, 640, 410)
+    assert text.content == {"re": "sync"}
+    assert (key.page, key.usage, key.pressed) == (7, 30, True)
+    assert (contact.id, contact.state, contact.sigma_um) == (3, 2, 18)
+
+
+@pytest.mark.parametrize("at", range(5))
+def test_the_payload_beside_a_frame_is_its_payload(at):
+    shown = bytes.fromhex(PAYLOADS[at].replace("|", ""))
+    assert cobs.decode(FRAMES[at][:-1])[:-4] == shown
+
+
+def test_the_decoder_in_python_reads_the_example_and_survives_damage(capsys):
+    names = {}
+    exec(PROGRAMS["python"], names)
+    assert capsys.readouterr().out == "42000 um 1500 mN\n"
+    frame = FRAMES[0]
+    for at in range(len(frame) - 1):
+        damaged = frame[:at] + bytes([frame[at] ^ 0x10]) + frame[at + 1 :]
+        assert list(names["touches"](damaged)) == []
+        assert list(names["touches"](frame[:at] + b"\0\0" + frame)) == [
+            next(names["touches"](frame))
+        ]
+
+
+@pytest.mark.board
+def test_the_decoder_in_javascript_reads_the_example_and_survives_damage(tmp_path):
+    frame = FRAMES[0][:-1]
+    damaged = [frame[:at] + bytes([byte ^ 0x10]) + frame[at + 1 :] for at, byte in enumerate(frame)]
+    cut = [frame[:at] for at in range(len(frame))]
+    pieces = [list(piece) for piece in (frame, *damaged, *cut, *FRAMES[1:])]
+    shown = (
+        f"console.log(JSON.stringify({json.dumps(pieces)}.map((p) => touch(Uint8Array.from(p)))));"
+    )
+    (tmp_path / "decode.mjs").write_text(PROGRAMS["js"] + shown)
+    node = shutil.which("node", path=os.pathsep.join([sysconfig.get_path("scripts"), os.defpath]))
+    run = subprocess.run([node, tmp_path / "decode.mjs"], capture_output=True, check=True)
+    first, *others = json.loads(run.stdout)
+    assert first == {
+        "sequence": 258,
+        "timeUs": 2_000_000,
+        "flags": 9,
+        "positionUm": 42_000,
+        "forceMN": 1500,
+    }
+    assert {json.dumps(one) for one in others} == {"null"}
