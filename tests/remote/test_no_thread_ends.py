@@ -304,6 +304,8 @@ time.sleep(10)
                 "spots/link/readers.py",
                 "spots_web/board_feed.py",
                 "spots/recording/disk.py",
+                "spots/recording/record.py",
+                "spots/terminal/hotkey.py",
                 "spots_sim/person/person.py",
                 "spots_sim/board/starting.py",
             },

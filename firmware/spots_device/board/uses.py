@@ -138,8 +138,8 @@ class Uses:
                     if self.keyboard_of.merger is None:
                         self.keyboard_of.merger = Merger()
                     self._keypad = Keypad(self, self.keyboard_of.merger)
-                strip = calibration.length_um, calibration.decay, calibration.cross
-                self._keypad.set_layout(self._get_layout(), *strip)
+                length_um, decay = calibration.length_um, calibration.decay
+                self._keypad.set_layout(self._get_layout(), length_um, decay, calibration.cross)
             except MemoryError:
                 self._memory_fault = _NO_MEMORY
                 self._keys_on = False
@@ -402,8 +402,8 @@ class Uses:
 
                     self._contacts = Fingers(self._framer)
                 tracker = self._contacts.tracker
-                strip = calibration.length_um, calibration.decay, calibration.cross
-                tracker.set_layout(self._get_layout(), *strip)
+                length_um, decay = calibration.length_um, calibration.decay
+                tracker.set_layout(self._get_layout(), length_um, decay, calibration.cross)
                 if begins:
                     tracker.state[STATE] = UP  # a finger may touch already
                 tracker.state[STUCK_T] = 0  # an object is a contact, too

@@ -44,6 +44,10 @@ class Calibration:
         Corrects the force for hysteresis and creep; None if these were not calibrated.
     thermal : thermal.Thermal or None
         Shifts `tables` with the temperature; None without re-zeros at different temperatures.
+    cross : tuple of three int, or None
+        Cross-sensitivity of the strip, for two fingers: change of the correction of positions, in
+        um, from the weakest to the strongest calibrated light, at both ends of the strip; and this
+        light as brightness, Q20 of log2.
     tables : array of int
         All weights and tables, see `decode.SEGMENTS`. The attributes `brightnesses`, `forces_mN`
         and `tolerances`, the columns of the force table, are views of this array.
@@ -63,14 +67,13 @@ class Calibration:
             self.conditions = Conditions(*calibration_lines.fill(self, lines, strain_ppm))
         finally:
             drop(calibration_lines)
+        self.find_cross()
 
-    @property
-    def cross(self):
-        """The cross-sensitivity of the strip for two fingers, or None (tuple of three int).
+    def find_cross(self):
+        """Set `cross` by the tables. It is stored, so that its users allocate nothing."""
+        self.cross = self._cross()
 
-        Change of the correction of positions, in um, from the weakest to the strongest calibrated
-        light, at the ends of the strip; and this light as brightness, Q20 of log2.
-        """
+    def _cross(self):
         tables = self.tables
         if not tables[CROSS]:
             return None

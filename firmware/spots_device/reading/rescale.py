@@ -34,6 +34,7 @@ def rescale(calibration, exposure_us):
         brightnesses[i] += shift
         if shift < 0:
             tolerances[i] = tolerances[i] * made_us // exposure_us
+    calibration.find_cross()
 
 
 def _first(ascending, value):

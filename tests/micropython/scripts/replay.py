@@ -45,6 +45,7 @@ class Sensor:
         self.complete = self.asked = self.waits = self.retries = 0
         self.steady = self.saturated = self.led_on = False
         self.led = "ldr"
+        self.thermometer = None
         self._clock = clock
 
     def start(self, plan, gain, exposure_us, led_mA, mains_hz):
