@@ -224,6 +224,12 @@ def _without(monkeypatch, *names):
             monkeypatch.delitem(sys.modules, name)
 
 
+def _forget(name):
+    # Not by monkeypatch, whose undo would put the substitute back.
+    for one in [one for one in sys.modules if one.partition(".")[0] == name]:
+        del sys.modules[one]
+
+
 @pytest.fixture
 def evdev(monkeypatch):
     """Make ``import evdev`` import the substitute in tests/stand_ins; return this module."""
@@ -233,7 +239,7 @@ def evdev(monkeypatch):
 
     assert Path(evdev.__file__).parent == STAND_INS
     yield evdev
-    _without(monkeypatch, "evdev")
+    _forget("evdev")
 
 
 @pytest.fixture
@@ -245,7 +251,7 @@ def pynput(monkeypatch):
 
     assert Path(keyboard.__file__).parent.parent == STAND_INS
     yield keyboard
-    _without(monkeypatch, "pynput")
+    _forget("pynput")
 
 
 @pytest.fixture
