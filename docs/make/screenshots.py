@@ -125,10 +125,10 @@ async def calibration(browser: Browser) -> None:
                 await expect(asked).to_contain_text("release", timeout=_LONG_MS)
                 held.press = None
                 await confirm.click(timeout=_LONG_MS)
-                await confirm.wait_for(state="hidden")
+                await confirm.wait_for(state="hidden", timeout=_LONG_MS)
             await expect(asked).to_contain_text("press at", timeout=_LONG_MS)
             held.press = Press(float((await mark.inner_text()).split()[0]) - 9, 6000, 4.0)
-            await page.locator("#calibration .finger.on").wait_for()
+            await page.locator("#calibration .finger.on").wait_for(timeout=_LONG_MS)
             while "\n0\n" in await page.locator("#spectrum").inner_text():
                 await asyncio.sleep(0.05)
             await page.screenshot(path=_FOLDER / "page-calibration.png")
