@@ -13,14 +13,13 @@ from typing import NamedTuple
 from spots.common import atomic
 from spots.keyboard.layout import KeyLayout, compiled
 from spots.keyboard.timing_picture import STYLE
+from spots.keyboard.trial import Span, Touch, played
 from spots.outputs.usages import MODIFIERS_FROM, USAGES, name_of
-from spots_device.keys.engine import Engine
-from spots_device.keys.layout import KEYBOARD, parse
-from spots_device.keys.merge import Merger
+from spots_device.keys.layout import KEYBOARD
 from spots_make.drawing import SVG
 
 DOCS = Path(__file__).parents[1]
-_LENGTH_UM = 100_000
+_LENGTH_MM = 100  # of the strip
 _AFTER_MS = 700  # time after the last finger in which a layout of the pages has decided everything
 _TOML = re.compile(r"^```toml\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
@@ -45,14 +44,6 @@ class Finger(NamedTuple):
     end_ms: int
     firm_ms: int | None = None
     slide_mm: float = 0.0
-
-
-class Span(NamedTuple):
-    """Time in which a key of the computer is pressed."""
-
-    what: str
-    begin_ms: int
-    end_ms: int
 
 
 # Pages in docs/type, and for each what fingers do in words and in touches.
@@ -111,55 +102,26 @@ def layout_of(page: str) -> KeyLayout:
 
 def play(layout: KeyLayout, fingers: list[Finger]) -> list[Span]:
     """Play touches on a layout; return what the computer gets, in the order of the presses."""
-    sink = _Sink()
-    engine = Engine(sink, Merger())
-    engine.set_layout(parse(layout.lines), _LENGTH_UM)
     keys = next(iter(layout.layers.values()))
-    switches = {}
-    for ms in range(max(one.end_ms for one in fingers) + _AFTER_MS):
-        sink.ms = ms
-        t = ms * 1000 // 1024
-        for i, one in enumerate(fingers):
-            x_um = round(_LENGTH_UM * (keys[one.key].low + keys[one.key].high) / 2)
-            if ms == one.begin_ms:
-                switches[i] = engine.press(x_um, t)
-            elif ms == one.end_ms:
-                engine.release_one(switches[i], t)
-            elif one.begin_ms < ms < one.end_ms and one.slide_mm:
-                share = (ms - one.begin_ms) / (one.end_ms - one.begin_ms)
-                engine.move(switches[i], x_um + round(1000 * one.slide_mm * share), t)
-            if ms == one.firm_ms:
-                engine.firm(switches[i], t)
-        engine.tick(t)
-    return sink.spans
+    touches = [
+        Touch(
+            (keys[one.key].low + keys[one.key].high) / 2,
+            one.begin_ms,
+            one.end_ms,
+            one.firm_ms,
+            one.slide_mm / _LENGTH_MM,
+        )
+        for one in fingers
+    ]
+    return played(layout.lines, touches, _AFTER_MS, _named)
 
 
-class _Sink:
-    """Records which keys the engine presses."""
-
-    def __init__(self):
-        self.ms = 0
-        self.spans = []
-
-    def has_room(self):
-        return True
-
-    def usage(self, page, usage, modifiers, pressed):
-        pass
-
-    def key(self, page, usage, modifiers, pressed):
-        name = name_of(page, usage)
-        if pressed:
-            is_key = page == KEYBOARD and usage < MODIFIERS_FROM
-            self.spans.append(Span(_shown(name, modifiers if is_key else 0), self.ms, self.ms))
-        else:  # the last press of this key
-            at = max(
-                i for i, one in enumerate(self.spans) if one.what.split(" + ")[-1] == _shown(name)
-            )
-            self.spans[at] = self.spans[at]._replace(end_ms=self.ms)
+def _named(page: int, usage: int, modifiers: int) -> str:
+    is_key = page == KEYBOARD and usage < MODIFIERS_FROM
+    return _shown(name_of(page, usage), modifiers if is_key else 0)
 
 
-def _shown(name: str, modifiers: int = 0) -> str:
+def _shown(name: str, modifiers: int) -> str:
     """Return the name of a key as a person says it, with its modifiers."""
     names = [
         USAGES[KEYBOARD, MODIFIERS_FROM + bit].name for bit in range(8) if modifiers >> bit & 1

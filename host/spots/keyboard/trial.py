@@ -1,5 +1,6 @@
 """Plays fingers on the key engine, to show when a key is a tap and when it is a hold."""
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from spots_device.keys.engine import Engine
@@ -9,16 +10,37 @@ from spots_device.keys.merge import Merger
 TERM_MS = 200
 _LENGTH_UM = 100_000
 _BETWEEN_MS = 1000  # after a finger has lifted, everything is decided
-# Usages that stand for what a key does.
-_USAGES = {"tap": 4, "hold": 5, "other": 6}
+_WHAT = {4: "tap", 5: "hold", 6: "other"}  # what a key does, by the usage that stands for it
 
 
 class Span(NamedTuple):
-    """Time in which a key of the computer is pressed; `what` is "tap", "hold" or "other"."""
+    """Time in which a key of the computer is pressed."""
 
     what: str
     begin_ms: int
     end_ms: int
+
+
+class Touch(NamedTuple):
+    """A finger on the strip.
+
+    Attributes
+    ----------
+    place : float
+        Position, as a share of the strip's length.
+    begin_ms, end_ms : int
+        Times of its first and last light.
+    firm_ms : int, optional
+        Time from which on it presses firmly.
+    slide : float
+        Distance that it moves during the touch, as a share of the strip's length.
+    """
+
+    place: float
+    begin_ms: int
+    end_ms: int
+    firm_ms: int | None = None
+    slide: float = 0.0
 
 
 # Gestures: shares of the tapping term in which each finger is down, the key's own finger first.
@@ -51,38 +73,77 @@ def play(flavor: int, gesture: str) -> list[Span]:
     Returns
     -------
     list of Span
-        What the computer gets, in the order of the presses. The tapping term is `TERM_MS`.
+        What the computer gets ("tap", "hold" or "other"), in the order of the presses. The
+        tapping term is `TERM_MS`.
     """
-    fingers = [[round(TERM_MS * share) for share in shares] for shares in GESTURES[gesture]]
-    sink = _Sink()
-    engine = Engine(sink, Merger())
-    tap, hold, other = (action(KEYBOARD, usage) for usage in _USAGES.values())
+    tap, hold, other = (action(KEYBOARD, usage) for usage in _WHAT)
     lines = [
         f"behaviour 0 {HOLD_TAP} {flavor} {TERM_MS} 0 0 {hold}",
         "layer 0 0",
         f"key 0 500 {tap} 0 {action(BEHAVIOUR, 0)} 0 0 0",
         f"key 500 1000 {other} 0 0 0 0 0",
     ]
+    touches = [
+        Touch(0.25 + 0.5 * i, *(round(TERM_MS * share) for share in shares))
+        for i, shares in enumerate(GESTURES[gesture])
+    ]
+    return played(lines, touches, _BETWEEN_MS, lambda page, usage, modifiers: _WHAT[usage])
+
+
+def played(
+    lines: Sequence[str],
+    touches: Sequence[Touch],
+    after_ms: int,
+    named: Callable[[int, int, int], str],
+) -> list[Span]:
+    """Play touches on a layout.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Lines of the layout.
+    touches : sequence of Touch
+        The fingers.
+    after_ms : int
+        Time after the last finger in which everything is decided.
+    named : callable
+        ``named(page, usage, modifiers)`` returns the text for a pressed key.
+
+    Returns
+    -------
+    list of Span
+        What the computer gets, in the order of the presses.
+    """
+    sink = _Sink(named)
+    engine = Engine(sink, Merger())
     engine.set_layout(parse(lines), _LENGTH_UM)
     switches = {}
-    for ms in range(max(end for _, end in fingers) + _BETWEEN_MS):
+    for ms in range(max(one.end_ms for one in touches) + after_ms):
         sink.ms = ms
         t = ms * 1000 // 1024
-        for i, (begin, end) in enumerate(fingers):
-            if ms == begin:
-                switches[i] = engine.press(_LENGTH_UM * (1 + 2 * i) // 4, t)
-            elif ms == end:
+        for i, one in enumerate(touches):
+            x_um = round(_LENGTH_UM * one.place)
+            if ms == one.begin_ms:
+                switches[i] = engine.press(x_um, t)
+            elif ms == one.end_ms:
                 engine.release_one(switches[i], t)
+            elif one.begin_ms < ms < one.end_ms and one.slide:
+                share = (ms - one.begin_ms) / (one.end_ms - one.begin_ms)
+                engine.move(switches[i], x_um + round(_LENGTH_UM * one.slide * share), t)
+            if ms == one.firm_ms:
+                engine.firm(switches[i], t)
         engine.tick(t)
     return sink.spans
 
 
 class _Sink:
-    """Records what the engine presses."""
+    """Records which keys the engine presses."""
 
-    def __init__(self):
+    def __init__(self, named: Callable[[int, int, int], str]):
         self.ms = 0
-        self.spans = []
+        self.spans: list[Span] = []
+        self._named = named
+        self._last: dict[tuple[int, int], int] = {}  # index of a key's last span
 
     def has_room(self):
         return True
@@ -91,10 +152,9 @@ class _Sink:
         pass
 
     def key(self, page, usage, modifiers, pressed):
-        what = list(_USAGES)[usage - _USAGES["tap"]]
         if pressed:
-            self.spans.append(Span(what, self.ms, self.ms))
+            self._last[page, usage] = len(self.spans)
+            self.spans.append(Span(self._named(page, usage, modifiers), self.ms, self.ms))
         else:
-            self.spans = [
-                one._replace(end_ms=self.ms) if one.what == what else one for one in self.spans
-            ]
+            at = self._last[page, usage]
+            self.spans[at] = self.spans[at]._replace(end_ms=self.ms)
