@@ -53,7 +53,7 @@ class OpenPanels:
     ----------
     requests : dict of Orders
         Handler of the requests to each panel, by path.
-    sources : list of Source
+    sources : list of Source or tuple
         Boards to read in place of the one that ``--port`` names.
 
     Raises
@@ -64,7 +64,7 @@ class OpenPanels:
 
     def __init__(self, state: PageState, options: Namespace):
         self.requests: dict[str, Orders] = {}
-        self.sources: list[Source] = []
+        self.sources: list[Source | tuple] = []
         self._takers = []
         for panel in installed():
             opened = panel.open(shower(state, panel.name), options)
@@ -73,7 +73,7 @@ class OpenPanels:
             if handle := getattr(opened, "on_request", None):
                 self.requests[f"panels/{panel.name}"] = PanelRequests(panel.name, handle)
             if panel.reads(options):
-                self.sources += [Source(*one) for one in opened.boards()]
+                self.sources += opened.boards()
 
     def on_touch(self, touch: Touch) -> None:
         """Pass a reading to all panels."""
@@ -102,13 +102,13 @@ class PanelRequests(Orders):
 
 
 def readers_of(
-    sources: Sequence[Source], layout: KeyLayout, state: PageState, **options: Any
+    sources: Sequence[Source | tuple], layout: KeyLayout, state: PageState, **options: Any
 ) -> list[BoardReader]:
     """Return a reader for each board of a panel; only the first one shows its strip.
 
     Parameters
     ----------
-    sources : sequence of Source
+    sources : sequence of Source or equal tuple
         The boards.
     layout : KeyLayout
         Key layout to show.

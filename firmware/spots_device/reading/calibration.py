@@ -71,19 +71,17 @@ class Calibration:
 
     def find_cross(self):
         """Set `cross` by the tables. It is stored, so that its users allocate nothing."""
-        self.cross = self._cross()
-
-    def _cross(self):
         tables = self.tables
+        self.cross = None
         if not tables[CROSS]:
-            return None
+            return
         forces = tables[FORCES]
         last = forces + tables[forces]
         shares = last + 1 + 2 * tables[forces]
         change = tables[shares] - tables[shares + tables[forces] - 1]
         near = tables[BOUNDS + 1] + 2 * CHANNELS
         far = tables[BOUNDS + 2 * tables[SEGMENTS] - 1] + 2 * CHANNELS
-        return (
+        self.cross = (
             tables[near + 4 * tables[near] + 1] * change >> 12,
             tables[far + 5 * tables[far]] * change >> 12,
             tables[last],

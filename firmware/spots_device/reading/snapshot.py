@@ -2,7 +2,7 @@
 
 A reading depends on more than its spectrum: on dark frame, baseline, light that sticks, drift,
 temperature, and the silicone. A board imports this module when it streams spectra.
-docs/protocol.md describes the STATE frame; `spots.recording.replayed_strip` reads it.
+docs/extend/protocol.md describes the STATE frame; `spots.recording.replayed_strip` reads it.
 """
 
 from array import array
@@ -11,7 +11,7 @@ from .. import const
 from . import decode as d
 from .kernel import frame
 
-_KIND = const(6)
+KIND = const(6)  # of a STATE frame
 _SINGLE = const(20)  # values that are no arrays
 
 
@@ -62,7 +62,7 @@ class Snapshot:
             i += 1
         # As `frame.Framer._send_body`, with fewer nested calls.
         head = framer._head
-        head[d.KIND] = _KIND | strip.index << 4
+        head[d.KIND] = KIND | strip.index << 4
         gap = head[d.GAP]
         if framer.send(frame(head, framer.payload, at, framer.encoded)):
             head[d.GAP] = gap

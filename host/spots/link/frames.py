@@ -487,6 +487,11 @@ def checked(piece: bytes) -> bytes | None:
     return body if _CRC.pack(zlib.crc32(body)) == crc else None
 
 
+def framed(payload: bytes) -> bytes:
+    """Return a payload with its CRC as the bytes between two delimiters; `checked` undoes it."""
+    return cobs.encode(payload + _CRC.pack(zlib.crc32(payload)))  # pyright: ignore[reportUnknownMemberType]
+
+
 def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
     """Encode a note, an entry that a recorder adds between frames; see `Note`.
 
@@ -505,7 +510,7 @@ def note(since_us: int, content: dict[str, Any] | None = None) -> bytes:
     payload = _HEADER.pack(NOTE, sequence, low, high)
     if content is not None:
         payload += json.dumps(content, separators=(",", ":")).encode()
-    return cobs.encode(payload + _CRC.pack(zlib.crc32(payload))) + b"\0"  # pyright: ignore[reportUnknownMemberType]
+    return framed(payload) + b"\0"
 
 
 def _touch(sensor: int, sequence: int, t_us: int, body: bytes) -> Touch:

@@ -2,19 +2,17 @@
 
 The spectra of the recording pass through the arithmetic of the board's firmware, see
 `replayed_strip`. The state of each strip (dark frame, baseline, drift, light that sticks,
-temperature, silicone) comes from the board's STATE frames, see docs/protocol.md.
+temperature, silicone) comes from the board's STATE frames, see docs/extend/protocol.md.
 """
 
 import struct
 import tempfile
-import zlib
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import msgspec
-from cobs import cobs
 
 from spots_device.board.settings import checksum
 from spots_device.reading import decode as d
@@ -24,7 +22,7 @@ from spots_device.reading.kernel import TOUCH_BODY
 
 from ..calibrate.calibration_file import load
 from ..errors import CalibrationError, FileError, SettingError
-from ..link.frames import NOTE, checked
+from ..link.frames import NOTE, checked, framed
 from .arrays import Arrays, read_arrays
 from .export import Files
 from .header import Header, encoded
@@ -75,7 +73,7 @@ class _Reading:
         assert self.values
         flags, *rest = self.values
         flags = flags & ~d.DROPPED | self.flags & d.DROPPED
-        return _encoded(_HEAD.pack(*self.head) + _TOUCH.pack(flags, *rest))
+        return framed(_HEAD.pack(*self.head) + _TOUCH.pack(flags, *rest))
 
 
 class _Lane:
@@ -128,10 +126,6 @@ class _Lane:
             self.why[self.strip.why_unknown] = None
         elif self.strip.why_not:
             self.why[self.strip.why_not] = None
-
-
-def _encoded(payload: bytes) -> bytes:
-    return cobs.encode(payload + struct.pack("<I", zlib.crc32(payload)))
 
 
 def _pieces(blocks: Iterable[bytes]) -> Iterator[tuple[bytes, bytes]]:
@@ -199,7 +193,7 @@ class _Rewriter:
                 lane.state(body)
             elif kind == frame.TEXT:
                 self._text(lane, body)
-        self._put(_encoded(_HEAD.pack(*head) + body) if self._removed else piece, end)
+        self._put(framed(_HEAD.pack(*head) + body) if self._removed else piece, end)
 
     def _lose(self) -> None:
         for lane in self.lanes.values():

@@ -18,7 +18,7 @@ from spots_device.reading import strip as of_board
 from spots_device.reading.calibration import CalibrationSlot
 from spots_device.sensor.smux import CHANNELS
 
-STATE = 6  # kind of a STATE frame
+STATE = snapshot.KIND
 _PER_WINDOW = 4
 _UNKNOWN_MC = -(1 << 20)
 
@@ -113,7 +113,6 @@ class _Strip(of_board.Strip):
     def load(self, words: Sequence[int], own: bool) -> None:
         """Use the state of a STATE frame, or only that of the light (`own` false)."""
         state, dark, baseline, ambient = self._reading, self._dark, self.baseline, self._ambient
-        first = SINGLE
         self._state, self.lit_flags = words[State.STEP], words[State.LIT_FLAGS]
         self.sensor.led_on = True
         dark.count, dark.changing, dark._last = (
@@ -127,7 +126,7 @@ class _Strip(of_board.Strip):
         for at in INDICES if own else _OF_LIGHT:
             state[at] = words[_WORD[at]]
         state[d.STREAMED] = 0
-        at = first + len(INDICES)
+        at = SINGLE + len(INDICES)
         dark_only = (dark.window, ambient._lamp)
         for one in arrays[_PARTS:]:
             if own or any(one is other for other in dark_only):
