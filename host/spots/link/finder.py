@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Callable
 
-from ..errors import RefusedError, SpotsError
+from ..errors import PortError, RefusedError, SpotsError
 from .board import Board
 from .connect import find, of_id, open_with
 from .ports import scheme
@@ -32,20 +32,20 @@ def finder(port: str | None, options: Namespace | None = None) -> Callable[[str 
         If the options are invalid.
     """
     module, rest = scheme(port)
-    if hasattr(module, "check"):
+    if module is not None and hasattr(module, "check"):
         module.check(rest, options)
 
     def open_board(board_id: str | None) -> Board:
         if board_id is None:
             return open_with(port, options)
-        found = []
+        found: list[Board] = []
         if port is not None:
             try:
                 found.append(open_with(port, options))
             except SpotsError:
                 if module is not None:
                     raise
-        refusal = RefusedError if found else SpotsError
+        refusal = RefusedError if found else PortError
         if not found or found[0].info["id"] != board_id:
             found += find()[0]  # after a restart a serial port may have another name
         wanted = []
