@@ -95,7 +95,7 @@ class Qos(NamedTuple):
     Attributes
     ----------
     reliable : bool
-        Whether ROS is told that messages are sent again if they are lost between two machines.
+        Whether the topic is announced as reliable: a message that is lost is sent again.
         Both kinds drop messages that the network does not take in time.
     depth : int
         Number of messages that a subscriber stores.
