@@ -49,10 +49,10 @@ FINGERS = (
     ("two fingers at the same time, 9 to 60 mm apart", "two-fingers", {}),
 )
 _SECONDS = 10.0
-_TEXT = """# Typing and controller, on the ideal strip and on others
+_TEXT = """# Typing and controller, on simulated strips
 
 `make paper` writes this document, and measures all numbers. It compares the errors of typing and of
-the game controller on simulated strips.
+the game controller on simulated strips. **Nobody has measured a person on a real strip.**
 
 | strip | sensor file | what it is |
 |---|---|---|
