@@ -15,6 +15,7 @@ from spots_sim.measure.measurements import (
     Run,
     _joint,
     _position,
+    _threshold_mN,
     characterize,
     crb_ratio,
 )
@@ -226,3 +227,15 @@ def test_without_matplotlib_nothing_is_measured(capsys, monkeypatch, tmp_path):
     assert not measured
     assert '[plots]"' in capsys.readouterr().err
     assert not (tmp_path / "figures").exists()
+
+
+def test_each_part_of_the_rig_leaves_it_as_it_was(sensor, monkeypatch):
+    with Rig(sensor, 0, 10_000, 1) as rig:
+        _threshold_mN(rig)
+        assert rig.stage.held.press is None
+        # The indenter calibrates the strained strip, although a finger presses it before and after.
+        along, seen = rig.stage.along, []
+        monkeypatch.setattr(rig.stage, "along", lambda: seen.append(rig.stage.by_hand) or along())
+        rig.stage.by_hand = True
+        rig.learn_strains([15])
+        assert (seen, rig.stage.by_hand) == ([False], True)

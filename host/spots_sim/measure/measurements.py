@@ -34,6 +34,7 @@ _JITTER_UM, _JITTER_FORCE = 50.0, 0.05  # largest offset; the force as a share o
 _JOINT_ANGLES = 31
 _JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
+_REST_S = 1.0
 # Number of readings or presses of each kind; reduced if a reading takes long.
 _AT_REST = 40
 _JITTERED = 80
@@ -353,6 +354,8 @@ def _threshold_mN(rig: Rig) -> float:
             low = middle
         else:
             high = middle
+    # A press below the threshold is taken for light without a press, and subtracted until a lift.
+    rig.lift(_REST_S)
     return round(high, 1)
 
 

@@ -100,14 +100,16 @@ class Rig:
     def learn_strains(self, percents) -> None:
         """Calibrate at further strains of the strip: `percents`, a sequence of int in per cent."""
         self.board.command("set average=1")
+        # The strip as it was calibrated at rest: unchanged, and pressed by the indenter.
         changed, self.stage.held.changed = self.stage.held.changed, NONE
+        by_hand, self.stage.by_hand = self.stage.by_hand, False
         for percent in percents:
             self.stage.held.strain = percent / 100
             self.stage.release()
             self.stage.reader.set_up(untouched=True)
             self.along[10_000 * percent] = self.stage.along()
         self.stage.held.strain = 0.0
-        self.stage.held.changed = changed
+        self.stage.held.changed, self.stage.by_hand = changed, by_hand
         self._use()
 
     def shift(self, place_um, shifts) -> None:
