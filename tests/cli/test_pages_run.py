@@ -5,6 +5,7 @@ tests/cli/test_readme.py runs those of README, and tests/top those of the pages 
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -20,7 +21,11 @@ from support.readme import LINES, walk
 
 pytestmark = pytest.mark.board
 MINI = build_site.ROOT / "host/spots/keyboard/layouts/mini.toml"
-RUN = Path(__file__).parents[1] / "data" / "run.spots"
+DATA = Path(__file__).parents[1] / "data"
+RUN = DATA / "run.spots"
+# Nothing of a page leaves this computer.
+ZENOH = '{scouting: {multicast: {enabled: false}}, listen: {endpoints: ["tcp/127.0.0.1:0"]}}'
+LSL = "[multicast]\nResolveScope = machine\n[log]\nlevel = -2\n"
 TIMEOUT_S = 120
 # A comment before a block explains why it does not run here.
 BLOCK = re.compile(
@@ -59,7 +64,8 @@ def virtual(command):
     words = shlex.split(command)[1:]
     if words[0] == "serve":
         words += ["--http-port", "0"]
-    on_board = words[0] in ("command", "doctor", "monitor", "rezero", "serve")
+    words = ["foxglove=127.0.0.1:0" if word == "foxglove" else word for word in words]
+    on_board = words[0] in ("command", "doctor", "monitor", "publish", "rezero", "serve")
     return words if not on_board or "--port" in words else [*words, "--port", "virtual"]
 
 
@@ -69,9 +75,13 @@ def test_a_command_of_a_page_runs(command, tmp_path):
         if f"record {name}" not in command:
             shutil.copy(RUN, tmp_path / name)
     shutil.copy(MINI, tmp_path / "mine.toml")
+    shutil.copy(DATA / "linkage.toml", tmp_path / "arm.toml")
+    (tmp_path / "zenoh.json5").write_text(ZENOH)
+    (tmp_path / "lsl.cfg").write_text(LSL)
     process = subprocess.Popen(
         [sys.executable, "-u", "-m", "spots", *virtual(command)],
         cwd=tmp_path,
+        env=os.environ | {"ZENOH_CONFIG": "zenoh.json5", "LSLAPICFG": "lsl.cfg"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

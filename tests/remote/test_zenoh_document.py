@@ -1,4 +1,4 @@
-"""The program and the configurations in docs/lab/zenoh.md."""
+"""The program and the configurations in docs/lab/zenoh.md, and the table of its reference."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ from spots_net.ros2.naming import node_of
 from spots_net.ros2.types import FRAME
 from spots_net.zenoh_session import READ_ONLY, open_session
 
-TEXT = (Path(__file__).parents[2] / "docs" / "lab" / "zenoh.md").read_text(encoding="utf-8")
+LAB = Path(__file__).parents[2] / "docs" / "lab"
+TEXT = (LAB / "zenoh.md").read_text(encoding="utf-8")
 
 
 def blocks(language):
@@ -59,7 +60,8 @@ def test_the_subscriber_needs_nothing_of_ours(net):
 
 
 def test_every_topic_and_service_is_in_the_table():
-    table = TEXT[TEXT.index("| topic or service |") : TEXT.index("has the definitions")]
+    page = (LAB / "zenoh-reference.md").read_text(encoding="utf-8")
+    table = page[page.index("| topic or service |") : page.index("has the definitions")]
     for name in ("frames", "/diagnostics", *types(), *READ_ONLY):
         assert f"{name}`" in table
     for kind in (FRAME, DIAGNOSTICS, *types().values()):
