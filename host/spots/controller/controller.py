@@ -13,7 +13,7 @@ from ..common.atomic import check_writable
 from ..common.signals import released_by_signals
 from ..errors import BoardError
 from ..link.board import Board
-from ..link.calibrated import fed, hello_often
+from ..link.calibrated import hello_often, run_engine
 from ..link.frames import Touch
 from ..outputs.devices import Gamepad, State
 from ..outputs.open import open_gamepad
@@ -105,7 +105,7 @@ def play(
     SpotsError
         If the board is lost, or the gamepad refuses events.
     """
-    for touch, state in fed(board, controller, seconds, _TICK_S):
+    for touch, state in run_engine(board, controller, seconds, _TICK_S):
         if state is not None:
             for watcher in watchers:
                 watcher.sent(state, board.now_s())

@@ -60,7 +60,9 @@ class Controller:
         Whether the last valid `state` is kept because readings are untrusted or missing.
     """
 
-    rests = 0  # a controller detects no objects that are not fingers, see `link.calibrated.fed`
+    rests = (
+        0  # a controller detects no objects that are not fingers, see `link.calibrated.run_engine`
+    )
 
     def __init__(
         self,

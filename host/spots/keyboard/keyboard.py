@@ -7,7 +7,7 @@ import sys
 from ..common.signals import released_by_signals
 from ..errors import BoardError, SettingError
 from ..link.board import Board
-from ..link.calibrated import fed, hello_often
+from ..link.calibrated import hello_often, run_engine
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard
@@ -74,7 +74,7 @@ def type_on(
     engine = KeyEngine(layout, info["length_um"], keyboard, info["decay"], cross=info.get("cross"))
     board.patience_s = math.inf  # waits for a lost board, while `engine` holds no key
     try:
-        for _ in fed(board, engine, seconds, _TICK_S):
+        for _ in run_engine(board, engine, seconds, _TICK_S):
             pass
     finally:
         engine.release()

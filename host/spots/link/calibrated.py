@@ -85,7 +85,7 @@ def hello_often(
     return info
 
 
-def fed(
+def run_engine(
     board: Board, engine: Any, seconds: float | None, tick_s: float
 ) -> Iterator[tuple[Touch | None, Any]]:
     """Feed the readings of a board to an engine, such as a `KeyEngine`; yield its results.

@@ -11,7 +11,7 @@ from ..common import toml
 from ..common.signals import released_by_signals
 from ..errors import FileError, SettingError, SpotsError, did_you_mean
 from ..link.board import Board
-from ..link.calibrated import fed, hello_often
+from ..link.calibrated import hello_often, run_engine
 from ..link.timeouts import RELEASE_S
 from ..outputs.devices import Keyboard
 from ..outputs.open import open_keyboard
@@ -159,7 +159,7 @@ def play(
     engine = Gestures(length_um, info.get("decay"), info.get("cross"))
     pace, last = Pace(), None
     with drawn(drawing) as display:
-        for touch, gestures in fed(board, engine, seconds, _TICK_S):
+        for touch, gestures in run_engine(board, engine, seconds, _TICK_S):
             last = touch or last
             for gesture in gestures or ():
                 found.append(gesture)
