@@ -57,7 +57,7 @@ class AlignedPacing(Pacing):
     def early(self, now):
         Pacing.early(self, now)
         if self._locked:
-            low = (self._diff(now, self._end) + LATCH_US << _Q) - self._part
+            low = (self._diff(now, self._end) + LATCH_US << _Q) - self._fraction
             if low > -self._half:
                 self._bound(low, 1)
                 self._aim(_COARSE)
@@ -74,7 +74,7 @@ class AlignedPacing(Pacing):
                 return before
             self._lock(before)
         elif samples == 1:
-            high = (self._diff(before, self._end) + LATCH_US << _Q) - self._part
+            high = (self._diff(before, self._end) + LATCH_US << _Q) - self._fraction
             if self._half > self._exact >> 1:
                 self._lock(before)
             elif high < self._half and self._diff(after, before) < BRIEF_US:
@@ -103,9 +103,9 @@ class AlignedPacing(Pacing):
         """Predict the end of the next sample (`_end`, `_half`), and schedule the poll for it."""
         self._was_early = False
         self.slack_us = self._half >> _Q - 1
-        part = self._part + self._exact
+        part = self._fraction + self._exact
         self._end = self._add(self._end, part >> _Q)
-        self._part = part & 255
+        self._fraction = part & 255
         self._half += self._unsure
         self._samples += 1
         self._aim(FINE)
@@ -128,7 +128,7 @@ class AlignedPacing(Pacing):
             if self._was_early:
                 width_us = min(width_us, self._diff(now, self._early))
         self._end = self._add(now, LATCH_US - (width_us >> 1))
-        self._part = self._run = 0
+        self._fraction = self._run = 0
         self._half = width_us << _Q - 1
         self._locked = True
         self._begin_span(0)
@@ -163,9 +163,9 @@ class AlignedPacing(Pacing):
 
         The limits `low` and `high` are relative to `_end`, in Q8 us (1/256 us).
         """
-        part = self._part + (high + low >> 1)
+        part = self._fraction + (high + low >> 1)
         self._end = self._add(self._end, part >> _Q)
-        self._part = part & 255
+        self._fraction = part & 255
         self._half = half = high - low >> 1
         samples = self._samples
         if samples > 0:
@@ -183,7 +183,7 @@ class AlignedPacing(Pacing):
             self._unsure += self._drift >> 2
             return
         self._unsure = unsure
-        self._exact = ((span_us << _Q) + self._part) // self._samples
+        self._exact = ((span_us << _Q) + self._fraction) // self._samples
         self._chip_us = self._exact >> _Q
         self._set_period(self._exact - unsure >> _Q)
 

@@ -171,7 +171,7 @@ class Upload:
             self.forget()
             return _noted({}, self._use([]))
         if verb == "lines" and self._lines is None:
-            return self._part(words)
+            return self._lines_from(words)
         if self._lines is None:
             raise ValueError("send '%s begin' first" % self._command)
         if verb != "end":
@@ -182,7 +182,7 @@ class Upload:
             raise ValueError("the checksum differs: send the %s again" % self.what)
         return _noted({self.what: words[1]}, self._use(lines))
 
-    def _part(self, words):
+    def _lines_from(self, words):
         # As many lines as fit into a reply. With their quotes, commas and the rest of the reply,
         # they have at most `TEXT_MAX` characters.
         lines = self._stored()

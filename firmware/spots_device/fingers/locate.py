@@ -149,7 +149,7 @@ def estimate(s, x1_um, b1, fits):
     )
 
 
-def _part(decay, off_um, brightness, away_um):
+def _first_light(decay, off_um, brightness, away_um):
     """Return the light of the first of two fingers in a reading, in sixteenths of a count.
 
     `decay` is as in `locate.locate`; `brightness` is that of the reading, in Q20 of log2.
@@ -190,7 +190,7 @@ def light(s, away_um, is_now):
     -------
     int
     """
-    now = _part(s[c.DECAY], s[c.X_NOW_UM] - s[c.X_UM], s[c.B_NOW], away_um)
+    now = _first_light(s[c.DECAY], s[c.X_NOW_UM] - s[c.X_UM], s[c.B_NOW], away_um)
     if is_now:
         return now
-    return now - _part(s[c.DECAY], s[c.X_LAST_UM] - s[c.X_UM], s[c.B_LAST], away_um)
+    return now - _first_light(s[c.DECAY], s[c.X_LAST_UM] - s[c.X_UM], s[c.B_LAST], away_um)

@@ -197,7 +197,7 @@ class ContactTracker:
                 if not s[c.IGNORED] and self.sink.at(position_um, t):
                     s[c.IGNORED] = True
                 return
-        elif s[c.STATE] == c.TWO and self._part(flags):
+        elif s[c.STATE] == c.TWO and self._take_two(flags):
             return
         if not flags & d.TOUCHING or (force_mN < s[c.RELEASE_MN] and not flags & DOUBTFUL):
             if s[c.STATE] != c.UP:
@@ -230,7 +230,7 @@ class ContactTracker:
         elif s[c.STATE] == c.UP:
             self._press()
         elif s[c.STATE] == c.TWO:
-            self._part(flags | c.CHECKED)
+            self._take_two(flags | c.CHECKED)
         if s[c.STATE] == c.DOWN:
             s[c.DRIFTS] = flags & d.MISFIT
         s[c.T] = t
@@ -291,7 +291,7 @@ class ContactTracker:
                 s[c.X_UM] = x_um
                 if elapsed(s[c.BEGAN], s[c.T_NOW]) >= _TOGETHER_T:
                     s[c.KNOWN] = s[c.IS_EVEN] = False
-                    self._mix()
+                    self._enter_two()
                     return
         # Three readings show whether a motion is steady.
         s[c.STEP_UM] = moved_um if s[c.SEEN] == 1 and elapsed(s[c.BEGAN], s[c.T_NOW]) else 0
@@ -331,7 +331,7 @@ class ContactTracker:
         elif s[c.FITS] and s[c.LOOSE] and -c.NEAR_UM < off_um < c.NEAR_UM:
             pass
         elif self._is_next(off_um):
-            self._part(c.CHECKED)
+            self._take_two(c.CHECKED)
             return
         s[c.X_BEFORE_UM] = s[c.X_UM]
         s[c.X_UM] += off_um
@@ -363,7 +363,7 @@ class ContactTracker:
 
     def _overlap(self):
         # Another finger may have touched at the present reading: enter state TWO.
-        self._mix()
+        self._enter_two()
         s = self.state
         before = s[c.B_BEFORE]
         risen = s[c.B] - before
@@ -384,7 +384,7 @@ class ContactTracker:
 
     # State TWO.
 
-    def _mix(self):
+    def _enter_two(self):
         s = self.state
         s[c.STATE] = c.TWO
         s[c.BEGAN] = s[c.T_NOW]
@@ -395,7 +395,7 @@ class ContactTracker:
         s[c.PEAK] = s[c.LEAST] = s[c.B_NOW]
         s[c.X_PEAK_UM] = s[c.X_NOW_UM]
 
-    def _part(self, flags):
+    def _take_two(self, flags):
         """Process a reading in the state TWO; return False if `take` must check it first."""
         s = self.state
         s[c.FLAGS_NOW] = flags
@@ -443,7 +443,7 @@ class ContactTracker:
         s[c.X_UM] = s[c.X_BEFORE_UM] = s[c.X_SECOND_UM]
         s[c.B] = s[c.B_SECOND]
         s[c.SECOND] = False
-        self._mix()
+        self._enter_two()
         s[c.IS_EVEN] = s[c.PAIR] = True
         s[c.FALLS] = False
         s[c.LOOSE] = True

@@ -94,7 +94,7 @@ class Pacing:
         # Best estimate of the period; `period_us` is a lower bound.
         self._chip_us = period_us + (period_us * self._off >> _Q)
         self._exact = self._chip_us << 8  # estimate of the period, Q8 us
-        self._part = 0  # Q8 us, to add to `_end`
+        self._fraction = 0  # Q8 us, to add to `_end`
         self._creep = period_us >> 8
         self._narrow_us = 2 * self._creep + 50
         self._set_period(period_us - period_us // _TRUST)
@@ -189,8 +189,8 @@ class Pacing:
             Estimated end of the sample in ticks, at most `slack_us` too late.
         """
         if self._locked:
-            shift_us = self._part + self._exact
-            self._part = shift_us & 255
+            shift_us = self._fraction + self._exact
+            self._fraction = shift_us & 255
             self._end = ticks = self._add(self._end, shift_us >> 8)
             self._since += 1
             shift_us = self._diff(before, ticks) + LATCH_US
@@ -261,8 +261,8 @@ class Pacing:
             self._last = self._add(self._last, shift_us)
             return self._chip_us
         exact = self._exact
-        part = self._part + samples * (exact & 255)
-        self._part = part & 255
+        part = self._fraction + samples * (exact & 255)
+        self._fraction = part & 255
         self._end = self._add(self._end, samples * (exact >> 8) + (part >> 8))
         self._since += samples
         self._samples += samples

@@ -106,7 +106,7 @@ class Stage:
         self.release()
         if exposure_us is not None:
             self.board.command(f"set exposure_us={exposure_us}")
-        self._part()
+        self._separate()
         self.take_dark()
         self.reader.set_up(untouched=True)
 
@@ -175,11 +175,11 @@ class Stage:
                 self.press(place_um, force_mN)
                 r = self.reader.read(samples)
                 rows.append((place_um, force_mN, r.counts, r.variance, r.saturated))
-                self._part()
+                self._separate()
         self.release()
         return Presses(*(np.array(column) for column in zip(*rows)))
 
-    def _part(self) -> None:
+    def _separate(self) -> None:
         # Lift, and wait until the guides have parted, so that no press is read with the last one.
         contact = self.sensor.contact
         if contact.sticking_percent:

@@ -177,17 +177,17 @@ class World:
             self._seen = seen
             self._shares = [coupling(contact, force_mN) for force_mN in forces_mN]
             self._parts = [
-                self._part(
+                self._rates_of(
                     pose, share, press.position_mm, press.width_mm, press.tilt_percent, press.skin
                 )
                 for press, share in zip(presses, self._shares)
                 if share > 0
             ]
             if pose.leak_share > 0:
-                self._parts.append(self._part(pose, pose.leak_share, pose.leak_mm))
+                self._parts.append(self._rates_of(pose, pose.leak_share, pose.leak_mm))
             for place_mm, percent in contact.dust:
                 place_mm *= 1 + pose.strain
-                self._parts.append(self._part(pose, percent / 100, place_mm))
+                self._parts.append(self._rates_of(pose, percent / 100, place_mm))
         if self._sticking is None:
             return self._parts
         left = self._sticking.remaining(presses, self._shares, time_s)
@@ -200,7 +200,7 @@ class World:
             self._cells = self._optics, pose, rates
         return [*self._parts, left @ rates]
 
-    def _part(self, pose, share, place_mm, width_mm=0.0, tilt_percent=0.0, skin=False):
+    def _rates_of(self, pose, share, place_mm, width_mm=0.0, tilt_percent=0.0, skin=False):
         # The count rates by a contact share at a place.
         optics = self._optics
         rates = optics.press(
