@@ -26,9 +26,9 @@ from spots.errors import SpotsError, printable
 from spots.outputs.usages import ALIASES_FILE, USAGES_FILE
 
 from .guard import Guard, host_of
-from .orders import Orders
 from .pace import PagePace
 from .panels import installed
+from .request_queue import RequestQueue
 from .state import PageState
 
 STATIC = Path(__file__).parent / "static"
@@ -40,7 +40,7 @@ _NUMBER = re.compile("[0-9]+")
 _HEARTBEAT_S = 20.0  # interval of aiohttp's pings, which detect lost browsers
 _ANSWER_S = 10.0  # longest wait for the answer to a request
 _PING_EVERY = 32  # number of messages between two pings
-NOTHING: Mapping[str, Orders] = {}
+NOTHING: Mapping[str, RequestQueue] = {}
 
 
 # Exceptions of aiohttp for requests that are not HTTP, or whose body does not match the header.
@@ -66,7 +66,7 @@ class PageApp:
         State to serve.
     guard : Guard
         Access control for all requests.
-    orders : dict of Orders, optional
+    queues : dict of RequestQueue, optional
         Handler of the requests to each path, such as ``strip``. These requests need the access
         token.
 
@@ -76,9 +76,11 @@ class PageApp:
         Called with the transport of each connection that becomes a WebSocket.
     """
 
-    def __init__(self, state: PageState, guard: Guard, orders: Mapping[str, Orders] = NOTHING):
+    def __init__(
+        self, state: PageState, guard: Guard, queues: Mapping[str, RequestQueue] = NOTHING
+    ):
         self.on_page: Callable[[asyncio.BaseTransport | None], None] = lambda transport: None
-        self._state, self._guard, self._orders = state, guard, orders
+        self._state, self._guard, self._queues = state, guard, queues
         panels = installed()
         self._panels = [panel.message() for panel in panels]
         # Files by name: no name from a request reaches the file system.
@@ -94,8 +96,8 @@ class PageApp:
         self.web = web.Application(middlewares=[guard.check])
         self.web.router.add_get("/", self._static)
         self.web.router.add_get("/live", self._live)
-        for path, receiver in orders.items():
-            self.web.router.add_post("/" + path, partial(self._order, receiver))
+        for path, receiver in queues.items():
+            self.web.router.add_post("/" + path, partial(self._request, receiver))
         self.web.router.add_get("/{name:(?:static|panels)/.*}", self._static)
         self.web.on_response_prepare.append(_add_headers)
         self.web.on_shutdown.append(self._close)
@@ -130,7 +132,7 @@ class PageApp:
         charset = "utf-8" if kind.startswith("text/") else None
         return web.Response(body=path.read_bytes(), content_type=kind, charset=charset)
 
-    async def _order(self, receiver: Orders, request: web.Request) -> web.Response:
+    async def _request(self, receiver: RequestQueue, request: web.Request) -> web.Response:
         try:
             body = await request.clone(client_max_size=receiver.request_max).read()
             wanted = receiver.decode(body)
@@ -164,7 +166,7 @@ class PageApp:
         news, pace = asyncio.Event(), PagePace(time.monotonic)
         news.set()
         self._clients[socket] = news
-        may_command = self._orders and self._guard.may_command(request)
+        may_command = self._queues and self._guard.may_command(request)
         first = {"panels": self._panels, **({"may_command": True} if may_command else {})}
         sending = asyncio.create_task(self._send_news(socket, news, pace, first))
         try:

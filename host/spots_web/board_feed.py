@@ -37,7 +37,7 @@ from spots_device.sensor.smux import CHANNELS
 from .expected import expected_shown
 from .feel import Feel, layout_shown
 from .one_strip import OneStrip
-from .orders import Orders
+from .request_queue import RequestQueue
 from .state import Beside, PageState
 
 _TICK_S = 0.02  # longest wait for frames before timeouts and requests are handled
@@ -72,7 +72,7 @@ class BoardReader:
         Time between two searches for a board, in seconds.
     on_touch : callable
         ``on_touch(touch)`` is called with each reading, in the reader's thread.
-    orders : collection of Orders
+    queues : collection of RequestQueue
         Queues of requests from browsers; the reader's thread handles these requests.
     """
 
@@ -83,12 +83,12 @@ class BoardReader:
         state: PageState,
         search_every_s: float = _SEARCH_EVERY_S,
         on_touch: Callable[[Touch], None] = lambda touch: None,
-        orders: Collection[Orders] = (),
+        queues: Collection[RequestQueue] = (),
     ):
         self._open_board, self._state = open_board, state
         self._settings: dict[str, Any] = {"layout": layout}  # arguments of `Feel`
         self._search_every_s = search_every_s
-        self._on_touch, self._orders = on_touch, orders
+        self._on_touch, self._queues = on_touch, queues
         self._fingers: dict[int, list[float]] = {}  # by strip: positions in its next reading, in um
         self._shown = 0  # number of the strip that is shown in detail
         self._stopping = threading.Event()
@@ -105,7 +105,7 @@ class BoardReader:
     def stop(self, timeout_s: float = 5.0) -> None:
         """Stop the thread and close the board; wait at most `timeout_s` seconds for the thread."""
         self._stopping.set()
-        for one in self._orders:
+        for one in self._queues:
             one.stopping = True
         if self._thread.is_alive():
             self._thread.join(timeout_s)
@@ -131,14 +131,14 @@ class BoardReader:
                     self._read(board, strips)
         except SpotsError as error:
             if playing:
-                for one in self._orders:
+                for one in self._queues:
                     one.leave()
             self._lost(str(error), refused=isinstance(error, RefusedError))
             return False
         return True
 
     def _playing(self) -> Path | None:
-        return next((one.playing for one in self._orders if one.playing), None)
+        return next((one.playing for one in self._queues if one.playing), None)
 
     def _lost(self, why: str, refused: bool = False) -> None:
         self._say(REFUSED if refused else LOST if self._id else SEARCHING, why)
@@ -149,10 +149,10 @@ class BoardReader:
         `strips` are the strips of the board.
         """
         restarts = board.stats.restarts
-        for one in self._orders:
+        for one in self._queues:
             self._settings |= one.feel
         infos = [_begun(strip) for strip in strips]
-        self._shown = max((one.sensor for one in self._orders), default=0) % len(strips)
+        self._shown = max((one.sensor for one in self._queues), default=0) % len(strips)
         strip, info = strips[self._shown], infos[self._shown]
         playing = self._playing()
         if not playing:
@@ -171,7 +171,7 @@ class BoardReader:
             "expected": expected_shown(strip, info, settings["dark"]),
             "layout": layout_shown(self._settings["layout"]) if info.get("length_um") else None,
         }
-        for one in self._orders:
+        for one in self._queues:
             one.enter()  # first: a browser may send a request as soon as it sees the board
         self._say(CONNECTED, "")
         layout, beside = self._settings["layout"], {}
@@ -184,7 +184,7 @@ class BoardReader:
         ]
         self._heard_s = [board.now_s()] * len(strips)
         health = _Health(board, self._state)
-        left = self._orders
+        left = self._queues
         try:
             frames = board.frames()
             while not self._stopping.is_set():
@@ -196,7 +196,7 @@ class BoardReader:
                     self._stopping.wait(_TICK_S)
                 self._tick(feels, infos, board.now_s())
                 health.show()
-                if any(one.attend(strip) for one in self._orders):
+                if any(one.attend(strip) for one in self._queues):
                     left = ()  # the board is still connected
                     return
                 # A pause in a recording is part of the recording.

@@ -23,7 +23,7 @@ from spots.errors import FileError, SpotsError, StateError, printable
 from spots.link.board import Board
 
 from .one_strip import OneStrip
-from .orders import Orders
+from .request_queue import RequestQueue
 from .state import PageState
 
 _SAID = 4  # number of messages that are shown
@@ -71,7 +71,7 @@ class Cancel(msgspec.Struct, tag_field="do", tag="cancel", forbid_unknown_fields
     """Request of a browser: end the session. The presses stay in the session file."""
 
 
-class PageCalibration(Orders):
+class PageCalibration(RequestQueue):
     """Runs calibration sessions for browsers, one at a time, in the thread that reads the board.
 
     Parameters

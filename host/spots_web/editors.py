@@ -31,7 +31,7 @@ from spots_device.board.settings import checksum
 from spots_device.keys.layout import LIMITS
 
 from .feel import stored_layout
-from .orders import Orders
+from .request_queue import RequestQueue
 from .state import PageState
 from .toml_text import edited, lost_comments
 from .user_file import UserFile
@@ -55,7 +55,7 @@ class Check(msgspec.Struct, tag_field="do", tag="check", forbid_unknown_fields=T
     content: dict[str, Any] | None = None
 
 
-class FileEditor(Orders):
+class FileEditor(RequestQueue):
     """Validates a TOML file from browsers; a subclass stores it.
 
     A subclass also has these methods: ``_read(text)`` returns the content of a text, or raises

@@ -15,8 +15,8 @@ from spots.link.frames import Touch
 from spots.link.timeouts import CONNECTED
 
 from .board_feed import BoardReader
-from .orders import Orders
 from .panels import installed
+from .request_queue import RequestQueue
 from .state import PageState
 
 
@@ -51,7 +51,7 @@ class OpenPanels:
 
     Attributes
     ----------
-    requests : dict of Orders
+    requests : dict of RequestQueue
         Handler of the requests to each panel, by path.
     sources : list of Source or tuple
         Boards to read in place of the one that ``--port`` names.
@@ -63,7 +63,7 @@ class OpenPanels:
     """
 
     def __init__(self, state: PageState, options: Namespace):
-        self.requests: dict[str, Orders] = {}
+        self.requests: dict[str, RequestQueue] = {}
         self.sources: list[Source | tuple] = []
         self._takers = []
         for panel in installed():
@@ -86,7 +86,7 @@ def shower(state: PageState, name: str) -> Callable[[Any], None]:
     return lambda value: state.put(f"panel-{name}", msgspec.to_builtins(value))
 
 
-class PanelRequests(Orders):
+class PanelRequests(RequestQueue):
     """Passes requests of browsers to the method ``on_request`` of a panel."""
 
     request_max = 16_384

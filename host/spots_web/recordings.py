@@ -18,7 +18,7 @@ from spots.recording.replay import open_recording
 from spots.terminal.view import Pace
 from spots_device.reading import decode
 
-from .orders import Orders
+from .request_queue import RequestQueue
 from .state import PageState
 
 # The words of requests, each with the number of file names that follow it.
@@ -29,7 +29,7 @@ _READ_MAX = 200_000  # most readings that are read of a recording to compare
 _POINTS = 1500  # most points of the recording's curve
 
 
-class Recordings(Orders):
+class Recordings(RequestQueue):
     """Starts, stops, lists, plays and compares recordings, as browsers request.
 
     Parameters

@@ -24,11 +24,11 @@ from spots.link.ports import offered, scheme_name
 from .board_feed import BoardReader
 from .calibration import PageCalibration
 from .connections import Connections
-from .orders import Orders
 from .panel_feed import OpenPanels, readers_of
 from .panels import Panel, installed
 from .practice import PagePractice
 from .recordings import Recordings
+from .request_queue import RequestQueue
 from .state import PageState
 from .strip_choice import StripChoice
 
@@ -57,7 +57,7 @@ class Server:
         needs the access token.
     port : int
         TCP port to listen on; 0 for any free port.
-    orders : dict of Orders, optional
+    queues : dict of RequestQueue, optional
         Handler of the requests to each path, such as ``strip``. These requests need the access
         token. Pass the same objects to the reader of the board.
     hosts : sequence of str
@@ -80,23 +80,23 @@ class Server:
         state: PageState,
         address: str = LOOPBACK,
         port: int = 0,
-        orders: Mapping[str, Orders] = NOTHING,
+        queues: Mapping[str, RequestQueue] = NOTHING,
         hosts: Sequence[str] = (),
     ):
         self._state, self._address, self._port = state, address, port
-        self._orders = orders
+        self._queues = queues
         try:
             at_home = ipaddress.ip_address(address).is_loopback
         except ValueError:
             raise SettingError(
                 f"'{address}' is not an IP address: give one such as 192.168.1.20"
             ) from None
-        self._token = None if at_home and not orders and not hosts else secrets.token_urlsafe(16)
+        self._token = None if at_home and not queues and not hosts else secrets.token_urlsafe(16)
         self._guard = Guard(address, self._token, hosts)
         self.url = ""
 
     async def __aenter__(self) -> Server:
-        app = PageApp(self._state, self._guard, self._orders)
+        app = PageApp(self._state, self._guard, self._queues)
         self._runner = web.AppRunner(app.web, access_log=None, logger=LOG, shutdown_timeout=1.0)
         await self._runner.setup()
         connections = Connections(self._runner.server)
@@ -139,23 +139,23 @@ def serve_command(options: argparse.Namespace) -> None:
                 f"{names[-1]}"
             )
         ports = [_VIRTUAL]
-    orders: dict[str, Orders] = {}
+    queues: dict[str, RequestQueue] = {}
     _check_files(options)
     if options.record_to is not None:
-        orders["recording"] = Recordings(Path(options.record_to), state)
+        queues["recording"] = Recordings(Path(options.record_to), state)
     elif options.session is not None:
-        orders["calibration"] = PageCalibration(Path(options.session), state)
+        queues["calibration"] = PageCalibration(Path(options.session), state)
     elif options.practice:
-        orders["calibration"] = PagePractice(options, state)
+        queues["calibration"] = PagePractice(options, state)
     if options.edit is not None:
-        orders["layout"] = LayoutEditor(Path(options.edit), layout, state)
+        queues["layout"] = LayoutEditor(Path(options.edit), layout, state)
     for name in KINDS:
         if (path := getattr(options, f"edit_{name}")) is not None:
-            orders[name] = SettingsEditor(name, Path(path), state)
-    if orders:
-        orders["strip"] = StripChoice()
+            queues[name] = SettingsEditor(name, Path(path), state)
+    if queues:
+        queues["strip"] = StripChoice()
     played = any(scheme_name(port) == "recording" for port in ports)
-    if orders and (read_by_panel or played):
+    if queues and (read_by_panel or played):
         named = "record_to", "session", "edit", *(f"edit_{name}" for name in KINDS)
         given = (name for name in named if getattr(options, name) is not None)
         option = f"--{next(given).replace('_', '-')}"
@@ -179,20 +179,20 @@ def serve_command(options: argparse.Namespace) -> None:
     if panels.sources:
         readers = readers_of(panels.sources, layout, state)
     else:
-        orders |= panels.requests
+        queues |= panels.requests
         port = ports[0] if ports else None
         open_board = _announced(finder(port, options))
         readers = [
-            BoardReader(open_board, layout, state, on_touch=panels.on_touch, orders=orders.values())
+            BoardReader(open_board, layout, state, on_touch=panels.on_touch, queues=queues.values())
         ]
     for panel in installed():
         if panel.fault:
             print(f"spots: {panel.fault}", file=sys.stderr)
-    for order in orders.values():
-        if isinstance(order, FileEditor) and not order.file.path.exists():
-            print(f"{printable(str(order.file.path))} is a new file: the first change writes it")
+    for queue in queues.values():
+        if isinstance(queue, FileEditor) and not queue.file.path.exists():
+            print(f"{printable(str(queue.file.path))} is a new file: the first change writes it")
     hosts = options.host or ()
-    serve(state, options.address, options.http_port, readers, orders=orders, hosts=hosts)
+    serve(state, options.address, options.http_port, readers, queues=queues, hosts=hosts)
 
 
 def _option(panel: Panel) -> str:
@@ -237,7 +237,7 @@ def serve(
     port: int,
     readers: list[BoardReader],
     on_start: Callable[[str], None] = lambda url: None,
-    orders: Mapping[str, Orders] = NOTHING,
+    queues: Mapping[str, RequestQueue] = NOTHING,
     hosts: Sequence[str] = (),
 ) -> None:
     """Print the address of the web UI, then serve the web UI until Ctrl-C or SIGTERM.
@@ -254,14 +254,14 @@ def serve(
         Readers that fill the state. This function starts and stops them.
     on_start : callable, optional
         ``on_start(url)`` is called when the web UI can be opened at `url`.
-    orders : dict of Orders, optional
+    queues : dict of RequestQueue, optional
         Handlers of the requests of browsers, see `Server`.
     hosts : sequence of str
         Further names of this server, see `Server`.
     """
 
     async def main():
-        async with Server(state, address, port, orders, hosts) as server:
+        async with Server(state, address, port, queues, hosts) as server:
             ended = _ended_by_signal()
             for reader in readers:
                 reader.start()

@@ -3,10 +3,10 @@
 from spots.errors import SettingError
 from spots.link.board import Board
 
-from .orders import Orders
+from .request_queue import RequestQueue
 
 
-class StripChoice(Orders):
+class StripChoice(RequestQueue):
     """Handles requests of browsers to choose one strip of a board with several strips.
 
     Attributes

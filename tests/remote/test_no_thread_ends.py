@@ -142,7 +142,7 @@ def test_a_recording_that_is_asked_for(fault, tmp_path, monkeypatch):
     state = PageState()
     recordings = Recordings(tmp_path, state)
     fault.patch(monkeypatch, Board, "record")
-    reader, _ = reading(open_stand_in, state, orders=[recordings])
+    reader, _ = reading(open_stand_in, state, queues=[recordings])
     reader.start()
     wait_until(lambda: recordings._attended)
     with pytest.raises(spots.SpotsError, match="a recording failed"):

@@ -87,7 +87,7 @@ class _Reader(web.Person):
 def _on_page(kind, strip, sensor, habits, seed, folder):
     held, path = Held(), folder / "calibration.jsonl"
     bench = Bench(sensor, None, held, session=path, speed=_SPEED)
-    server = Serving(bench.state, orders=bench.orders)
+    server = Serving(bench.state, queues=bench.queues)
     try:
         with sync_playwright() as playwright:
             browser = playwright.chromium.launch(**launch_options(playwright))

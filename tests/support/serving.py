@@ -127,22 +127,22 @@ class Bench:
         self._second = second and (second, 2)
         self.state = PageState()
         self.recordings = Recordings(record_to, self.state) if record_to else None
-        self.orders = {"recording": self.recordings} if record_to else {}
+        self.queues = {"recording": self.recordings} if record_to else {}
         if session:
-            self.orders["calibration"] = PageCalibration(session, self.state)
+            self.queues["calibration"] = PageCalibration(session, self.state)
         if practice:
-            self.orders["calibration"] = PagePractice(Namespace(sensor=practice), self.state)
+            self.queues["calibration"] = PagePractice(Namespace(sensor=practice), self.state)
         if edit:
-            self.orders["layout"] = LayoutEditor(edit, load(layout), self.state)
+            self.queues["layout"] = LayoutEditor(edit, load(layout), self.state)
         for name, path in (settings or {}).items():
-            self.orders[name] = SettingsEditor(name, path, self.state)
-        if self.orders and second:
-            self.orders["strip"] = StripChoice()
+            self.queues[name] = SettingsEditor(name, path, self.state)
+        if self.queues and second:
+            self.queues["strip"] = StripChoice()
         self.link = None
         self.there = True
         self.asked_for = []
-        orders = self.orders.values()
-        self.reader = BoardReader(self._open, load(layout), self.state, 0.05, orders=orders)
+        queues = self.queues.values()
+        self.reader = BoardReader(self._open, load(layout), self.state, 0.05, queues=queues)
         self.reader.start()
 
     def _open(self, board_id):
@@ -182,8 +182,8 @@ class Bench:
 class Serving:
     """A web server for a `PageState`, in a thread with its own event loop."""
 
-    def __init__(self, state, address="127.0.0.1", port=0, orders=NOTHING, hosts=()):
-        self._server = Server(state, address, port, orders, hosts)
+    def __init__(self, state, address="127.0.0.1", port=0, queues=NOTHING, hosts=()):
+        self._server = Server(state, address, port, queues, hosts)
         self._up = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._main()), daemon=True)
         self._thread.start()

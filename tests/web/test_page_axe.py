@@ -51,7 +51,7 @@ def test_a_strip_with_its_keys(bench, serve, open_page):
 def test_an_editor_of_keys(bench, serve, open_page, tmp_path):
     held = Held()
     one = bench(held, edit=tmp_path / "mine.toml", layout="mini")
-    page = open_page(serve(one.state, orders=one.orders).url)
+    page = open_page(serve(one.state, queues=one.queues).url)
     page.locator("#edit").click(timeout=LONG_MS)
     until(page, "drawn.length > 20")
     page.get_by_text("Tuning").click()
@@ -72,7 +72,7 @@ def test_two_strips(bench, serve, open_page, tmp_path):
     second = Held()
     second.press = Press(40.0, 3000, 4.0)
     one = bench(Held(), second=second, edit=tmp_path / "mine.toml")
-    page = open_page(serve(one.state, orders=one.orders).url)
+    page = open_page(serve(one.state, queues=one.queues).url)
     expect(page.locator("#beside .press.on")).to_have_count(1, timeout=LONG_MS)
     assert serious(page) == []
     page.get_by_role("button", name="strip 0", exact=True).focus()
@@ -88,7 +88,7 @@ def test_two_strips(bench, serve, open_page, tmp_path):
 def test_an_editor_of_settings(bench, serve, open_page, tmp_path, name):
     held = Held()
     one = bench(held, settings={name: tmp_path / "mine.toml"})
-    page = open_page(serve(one.state, orders=one.orders).url)
+    page = open_page(serve(one.state, queues=one.queues).url)
     page.locator(f"#edit-{name}").click(timeout=LONG_MS)
     until(page, "drawn.length > 20")
     held.press = Press(40.0, 6000, 4.0)
@@ -104,7 +104,7 @@ def test_recordings(bench, serve, open_page, sensor, tmp_path):
             with board.record(tmp_path / f"{name}.spots"):
                 next(board.frames(0.1))
     one = bench(Held(), record_to=tmp_path)
-    page = open_page(serve(one.state, orders=one.orders).url)
+    page = open_page(serve(one.state, queues=one.queues).url)
     page.locator("#open-recordings").click(timeout=LONG_MS)
     page.get_by_label("Compare a.spots").check(timeout=LONG_MS)
     page.get_by_label("Compare b.spots").check()
@@ -133,7 +133,7 @@ def test_a_board_that_cannot_be_read(serve, open_page, state):
 def test_a_calibration(sensor, serve, open_page, tmp_path):
     one = Bench(sensor, None, Held(), session=tmp_path / "calibration.jsonl")
     try:
-        page = open_page(serve(one.state, orders=one.orders).url)
+        page = open_page(serve(one.state, queues=one.queues).url)
         start = page.locator("#calibration .kind[value=rough]")
         start.wait_for(timeout=LONG_MS)
         assert serious(page) == []
@@ -169,7 +169,7 @@ def reached(page, panel):
 @pytest.mark.parametrize("name", KINDS)
 def test_the_keyboard_reaches_all_settings(bench, serve, open_page, tmp_path, name):
     one = bench(Held(), settings={name: tmp_path / "mine.toml"})
-    page = open_page(serve(one.state, orders=one.orders).url)
+    page = open_page(serve(one.state, queues=one.queues).url)
     page.locator(f"#edit-{name}").wait_for(timeout=LONG_MS)
     page.locator(f"#edit-{name}").focus()
     page.keyboard.press("Enter")
@@ -187,7 +187,7 @@ def test_the_keyboard_reaches_all_settings(bench, serve, open_page, tmp_path, na
 
 def test_the_keyboard_reaches_everything_of_the_editor(bench, serve, open_page, tmp_path):
     one = bench(Held(), edit=tmp_path / "mine.toml", layout="mini")
-    page = open_page(serve(one.state, orders=one.orders).url)
+    page = open_page(serve(one.state, queues=one.queues).url)
     page.locator("#edit").wait_for(timeout=LONG_MS)
     page.locator("#edit").focus()
     page.keyboard.press("Enter")

@@ -50,7 +50,7 @@ def table(sensor, serve, tmp_path):
         held = Held()
         path = tmp_path / "calibration.jsonl"
         bench = Bench(sensor, None, held, session=path, speed=SPEED)
-        server = serve(bench.state, orders=bench.orders)
+        server = serve(bench.state, queues=bench.queues)
         length_mm = sensor.length_mm
 
         def shown(self):
@@ -206,7 +206,7 @@ def test_a_board_that_is_unplugged_ends_the_session_in_a_sentence(table, open_pa
 
 def test_only_the_token_calibrates(table, tmp_path):
     before = table.shown()
-    old = Serving(PageState(), orders={"calibration": PageCalibration(tmp_path / "b", PageState())})
+    old = Serving(PageState(), queues={"calibration": PageCalibration(tmp_path / "b", PageState())})
     stale = token_of(old)
     old.stop()
     for message in (
@@ -292,18 +292,18 @@ def test_a_message_of_an_earlier_step_does_nothing(table, open_page):
     ("kind", "kept"), [("rough", "the stored presses are kept"), ("rezero", "nothing was saved")]
 )
 def test_a_restart_of_the_board_ends_a_session(kind, kept, tmp_path):
-    orders = PageCalibration(tmp_path / "a.jsonl", PageState())
-    orders._show(kind=kind)
-    orders._plan, orders._restarts = (), 0
-    orders._board = SimpleNamespace(stats=SimpleNamespace(restarts=1))
+    queue = PageCalibration(tmp_path / "a.jsonl", PageState())
+    queue._show(kind=kind)
+    queue._plan, queue._restarts = (), 0
+    queue._board = SimpleNamespace(stats=SimpleNamespace(restarts=1))
     with pytest.raises(SpotsError, match=f"the board has restarted: start again; {kept}"):
-        orders.watch(SimpleNamespace(counts=np.zeros(6)), None, 0.0)
+        queue.watch(SimpleNamespace(counts=np.zeros(6)), None, 0.0)
 
 
 def test_a_flood_of_messages_is_bounded(tmp_path):
-    orders = PageCalibration(tmp_path / "a.jsonl", PageState())
-    orders._attended = True  # a board is connected, but does not process the requests
-    waiting = [orders.submit(orders.decode(b'{"do":"cancel"}')) for _ in range(1000)]
+    queue = PageCalibration(tmp_path / "a.jsonl", PageState())
+    queue._attended = True  # a board is connected, but does not process the requests
+    waiting = [queue.submit(queue.decode(b'{"do":"cancel"}')) for _ in range(1000)]
     refused = [one for one in waiting if one.done()]
     assert len(refused) > 980
     assert all("busy" in str(one.exception()) for one in refused)
@@ -367,7 +367,7 @@ def drifted(sensor, calibration, serve, tmp_path):
     Drifted.file = calibration_file.load(Drifted.out)
     session = tmp_path / "calibration.jsonl"
     Drifted.bench = Bench(sensor, calibration, Drifted.held, session=session, speed=SPEED)
-    Drifted.server = serve(Drifted.bench.state, orders=Drifted.bench.orders)
+    Drifted.server = serve(Drifted.bench.state, queues=Drifted.bench.queues)
     yield Drifted
     Drifted.bench.close()
 
@@ -380,7 +380,7 @@ def test_a_re_zero_corrects_a_drift_or_changes_nothing(drifted, open_page):
     person.go_on(lambda seen: seen["count"] == "1 of 3")
     expect(page.locator("#calibration h2")).to_have_text("Calibration: re-zero")
     expect(page.get_by_role("button", name="Undo the last press")).to_be_hidden()
-    message = {"do": "undo", "step": drifted.bench.orders["calibration"]._step}
+    message = {"do": "undo", "step": drifted.bench.queues["calibration"]._step}
     token = token_of(drifted.server)
     status, why = post(drifted.server, json.dumps(message), path="calibration", token=token)
     assert (status, "a re-zero" in why or "earlier step" in why) == (409, True)
@@ -419,10 +419,10 @@ def test_without_a_calibration_there_is_no_re_zero(table, open_page):
 def test_the_next_step_names_buttons_of_this_window(serve, open_page, tmp_path, command, buttons):
     state = PageState()
     (tmp_path / "mine.toml").touch()
-    orders = {"calibration": PageCalibration(tmp_path / "mine.jsonl", state)}
+    queues = {"calibration": PageCalibration(tmp_path / "mine.jsonl", state)}
     board = {"state": "connected", "id": "a", "board": "a", "port": "x", "message": "", "next": ""}
     state.put("board", {**board, "calibration": "12345678"})
-    server = serve(state, orders=orders)
+    server = serve(state, queues=queues)
     watching, acting = open_page(f"http://127.0.0.1:{server.port}/"), open_page(server.url)
     state.put("untrusted", f"a reason; next: {command}")
     expect(watching.locator("#next")).to_have_text(f"a reason; next: {command}")
@@ -445,7 +445,7 @@ def test_without_a_calibration_file_the_next_step_of_a_drift_is_no_button(
     serve, open_page, tmp_path
 ):
     state = PageState()
-    orders = {"calibration": PageCalibration(tmp_path / "mine.jsonl", state)}
+    queues = {"calibration": PageCalibration(tmp_path / "mine.jsonl", state)}
     state.put("untrusted", "a reason; next: spots rezero")
-    page = open_page(serve(state, orders=orders).url)
+    page = open_page(serve(state, queues=queues).url)
     expect(page.locator("#next")).to_have_text("a reason; next: spots rezero", timeout=LONG_MS)

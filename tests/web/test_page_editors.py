@@ -43,7 +43,7 @@ def desk(sensor, calibration, serve, tmp_path):
             self.bench = Bench(
                 sensor, calibration, Held(), edit=self.paths["layout"], settings=settings
             )
-            self.server = serve(self.bench.state, orders=self.bench.orders)
+            self.server = serve(self.bench.state, queues=self.bench.queues)
             eventually(lambda: self.shown("layout")["stored"] is not None)
 
         def shown(self, name):

@@ -129,8 +129,8 @@ def edit(page):
 @pytest.mark.parametrize(("pages", "stalled", "editing"), [(1, 0, 0), (8, 1, 1)])
 def test_from_frame_to_pixel(played, serve, open_page, tmp_path, pages, stalled, editing):
     state, boards = played
-    orders = {"layout": LayoutEditor(tmp_path / "mine.toml", load("digits"), state)}
-    url = serve(state, orders=orders).url
+    queues = {"layout": LayoutEditor(tmp_path / "mine.toml", load("digits"), state)}
+    url = serve(state, queues=queues).url
     opened = [open_page(url) for _ in range(pages)]
     for page in [open_page(url) for _ in range(editing)]:
         edit(page)

@@ -46,8 +46,8 @@ def desk(sensor, calibration, serve, tmp_path):
 
         def __init__(self):
             self.bench = Bench(sensor, calibration, self.held, edit=self.path, speed=SPEED)
-            self.editor = self.bench.orders["layout"]
-            self.server = serve(self.bench.state, orders=self.bench.orders)
+            self.editor = self.bench.queues["layout"]
+            self.server = serve(self.bench.state, queues=self.bench.queues)
 
         def shown(self, part="editor"):
             return self.bench.state.since(self.bench.state.begin())[1].get(part)
@@ -537,7 +537,7 @@ def test_only_the_token_edits(desk, tmp_path):
     desk.connected()
     before, stored = desk.shown(), desk.on_board()
     other = {"layout": LayoutEditor(tmp_path / "b.toml", DIGITS, PageState())}
-    old = Serving(PageState(), orders=other)
+    old = Serving(PageState(), queues=other)
     stale = token_of(old)
     old.stop()
     for message in MESSAGES:

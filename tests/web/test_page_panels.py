@@ -144,7 +144,7 @@ def test_a_panel_is_guarded_as_the_page_is(installed, plugged, serve):
     plugged(installed)
     state = PageState()
     opened = OpenPanels(state, options())
-    server = serve(state, orders=opened.requests)
+    server = serve(state, queues=opened.requests)
 
     async def ask(method, path, **headers):
         async with (
@@ -178,7 +178,7 @@ def test_requests_reach_the_panel_in_the_thread_that_reads_the_board(
     reader = BoardReader(
         one._open, load("digits"), one.state, 0.05, opened.on_touch, opened.requests.values()
     )
-    server = serve(one.state, orders=opened.requests)
+    server = serve(one.state, queues=opened.requests)
     reader.start()
     try:
         while (answer := post(server, "/panels/volume", b"30"))[0] == 409:

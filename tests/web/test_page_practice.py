@@ -18,7 +18,7 @@ SHOWN = re.compile(r"ruler: finger at ([\d.]+) mm(?:, scale: (\d+) g)?|scale: (\
 @pytest.fixture
 def practice(sensor, serve):
     bench = Bench(sensor, None, Held(), practice="default")
-    yield serve(bench.state, orders=bench.orders)
+    yield serve(bench.state, queues=bench.queues)
     bench.close()
 
 

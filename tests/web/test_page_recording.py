@@ -45,7 +45,7 @@ def recorded(bench, serve, tmp_path):
     held.press = Press(40.0, 4000, 4.0)
     one = bench(held, record_to=tmp_path)
     ready(one)
-    return one, serve(one.state, orders=one.orders)
+    return one, serve(one.state, queues=one.queues)
 
 
 def test_a_recording_of_the_page_is_one_like_any_other(recorded, open_page, tmp_path):
@@ -127,7 +127,7 @@ def test_what_cannot_be_is_told(recorded, tmp_path, serve):
     assert post(server, "stop", token=token)[0] == 204
     state = PageState()
     nobody = Recordings(tmp_path, state)
-    lonely = serve(state, orders={"recording": nobody})
+    lonely = serve(state, queues={"recording": nobody})
     assert post(lonely, "start", token=token_of(lonely)) == (
         409,
         "there is no board to record: plug one in",
@@ -223,7 +223,7 @@ def folder(sensor, calibration, bench, serve, tmp_path):
     held.press = Press(40.0, 4000, 4.0)
     one = bench(held, record_to=inside)
     ready(one)
-    return one, serve(one.state, orders=one.orders), inside
+    return one, serve(one.state, queues=one.queues), inside
 
 
 PLACE = "Number(document.querySelector('.figure b').firstChild.data)"

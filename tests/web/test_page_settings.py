@@ -40,7 +40,7 @@ def desk(sensor, calibration, serve, tmp_path):
 
         def __init__(self):
             self.bench = Bench(sensor, calibration, self.held, settings=self.paths)
-            self.server = serve(self.bench.state, orders=self.bench.orders)
+            self.server = serve(self.bench.state, queues=self.bench.queues)
 
         def shown(self, part):
             return self.bench.state.since(self.bench.state.begin())[1].get(part)
@@ -274,7 +274,7 @@ def test_only_the_token_saves_settings(desk, name, tmp_path):
     desk.connected()
     before = desk.shown(name)
     other = {name: SettingsEditor(name, tmp_path / "b.toml", PageState())}
-    old = Serving(PageState(), orders=other)
+    old = Serving(PageState(), queues=other)
     stale = token_of(old)
     old.stop()
     for message in MESSAGES:

@@ -38,7 +38,7 @@ def two(bench, serve, tmp_path):
 
     def make(second=None, **options):
         one = bench(Held(), second=second or Held(), **options)
-        one.server = serve(one.state, orders=one.orders)
+        one.server = serve(one.state, queues=one.queues)
         return one
 
     return make
@@ -195,7 +195,7 @@ def test_a_request_is_handled_as_soon_as_the_board_is_shown(two, tmp_path, monke
     def put_and_ask(state, part, value):
         put(state, part, value)
         if part == "board" and value["state"] == CONNECTED and not answers:
-            answers.append(one.orders["strip"].submit(1))
+            answers.append(one.queues["strip"].submit(1))
 
     # The reader's thread starts inside of `two`, before `one` exists.
     begin = threading.Event()

@@ -16,7 +16,7 @@ from spots.link.board import Board
 _WAITING_MAX = 8  # number of waiting requests
 
 
-class Orders:
+class RequestQueue:
     """Queue of requests from browsers with the access token; a subclass handles them.
 
     A subclass has its own `attend`, or the method ``_handle(board, request)``, which returns the
