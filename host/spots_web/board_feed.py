@@ -38,7 +38,7 @@ from .expected import expected_shown
 from .feel import Feel, layout_shown
 from .one_strip import OneStrip
 from .request_queue import RequestQueue
-from .state import Beside, PageState
+from .state import OtherStrip, PageState
 
 _TICK_S = 0.02  # longest wait for frames before timeouts and requests are handled
 _SEARCH_EVERY_S = 1.0
@@ -179,7 +179,7 @@ class BoardReader:
         feels = [
             Feel(strip, info, self._state, **self._settings)
             if i == self._shown
-            else Feel(board, {}, Beside(self._state, i, beside), layout)
+            else Feel(board, {}, OtherStrip(self._state, i, beside), layout)
             for i in range(len(strips))
         ]
         self._heard_s = [board.now_s()] * len(strips)

@@ -98,7 +98,7 @@ class PageState:
             return Cursor(self._version, self._added), news
 
 
-class Beside(PageState):
+class OtherStrip(PageState):
     """Shows only the latest reading and warning of a strip, if another strip is shown in detail.
 
     Parameters
@@ -108,7 +108,7 @@ class Beside(PageState):
     sensor : int
         Number of the strip.
     strips : dict
-        Reading and warning of each strip, by number of the strip. All `Beside` objects of a board
+        Reading and warning of each strip, by number of the strip. All `OtherStrip` objects of a board
         share this dict.
     """
 
