@@ -35,10 +35,10 @@ from spots.terminal.view import Pace
 from spots_device.sensor.smux import CHANNELS
 
 from .expected import expected_shown
-from .feel import Feel, layout_shown
 from .one_strip import OneStrip
 from .request_queue import RequestQueue
 from .state import OtherStrip, PageState
+from .strip_feed import StripFeed, layout_shown
 
 _TICK_S = 0.02  # longest wait for frames before timeouts and requests are handled
 _SEARCH_EVERY_S = 1.0
@@ -86,7 +86,7 @@ class BoardReader:
         queues: Collection[RequestQueue] = (),
     ):
         self._open_board, self._state = open_board, state
-        self._settings: dict[str, Any] = {"layout": layout}  # arguments of `Feel`
+        self._settings: dict[str, Any] = {"layout": layout}  # arguments of `StripFeed`
         self._search_every_s = search_every_s
         self._on_touch, self._queues = on_touch, queues
         self._fingers: dict[int, list[float]] = {}  # by strip: positions in its next reading, in um
@@ -150,7 +150,7 @@ class BoardReader:
         """
         restarts = board.stats.restarts
         for one in self._queues:
-            self._settings |= one.feel
+            self._settings |= one.strip_settings
         infos = [_begun(strip) for strip in strips]
         self._shown = max((one.sensor for one in self._queues), default=0) % len(strips)
         strip, info = strips[self._shown], infos[self._shown]
@@ -176,10 +176,10 @@ class BoardReader:
         self._say(CONNECTED, "")
         layout, beside = self._settings["layout"], {}
         self._state.put("beside", beside.copy())
-        feels = [
-            Feel(strip, info, self._state, **self._settings)
+        feeds = [
+            StripFeed(strip, info, self._state, **self._settings)
             if i == self._shown
-            else Feel(board, {}, OtherStrip(self._state, i, beside), layout)
+            else StripFeed(board, {}, OtherStrip(self._state, i, beside), layout)
             for i in range(len(strips))
         ]
         self._heard_s = [board.now_s()] * len(strips)
@@ -189,12 +189,12 @@ class BoardReader:
             frames = board.frames()
             while not self._stopping.is_set():
                 for frame in frames.within(_TICK_S):
-                    self._take(frame, feels, health, board)
+                    self._take(frame, feeds, health, board)
                     if self._stopping.is_set():
                         return
                 if board.ended:  # `frames` of an ended recording returns without a wait
                     self._stopping.wait(_TICK_S)
-                self._tick(feels, infos, board.now_s())
+                self._tick(feeds, infos, board.now_s())
                 health.show()
                 if any(one.attend(strip) for one in self._queues):
                     left = ()  # the board is still connected
@@ -206,43 +206,43 @@ class BoardReader:
                 if board.stats.restarts != restarts:
                     return
         finally:
-            for feel in feels:
-                feel.release()
+            for feed in feeds:
+                feed.release()
             for one in left:
                 one.leave()
 
-    def _take(self, frame, feels: list[Feel], health: _Health, board: Board) -> None:
+    def _take(self, frame, feeds: list[StripFeed], health: _Health, board: Board) -> None:
         if isinstance(frame, Touch):
             self._on_touch(frame)
-        if frame.sensor >= len(feels):
+        if frame.sensor >= len(feeds):
             return
-        feel, shown = feels[frame.sensor], frame.sensor == self._shown
+        feed, shown = feeds[frame.sensor], frame.sensor == self._shown
         if isinstance(frame, Touch):
             if self._said["state"] != CONNECTED:
-                for one in feels:
+                for one in feeds:
                     one.release()
                 self._say(CONNECTED, "")
             now_s = board.now_s()
             self._heard_s[frame.sensor] = now_s
-            feel.take(frame, now_s, self._fingers.pop(frame.sensor, ()))
+            feed.take(frame, now_s, self._fingers.pop(frame.sensor, ()))
             if shown:
                 health.took(now_s, now_s - frame.time_s)
         elif isinstance(frame, Spectrum):
-            feel.take_spectrum(frame, board.now_s())
+            feed.take_spectrum(frame, board.now_s())
             if shown:
                 self._state.put("spectrum", {"counts": frame.counts})
         elif isinstance(frame, Contact):
             fingers = self._fingers.setdefault(frame.sensor, [])
             fingers += [] if frame.ended else [frame.position_um]
         elif isinstance(frame, Key):
-            feel.take_key(frame)
+            feed.take_key(frame)
 
-    def _tick(self, feels: list[Feel], infos: list, now_s: float) -> None:
-        for feel, info, heard_s in zip(feels, infos, self._heard_s):
-            feel.tick(now_s)
+    def _tick(self, feeds: list[StripFeed], infos: list, now_s: float) -> None:
+        for feed, info, heard_s in zip(feeds, infos, self._heard_s):
+            feed.tick(now_s)
             every_s = 1e-6 * info.get("exposure_us", 0) * info.get("average", 1)
             if max(self._heard_s) - heard_s > silent_s(SEARCH_S, every_s):
-                feel.silence(_SILENT)
+                feed.silence(_SILENT)
 
     def _take_state(self, state: str) -> None:
         if state != CONNECTED:  # shown with the first reading

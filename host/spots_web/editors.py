@@ -30,9 +30,9 @@ from spots.wearable.gestures import NAMES
 from spots_device.board.settings import checksum
 from spots_device.keys.layout import LIMITS
 
-from .feel import stored_layout
 from .request_queue import RequestQueue
 from .state import PageState
+from .strip_feed import stored_layout
 from .toml_text import edited, lost_comments
 from .user_file import UserFile
 
@@ -244,7 +244,7 @@ class LayoutEditor(FileEditor):
 
     def _use_keys(self, layout: KeyLayout) -> None:
         """Use a layout, which is on the board, for the keys in the web UI."""
-        self.feel = {"layout": layout, "draft": lambda: self._draft}
+        self.strip_settings = {"layout": layout, "draft": lambda: self._draft}
 
     def _checked(self, text: str) -> dict[str, Any]:
         layout = self._compiled(text)
@@ -412,7 +412,7 @@ class SettingsEditor(FileEditor):
         return toml.loads(text)
 
     def _use(self, text: str) -> None:
-        self.feel = {self._part: self._is.read(text, self._name)}
+        self.strip_settings = {self._part: self._is.read(text, self._name)}
         self.text = text
 
     def _checked(self, text: str) -> dict[str, Any]:

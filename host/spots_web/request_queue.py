@@ -30,8 +30,8 @@ class RequestQueue:
         Recording that is read instead of the board.
     sensor : int
         Number of the strip to show in detail and to change, on a board with several strips.
-    feel : dict
-        New values for arguments of `feel.Feel`, by name, such as a key layout.
+    strip_settings : dict
+        New values for arguments of `strip_feed.StripFeed`, by name, such as a key layout.
     """
 
     what = "a request"  # for error messages
@@ -39,7 +39,7 @@ class RequestQueue:
     request_max = 1024  # bytes
     requests: Any = None  # a union of structs
     _changes_board = False  # whether each request may change the settings of the board
-    feel: Mapping[str, Any] = {}
+    strip_settings: Mapping[str, Any] = {}
     playing: Path | None = None
     sensor = 0
 

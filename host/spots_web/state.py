@@ -108,8 +108,8 @@ class OtherStrip(PageState):
     sensor : int
         Number of the strip.
     strips : dict
-        Reading and warning of each strip, by number of the strip. All `OtherStrip` objects of a board
-        share this dict.
+        Reading and warning of each strip, by number of the strip. All `OtherStrip` objects of a
+        board share this dict.
     """
 
     def __init__(self, state: PageState, sensor: int, strips: dict[int, dict]):

@@ -52,9 +52,9 @@ from spots_sim.strip import files
 from spots_sim.strip.optics import Optics
 from spots_sim.strip.scenario import Scenario
 from spots_web.app import _ACK_MAX, _NUMBER, _add_headers
-from spots_web.feel import layout_shown
 from spots_web.guard import Guard
 from spots_web.pace import PagePace
+from spots_web.strip_feed import layout_shown
 
 _TEMPORARY = tempfile.TemporaryDirectory(prefix="spots-fuzz-")
 FOLDER = Path(_TEMPORARY.name)

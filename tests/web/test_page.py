@@ -23,8 +23,8 @@ from spots_sim.strip.files import Finger, ScenarioFile, load
 from spots_sim.strip.scenario import Held, Press, Scenario
 from spots_web import board_feed as reader
 from spots_web.board_feed import BoardReader
-from spots_web.feel import _message
 from spots_web.state import PageState
+from spots_web.strip_feed import _message
 
 LONG_MS = 60_000
 KNOB = "new DOMMatrix(getComputedStyle(document.querySelector('.knob')).transform).e"

@@ -25,7 +25,7 @@ from spots_device.keys.layout import LIMITS, action, default_lines
 from .state import PageState
 
 
-class Feel:
+class StripFeed:
     """Shows a board's readings in the web UI, with keys, gestures and gamepad computed from them.
 
     Parameters
