@@ -71,7 +71,7 @@ bus = MachineBus(
 )
 port = StdioSerial()
 app = app_module.BoardApp(board_config, "micropython", uid, AS7341(bus, time), time, port)
-strip, framer, uses, handle = app.strip, app.framer, app.uses, app._commands.handle
+strip, framer, outputs, handle = app.strip, app.framer, app.outputs, app._commands.handle
 sensor, state, take, work = strip.sensor, strip.decode.state, strip.take, strip._work
 pacing = sensor.pacing
 write, dots = port._out, b"." * 31 + b"\n"
@@ -120,7 +120,7 @@ def touch(fingers):
         while sensor.complete == complete:
             app.step()
     steady = [array("i", [n * sensor.exposure_us // 10_000 for n in row[1:]]) for row in rows[-20:]]
-    if (state[0] & 1, uses.two) != (fingers > 0, uses.active and fingers > 1):
+    if (state[0] & 1, outputs.two) != (fingers > 0, outputs.active and fingers > 1):
         raise ValueError("%d fingers: %s" % (fingers, list(state)[:5]))
 
 
@@ -197,7 +197,7 @@ handle("set keys=1")
 weighs, evidence.weigh = evidence.weigh, weigh
 keys_us = [measure("keys, %d fingers" % fingers, fingers) - touch_us for fingers in range(3)]
 evidence.weigh = weighs
-tracker = uses._tracker
+tracker = outputs._tracker
 show("evidence.weigh", mean_us(lambda: weighs(tracker.state)))
 show("spectrum, in addition", spectrum_us)
 for fingers in range(3):
@@ -217,10 +217,10 @@ for name, register, size in (
     show("bus, " + name, bus_us)
 
 # A sample. The times of what is not measured alone are differences of loops.
-uses.take = strip._send = nothing
+outputs.take = strip._send = nothing
 used_us = mean_us(take)
 show("Strip.take, used", used_us)
-del uses.take
+del outputs.take
 use, work[_USE] = work[_USE], None
 reading_us = mean_us(take)
 show("Strip.take, reading", reading_us)
@@ -238,25 +238,25 @@ state[_AVERAGE] = 1
 take()
 work[_USE] = use
 strip._send = framer.send
-uses._track = nothing
-uses_us = used_us - reading_us + mean_us(lambda: uses.take(0, state))
-show("Uses.take", uses_us - used_us + reading_us)
-del uses._track
+outputs._track = nothing
+outputs_us = used_us - reading_us + mean_us(lambda: outputs.take(0, state))
+show("Outputs.take", outputs_us - used_us + reading_us)
+del outputs._track
 
 
 def pump():
-    uses._until = 5
-    uses.pump()
+    outputs._until = 5
+    outputs.pump()
 
 
-pump_us, idle_us = mean_us(pump), mean_us(uses.pump)
-show("Uses.pump", idle_us)
+pump_us, idle_us = mean_us(pump), mean_us(outputs.pump)
+show("Outputs.pump", idle_us)
 show("Engine.tick", pump_us - idle_us)
 for fingers in range(3):
-    show("ContactTracker.take, %d fingers" % fingers, keys_us[fingers] - uses_us - pump_us)
-app._poll, app.sleep_us, uses.pumps = lambda: False, nothing, False
+    show("ContactTracker.take, %d fingers" % fingers, keys_us[fingers] - outputs_us - pump_us)
+app._poll, app.sleep_us, outputs.pumps = lambda: False, nothing, False
 loop_pass_us = mean_us(app._pass)
-app._poll, app.sleep_us, uses.pumps = sensor.poll, sleep_us, True
+app._poll, app.sleep_us, outputs.pumps = sensor.poll, sleep_us, True
 show("BoardApp._pass", loop_pass_us)
 poll_us = mean_us(waiting)
 sensor.waits = 0

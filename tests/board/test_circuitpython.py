@@ -177,7 +177,7 @@ def test_a_watchdog_and_ctrl_c_under_it(start, tmp_path, monkeypatch):
         patch.chdir(tmp_path)
         Store().save([("settings", ["watchdog=1"])])
     app = tmp_path / "spots_device" / "board" / "app.py"
-    hanging = app.read_text().replace("self.uses.use_layout(lines)", "while True: pass")
+    hanging = app.read_text().replace("self.outputs.use_layout(lines)", "while True: pass")
     app.write_text(hanging)
     started = tmp_path / "spots_device" / "board" / "start.py"
     assert "WATCHDOG_MS = 8_000" in started.read_text()

@@ -145,7 +145,7 @@ def test_a_sensor_that_returns_without_memory_for_keys_does_not_end_the_loop(mon
     board = Board(["keys=1"], calibration=LINES)
     board.app.use_layout(default_lines())
     board.lose()
-    board.app.uses._layout = None
+    board.app.outputs._layout = None
     monkeypatch.setattr(layout_module, "parse", full)
     board.find()
     assert "no memory is left for keys" in board.app.apply_calibration()
@@ -275,10 +275,10 @@ def with_longest_settings(app):
 
 def test_the_longest_reply_fits_a_frame():
     app = with_longest_settings(Board(calibration=LINES).app)
-    app.uses.layout_lines = default_lines()
+    app.outputs.layout_lines = default_lines()
     app.store.fault = "é" * 30
     app._unused = ['"' * 30, "\\" * 20, "\n" * 150]
-    app.uses.fault = "this board has no room"
+    app.outputs.fault = "this board has no room"
     reply = app.identity()
     assert sum(map(len, reply["boot"])) == 240
     assert reply["boot"][-1] == "this board"
@@ -400,15 +400,15 @@ def test_a_sample_is_processed_in_one_call_also_with_keys(monkeypatch, keys):
     end = clock.now + 300_000
     while clock.now < end:
         app.step()
-    assert app.uses.active == (keys == "keys=1")
+    assert app.outputs.active == (keys == "keys=1")
     assert len(calls) == len(taken) > 20
 
 
 def test_the_loop_sends_the_usb_reports_between_the_samples_of_a_fifo_read():
     app, _, _, serial = stalled()
     frames = []
-    app.uses.pumps = True
-    app.uses.pump = lambda: frames.append(serial.frames)
+    app.outputs.pumps = True
+    app.outputs.pump = lambda: frames.append(serial.frames)
     app.step()
     assert len(frames) >= 9
     assert len(set(frames)) == len(frames)

@@ -56,7 +56,7 @@ EACH_SAMPLE = {
     "reading/strip": "take _judge _use _finish _follow",
     "reading/ambient": "follow _is_shifted _slope _is_ambient _left _net _move _expect",
     "reading/dark": "is_due chi2",
-    "board/uses": "take pump _offer usage has_room key _flush _send_keys _send_key _track "
+    "board/outputs": "take pump _offer usage has_room key _flush _send_keys _send_key _track "
     "_follow_fingers",
 }
 

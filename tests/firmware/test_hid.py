@@ -267,7 +267,7 @@ def test_whatever_is_refused_the_host_gets_every_report_in_order(events, takes):
 
 
 class Sleeper:
-    """A keyboard that is pumped each ms, like the loop of `uses.Uses`, and its host."""
+    """A keyboard that is pumped each ms, like the loop of `outputs.Outputs`, and its host."""
 
     def __init__(self, start_ms=0):
         self.ms = start_ms

@@ -84,9 +84,9 @@ def leave(tmp_path, monkeypatch, *at, error=KeyboardInterrupt):
     usb, interrupts = Usb(), Interrupts(*at)
     app, _, _, _ = canned.app((), usb=usb)
     app.interrupt_at = interrupts.interrupt_at
-    app.uses.usage(KEYBOARD_PAGE, A, 0, True)
-    app.uses.key(KEYBOARD_PAGE, A, 0, True)
-    app.uses.pump()
+    app.outputs.usage(KEYBOARD_PAGE, A, 0, True)
+    app.outputs.key(KEYBOARD_PAGE, A, 0, True)
+    app.outputs.pump()
     assert usb.got == [DOWN]
     usb.refusals = REFUSALS
 

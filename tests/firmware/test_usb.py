@@ -12,7 +12,7 @@ from unittest.mock import Mock
 import pytest
 
 from spots.link.frames import Decoder
-from spots_device.board.uses import INTERFACES
+from spots_device.board.outputs import INTERFACES
 from spots_device.keys.reports import (
     GAMEPAD_DESCRIPTOR,
     KEYBOARD_DESCRIPTOR,

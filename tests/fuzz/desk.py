@@ -185,7 +185,7 @@ class Board:
             app.strip.stream_touch,
             app.strip.stream_spectrum,
             list(app.calibration.lines),
-            list(app.uses.layout_lines),
+            list(app.outputs.layout_lines),
         )
 
 

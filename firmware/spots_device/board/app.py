@@ -9,10 +9,10 @@ from ..reading.frame import Framer, Time32
 from ..reading.strip import Strip
 from ..sensor.as7341 import SensorError
 from .command import LINE_MAX, Commands, LineReader, Replies
+from .outputs import Outputs, check_layout
 from .reconnect import Reconnect
 from .settings import BoardSettings, checksum
 from .store import Store
-from .uses import Uses, check_layout
 
 # Longest sleep without reading commands: an exposure of 10 ms, and the error of a clock that is up
 # to 3 ms early.
@@ -102,8 +102,8 @@ class BoardApp:
         whether it was sent. ``read()`` returns the next byte as int, or -1 if no byte waits; it
         must not allocate.
     usb : object, optional
-        USB stack: ``open(names) -> dict`` opens HID interfaces, see `uses.Uses`. None on a board
-        that cannot be a USB keyboard.
+        USB stack: ``open(names) -> dict`` opens HID interfaces, see `outputs.Outputs`. None on a
+        board that cannot be a USB keyboard.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ class BoardApp:
         self._unused = []  # sentences about stored parts that are invalid
         layout_lines = self._load()
         # The host reads the USB descriptors once, so the interfaces cannot change later.
-        self.uses = Uses(self.settings, self.framer, self._time, usb, layout_lines)
+        self.outputs = Outputs(self.settings, self.framer, self._time, usb, layout_lines)
         self.strip = Strip(
             self.index,
             self._uid,
@@ -171,7 +171,7 @@ class BoardApp:
             self._time,
             self._clock,
             self.settings,
-            self.uses,
+            self.outputs,
         )
         self._take = self.strip.take
         self.reconnect = Reconnect(
@@ -219,7 +219,7 @@ class BoardApp:
             if self._leave_until is None:
                 self._leave_until = clock.ticks_add(clock.ticks_us(), _LAST_US)
             self._time.update()
-            self.uses.finish(clock, self._leave_until)
+            self.outputs.finish(clock, self._leave_until)
         finally:
             self.strip.stop()
         self._left = True
@@ -261,7 +261,7 @@ class BoardApp:
                     self.sleep_us(wait_us)
                 self._sample()
         # After the samples, so that their keys do not wait until the end of a sleep.
-        if self.uses.pumps:  # without keys a look-up, which is shorter than a call
+        if self.outputs.pumps:  # without keys a look-up, which is shorter than a call
             self._pump()
 
     def _sample(self):
@@ -274,13 +274,13 @@ class BoardApp:
             # The other samples of this FIFO read, at most 19. `poll` does not use the bus for them.
             # `_take` can restart the sensor, which drops them.
             while self._sensor.waits:
-                if self.uses.pumps:
+                if self.outputs.pumps:
                     self._pump()
                 poll()
                 take()
 
     def _pump(self):
-        self._slice_us = _SLICE_US if self.uses.pump() else self.report_us
+        self._slice_us = _SLICE_US if self.outputs.pump() else self.report_us
 
     def measure(self):
         """Start to measure `Meter.busy_us`; the loop is slightly slower during the measurement."""
@@ -368,14 +368,14 @@ class BoardApp:
         """
         if lines:
             check_layout(lines)
-        self.uses.use_layout(lines)
+        self.outputs.use_layout(lines)
         self._sum()
         return self.apply_calibration()
 
     def _sum(self):
         # A checksum takes 0.2 ms for each line on a Pico, so the reply to ``hello`` does not
         # compute it.
-        self._sums = checksum(self.calibration.lines), checksum(self.uses.layout_lines)
+        self._sums = checksum(self.calibration.lines), checksum(self.outputs.layout_lines)
 
     def apply_calibration(self):
         """Use the calibration if it is valid at the present settings; update keys and gamepad.
@@ -386,7 +386,7 @@ class BoardApp:
             Note for the user: why the calibration is not used, or why keys or gamepad do not work
             although they are switched on. None if everything works.
         """
-        notes = self.use_stored(), self.uses.note(self.strip.decode.calibration)
+        notes = self.use_stored(), self.outputs.note(self.strip.decode.calibration)
         self.measure()
         gc.collect()  # frees the garbage of parsing
         return "; ".join(filter(None, notes)) or None
@@ -416,7 +416,7 @@ class BoardApp:
                 found, why_not = None, NO_DARK
         self.strip.use_calibration(found)
         self._time.update()
-        self.uses.apply(found)
+        self.outputs.apply(found)
         self.strip.configure()
         if self.signal and not self.reconnect.lost:
             self.signal(CAPS_LOCK if found is None else 0)
@@ -444,7 +444,7 @@ class BoardApp:
         reply["decay"] = calibration and calibration.decay
         reply["cross"] = calibration and calibration.cross
         reply["relative_force"] = calibration and calibration.relative_force
-        reply["layout"] = self._sums[1] if self.uses.layout_lines else None
+        reply["layout"] = self._sums[1] if self.outputs.layout_lines else None
         reply["boot"] = self.boot_faults()
         return reply
 
@@ -456,7 +456,7 @@ class BoardApp:
         """
         left = _BOOT_MAX
         faults = []
-        for fault in [self.store.fault] + self._unused + [self.uses.fault]:
+        for fault in [self.store.fault] + self._unused + [self.outputs.fault]:
             if fault and left:
                 # In JSON, other characters need more than one byte.
                 fault = "".join([c if " " <= c <= "~" and c not in '"\\' else "?" for c in fault])
@@ -470,7 +470,7 @@ class BoardApp:
         self.strip.report(reply)
         self.reconnect.report(reply)
         reply["dropped"] = self.framer.dropped
-        reply["dropped_reports"] = self.uses.dropped()
+        reply["dropped_reports"] = self.outputs.dropped()
         reply["saturation"] = None if self.reconnect.lost else self.strip.saturation()
         return reply
 
@@ -485,7 +485,7 @@ class BoardApp:
     def release_keys(self):
         """Release all keys; called before a pause of the readings."""
         self._time.update()
-        self.uses.release()
+        self.outputs.release()
 
     def save(self):
         """Write settings, calibration and layout to flash; a power cut leaves the old or the new.
@@ -503,7 +503,7 @@ class BoardApp:
         return [
             (self._name("settings"), self.settings.lines()),
             (self._name("calibration"), self.calibration.lines),
-            (self._name("layout"), self.uses.layout_lines),
+            (self._name("layout"), self.outputs.layout_lines),
         ]
 
     def time_us(self):

@@ -50,7 +50,7 @@ class CircuitUsb:
         Parameters
         ----------
         names : list of str
-            Names of interfaces, from `uses.INTERFACES`.
+            Names of interfaces, from `outputs.INTERFACES`.
 
         Returns
         -------
@@ -175,7 +175,7 @@ def _sleep_ms(ms):
 def _wanted(board_config):
     """Return the names of the USB interfaces that the stored settings of any strip need."""
     from ..keys.layout import default_lines, parse
-    from .uses import INTERFACES
+    from .outputs import INTERFACES
 
     store = Store()
     wanted = set()

@@ -241,7 +241,7 @@ class Commands:
         self._replies = app.replies
         self._uploads = {
             "cal": Upload("cal", "calibration", app.use_calibration, lambda: app.calibration.lines),
-            "layout": Upload("layout", "layout", app.use_layout, lambda: app.uses.layout_lines),
+            "layout": Upload("layout", "layout", app.use_layout, lambda: app.outputs.layout_lines),
         }
 
     def handle(self, line):

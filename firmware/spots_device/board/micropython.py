@@ -39,7 +39,7 @@ class MachineUsb:
         Parameters
         ----------
         names : list of str
-            Names of interfaces, from `uses.INTERFACES`.
+            Names of interfaces, from `outputs.INTERFACES`.
 
         Returns
         -------

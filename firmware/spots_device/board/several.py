@@ -16,7 +16,7 @@ from ..reading.frame import Framer
 from ..sensor.as7341 import SensorError
 from .aligned import FINE, AlignedPacing
 from .app import BoardApp
-from .uses import INTERFACES
+from .outputs import INTERFACES
 
 _SLICE_US = const(10_000)  # longest sleep without reading commands
 _RETRY_US = const(100_000)  # time between two starts of a sensor that does not answer
@@ -100,8 +100,8 @@ class StripApp(BoardApp):
         self.pacing = self._pacing
         self.pacing.app = self
         self.pacing.lost = True
-        self.uses._sensor = self.index
-        self.uses.release = self._release
+        self.outputs._sensor = self.index
+        self.outputs.release = self._release
         self.replies.log = self._log
 
     def search(self, now):
@@ -167,13 +167,13 @@ class StripApp(BoardApp):
 
     def _release(self):
         # The strips share one keyboard, so a strip releases only its own keys.
-        uses = self.uses
-        if uses._fingers is not None:
-            uses._fingers.release()
-        if uses._keypad is not None:
-            uses._keypad.release()
-        if uses._gamepad_on:
-            uses._axes.release()
+        outputs = self.outputs
+        if outputs._fingers is not None:
+            outputs._fingers.release()
+        if outputs._keypad is not None:
+            outputs._keypad.release()
+        if outputs._gamepad_on:
+            outputs._axes.release()
 
 
 class SeveralApp(StripApp):
@@ -206,20 +206,20 @@ class SeveralApp(StripApp):
 
     def _open_usb(self, usb):
         # All strips share the USB interfaces. An interface is opened if any strip needs it.
-        uses = self.uses
+        outputs = self.outputs
         wanted = set()
         for part in self.parts:
-            wanted.update(part.uses._wanted())
-        uses._usb = usb
-        uses._open([name for name, _, _ in INTERFACES if name in wanted])
-        if uses.fault:
-            self.log("error", uses.fault)
+            wanted.update(part.outputs._wanted())
+        outputs._usb = usb
+        outputs._open([name for name, _, _ in INTERFACES if name in wanted])
+        if outputs.fault:
+            self.log("error", outputs.fault)
         for part in self._others:
-            part.uses.keyboard_of = uses
+            part.outputs.keyboard_of = outputs
             for name in ("_usb", "fault", "_there", "_pressed_by", "_pressing"):
-                setattr(part.uses, name, getattr(uses, name))
-            if uses._axes is not None:
-                part.uses._axes = type(uses._axes)(uses._there["gamepad"])
+                setattr(part.outputs, name, getattr(outputs, name))
+            if outputs._axes is not None:
+                part.outputs._axes = type(outputs._axes)(outputs._there["gamepad"])
 
     def _attach(self, open_sensor, board, usb):
         self.port = self.framer
@@ -310,9 +310,9 @@ class SeveralApp(StripApp):
             self._answer()
         if self._lost:
             self._search()
-        idle = self.uses.pump()  # the outputs of all strips
+        idle = self.outputs.pump()  # the outputs of all strips
         self.serve(_SLICE_US if idle else self.report_us)
-        self.current.uses.pump()  # its keys
+        self.current.outputs.pump()  # its keys
 
     def _search(self):
         self._lost = False
@@ -329,7 +329,7 @@ class SeveralApp(StripApp):
         try:
             for part in self._others:
                 part.release_keys()
-                part.uses.pump()
+                part.outputs.pump()
         finally:
             for part in self._others:
                 part.strip.stop()

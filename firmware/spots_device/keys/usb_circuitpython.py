@@ -44,7 +44,7 @@ def enable(names):
     Parameters
     ----------
     names : list of str
-        Names of interfaces, from `uses.INTERFACES`.
+        Names of interfaces, from `outputs.INTERFACES`.
     """
     usb_hid.enable(tuple([_device(name) for name in names]))
 
@@ -82,7 +82,7 @@ def open_interfaces(names, show_leds):
     Parameters
     ----------
     names : list of str
-        Names of interfaces, from `uses.INTERFACES`.
+        Names of interfaces, from `outputs.INTERFACES`.
     show_leds : callable
         ``show_leds(leds)`` shows the keyboard LEDs as the host has set them; bit 1 is caps lock.
         Called before the next keyboard report.

@@ -225,7 +225,7 @@ def open_interfaces(names, show_leds):
     Parameters
     ----------
     names : list of str
-        Names of interfaces, from `uses.INTERFACES`.
+        Names of interfaces, from `outputs.INTERFACES`.
     show_leds : callable
         ``show_leds(leds)`` shows the keyboard LEDs as the host has set them; bit 1 is caps lock.
 

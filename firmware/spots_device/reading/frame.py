@@ -117,7 +117,8 @@ class Framer:
     def key(self, sensor, page, usage, modifiers, pressed):
         """Send a key event as a KEY frame; return whether it was sent.
 
-        `sensor` is the number of the sensor; the other arguments are those of `uses.Uses.key`.
+        `sensor` is the number of the sensor. The other arguments are those of
+        `outputs.Outputs.key`.
         """
         pack_into(KEY_BODY, self.payload, d.HEADER_SIZE, page, usage, modifiers, int(pressed))
         return self._send_body(KEY | sensor << 4, d.HEADER_SIZE + _KEY)

@@ -77,7 +77,7 @@ class Snapshot:
         v[5] = values["strain_ppm"]
         v[6] = strip._heat_mC
         # Keys and contacts mark the readings of two fingers.
-        v[7] = int(bool(strip._uses.streams_contacts or values["keys"]))
+        v[7] = int(bool(strip._outputs.streams_contacts or values["keys"]))
         part = strip._dark
         v[8] = part.count
         v[9] = part.changing

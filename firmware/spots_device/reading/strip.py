@@ -45,7 +45,7 @@ class Strip:
         ``ticks_add`` as in MicroPython's ``time``.
     settings : settings.BoardSettings
         Settings of the board; read by `start` and `configure`.
-    uses : uses.Uses
+    outputs : outputs.Outputs
         Receives every reading.
 
     Attributes
@@ -60,7 +60,7 @@ class Strip:
         per channel) is subtracted from each reading.
     """
 
-    def __init__(self, index, uid, sensor, framer, time, clock, settings, uses):
+    def __init__(self, index, uid, sensor, framer, time, clock, settings, outputs):
         self.index = index
         self.sensor = sensor
         self.settings = settings
@@ -77,7 +77,7 @@ class Strip:
         self._pacing = sensor.pacing
         self._framer = framer
         self._send = framer.send
-        self._uses = uses
+        self._outputs = outputs
         self._use_reading = self._use  # binding a method allocates
         self._time = time
         self._head = time.head
@@ -150,7 +150,7 @@ class Strip:
         return self._dark.sums()
 
     def configure(self):
-        """Apply the settings that need no restart of the sensor, and the state of `uses`."""
+        """Apply the settings that need no restart of the sensor, and the state of `outputs`."""
         values = self.settings.values
         state = self._reading
         average = values["average"]
@@ -169,7 +169,7 @@ class Strip:
     def streams(self):
         """Return the kinds of frames that are streamed now, as list of str; see `stream`."""
         names = []
-        if self._uses.streams_contacts:
+        if self._outputs.streams_contacts:
             names.append("contact")
         if self.stream_spectrum:
             names.append("spectrum")
@@ -195,7 +195,7 @@ class Strip:
             self._state_left = 0
             if self._heat_mC == _UNKNOWN_MC:
                 self._warm()
-        why_not = self._uses.stream_contacts("contact" in names, self.decode.calibration)
+        why_not = self._outputs.stream_contacts("contact" in names, self.decode.calibration)
         self._choose()
         return why_not
 
@@ -280,7 +280,7 @@ class Strip:
         # Choose what `take` does with a sample.
         decode = self.decode
         self._work[d.TABLES] = decode.tables
-        used = self._uses.active or decode.compensation
+        used = self._outputs.active or decode.compensation
         self._work[d.USE] = self._use_reading if used else None
         self._lit = self.lit_flags if self.sensor.led_on else d.LED_OFF
         self._rare = bool(
@@ -320,13 +320,13 @@ class Strip:
         # fingers may have caused it.
         if self.decode.compensation:
             self.decode.compensation.take(self._reading, self._time.ticks())
-        uses = self._uses
-        if not uses.active:
+        outputs = self._outputs
+        if not outputs.active:
             return False
-        uses.take(self.index, self._reading)
-        if uses.rests:
+        outputs.take(self.index, self._reading)
+        if outputs.rests:
             self.request_rest()
-        return uses.two
+        return outputs.two
 
     def _finish(self, sensor):
         if self._state == _BLINKING:

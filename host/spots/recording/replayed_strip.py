@@ -210,10 +210,12 @@ class ReplayedStrip:
         head = array("i", bytes(4 * d.HEAD_SIZE))
         time = SimpleNamespace(head=head, last=0, ticks=self._ticks)
         framer = SimpleNamespace(send=None, payload=None, encoded=None)
-        uses = SimpleNamespace(active=False, streams_contacts=False)
+        outputs = SimpleNamespace(active=False, streams_contacts=False)
         settings = SimpleNamespace(values={})
         self._head = head
-        self._strip = _Strip(0, self._uid, self._sensor, framer, time, self._clock, settings, uses)
+        self._strip = _Strip(
+            0, self._uid, self._sensor, framer, time, self._clock, settings, outputs
+        )
         self._strip._mains_hz = self._strip._missed = 0
 
     def _ticks(self) -> int:

@@ -113,7 +113,7 @@ def main():
                 for at in range(0, len(data), _SIZE):
                     sensor.take(data, at)
                     app.strip.take()
-                    app.uses.pump()
+                    app.outputs.pump()
                     left -= 1
                     taken += 1
                     if taken % every == 0:

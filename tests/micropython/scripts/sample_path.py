@@ -87,7 +87,7 @@ def play(scenes, ends):
         scene = scenes[i]
         if strip.decode.calibration is not calibrations[scene["calibration"]]:
             strip.use_calibration(calibrations[scene["calibration"]])
-            app.uses.apply(strip.decode.calibration)
+            app.outputs.apply(strip.decode.calibration)
         strip.settings.values["average"] = scene["average"]
         strip.configure()
         if scene["request_dark"]:
@@ -135,9 +135,9 @@ calibrations = []
 while given["calibrations"]:  # popped to free memory: a board never stores so many calibrations
     lines = given["calibrations"].pop(0)
     calibrations.append(Calibration(lines) if lines else None)
-app.uses.streams_contacts = given["contacts"]
+app.outputs.streams_contacts = given["contacts"]
 for calibration in calibrations:
-    app.uses.apply(calibration)  # imports the modules of functions that are switched on
+    app.outputs.apply(calibration)  # imports the modules of functions that are switched on
 first = given["scenes"][0]
 left_us = _AGE_US - clock.now
 while left_us > 0:

@@ -39,7 +39,7 @@ def _parse(lines):
         drop(layout)
 
 
-class Uses:
+class Outputs:
     """Passes readings to keypad, contacts and gamepad; sends their events and reports to the host.
 
     Parameters
@@ -70,7 +70,7 @@ class Uses:
     rests : bool
         Whether the touch has not moved for the layout's ``stuck_ms``: it is then treated as an
         object, not as a finger.
-    outputs : tuple
+    interfaces : tuple
         Opened USB interfaces.
     fault : str or None
         Sentence that says why the USB interfaces could not be opened at start, or None.
@@ -96,7 +96,7 @@ class Uses:
         self._pressed_by = {}
         self._pressing = ()  # values of `_pressed_by`
         self._there = {}  # opened interfaces by name
-        self.outputs = ()  # values of `_there` as a tuple: iterating over it allocates nothing
+        self.interfaces = ()  # values of `_there` as a tuple: iterating over it allocates nothing
         self._events = array("i", bytes(4 * 3 * _EVENTS))
         self._waiting = 0  # key events in `_events`
         self._releases = False  # whether all reports will be released
@@ -289,7 +289,7 @@ class Uses:
         """Send the frames of the last event; return whether there is room for another event."""
         self._send_keys()
         # Not `all` with a generator, which allocates.
-        for output in self.keyboard_of.outputs:  # noqa: SIM110
+        for output in self.keyboard_of.interfaces:  # noqa: SIM110
             if not output.outbox.has_room():
                 return False
         return True
@@ -333,7 +333,7 @@ class Uses:
         if self._waiting:
             self._send_keys()
         idle = True
-        for output in self.outputs:
+        for output in self.interfaces:
             idle = self._offer(output) and idle
         return idle
 
@@ -364,7 +364,7 @@ class Uses:
             self._keypad.engine.release()  # here, because its calls nest deeply
             self._releases = False
             self._keypad.release()
-        for output in self.outputs:
+        for output in self.interfaces:
             output.release()
 
     def finish(self, clock, until):
@@ -384,7 +384,7 @@ class Uses:
     def dropped(self):
         """Return the number of reports that were never sent."""
         dropped = 0
-        for output in self.outputs:
+        for output in self.interfaces:
             dropped += output.outbox.dropped
         return dropped
 
@@ -415,7 +415,7 @@ class Uses:
 
     def _activate(self):
         self.active = self._tracker is not None or self._gamepad_on
-        self.pumps = self._keys_on or bool(self.outputs)
+        self.pumps = self._keys_on or bool(self.interfaces)
         self.rests = self.two = False
 
     def _get_layout(self):
@@ -455,7 +455,7 @@ class Uses:
 
             made["mouse"] = MouseReports
         self._there = {name: made[name](send, self._time.ticks) for name, send in sends.items()}
-        self.outputs = tuple(self._there.values())
+        self.interfaces = tuple(self._there.values())
         self.pumps = True
         self._pressed_by = {
             kind: self._there[name] for name, _, kind in INTERFACES if kind and name in sends
