@@ -209,9 +209,9 @@ def test_what_a_layout_says_is_shown_as_it_stands(capsys, tmp_path):
         ('# nan\nb = "nan"\n[t]\na = [1,\n nan]', "line 5 (a): 'nan' is not a finite number"),
         ("a = {b = 1, c = -inf}", "line 1 (c): '-inf' is not a finite number"),
         ("a = 1e999", "line 1 (a): '1e999' is not a finite number"),
-        ("a = 1\nb = [1,", "(at end of document); restore the rest of the file"),
-        ('a = "\nb = 1', "(at line 1, column 6); correct this line"),
-        ("a =\nb = 1", "(at line 1, column 4); correct this line"),
+        ("a = 1\nb = [1,", "(at end of document); correct this place, or restore the rest of"),
+        ('a = "\nb = 1', "(at line 1, column 6); correct this place, or restore"),
+        ("a =\nb = 1", "(at line 1, column 4); correct this place, or restore"),
     ],
 )
 def test_toml_that_no_reader_takes_is_one_sentence(capsys, tmp_path, text, says):

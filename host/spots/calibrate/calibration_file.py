@@ -21,7 +21,7 @@ from spots_device.board.settings import checksum
 from spots_device.reading.calibration import Calibration, Conditions
 from spots_device.reading.calibration_lines import CalibrationError
 
-from ..common import atomic, kinds, toml
+from ..common import atomic, kinds, schema, toml
 from ..common.bounded import read_text
 from ..errors import FileError
 from ..link.board import Board
@@ -312,7 +312,7 @@ def _checked(path: Path, body: str) -> CalibrationFile:
     try:
         content = toml.loads(body)
         content.pop("version")
-        found = toml.convert(content, CalibrationFile)
+        found = schema.convert(content, CalibrationFile)
         made = Calibration(found.lines)
         if found.original:
             Calibration(found.original)

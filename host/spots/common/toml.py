@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TypeVar
 
 import msgspec
-from msgspec import inspect
 
-from ..errors import FileError, did_you_mean, path_text
+from ..errors import FileError, path_text
 from . import kinds
 from .bounded import read_text
+from .schema import WrongTomlError, convert
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -26,12 +26,14 @@ _Kind = TypeVar("_Kind")
 _TYPED = ("text", "macro")
 _KEYS_OF_TEXT = dict.fromkeys(map(ord, "\n\t\u00a0\u00ad\u202f"))
 _TOO_DEEP = "tables or lists are nested too deep: write fewer levels"
-# The key before the end of a text.
-_KEY_BEFORE = re.compile(r"""([\w.-]+)\s*=[^=]*\Z""")
 # Largest number of parts of a dotted key. The reader's time grows with the square of this number.
 _KEY_PARTS_MAX = 32
 # Separators of keys, in a file without its strings and comments.
 _BETWEEN_KEYS = re.compile(r"[=,\[\]{}\n]")
+# A float has at most 308 digits before its point.
+_TOO_LONG = re.compile(r"(?<![\w.])(?:\d_?){309}")
+# The key before the end of a text.
+_KEY_BEFORE = re.compile(r"([\w.-]+)\s*=[^=]*\Z")
 # The first characters of a match decide its alternative, so the time is linear in the text.
 STRING_OR_COMMENT = re.compile(
     r'"""(?:[^\\]|\\.)*?(?:"{3,5}|\Z)'
@@ -41,42 +43,6 @@ STRING_OR_COMMENT = re.compile(
     r"|#[^\n]*",
     re.DOTALL,
 )
-
-# Patterns of msgspec's messages about a key, a value or a type, and of the path in these messages.
-_KEY = re.compile(r"Object (contains unknown|missing required) field `(.*)`")
-_VALUE = re.compile(r"Invalid (?:enum )?value '(.*)'")
-_TYPE = re.compile(
-    r"Expected `(?P<types>[^`]*)`(?: (?P<sign>[<>]=?) (?P<limit>[^ ,]+))?"
-    r"(?: of length (?:(?P<least>[<>]=?) )?(?P<length>\d+))?(?:, got `?(?P<got>[^`]*)`?)?"
-)
-_AT = re.compile(r"(.*) - at `\$((?:\.\w+|\[(?:[0-9]{1,9}|\.\.\.)\])+)`", re.DOTALL)
-_STEP = re.compile(r"\.([^.\[]+)|\[([^]]*)\]")
-_PLACE_STEP = re.compile(r"((?:\.[^.\[]+)+)|\[([^]]*)\]")  # several names are one step
-# msgspec's names of types and limits, and the words for them in our messages.
-_WORDS = {
-    "int": "a whole number",
-    "float": "a number",
-    "str": "text",
-    "bool": "true or false",
-    "array": "a list",
-    "object": "a table",
-}
-_GOT = _WORDS | {"float": "a decimal number"}  # of the value in a file; 1.0 is no whole number
-_LIMITS = {">=": "at least ", "<=": "at most ", ">": "more than ", "<": "less than ", None: ""}
-
-
-class WrongKeyError(msgspec.ValidationError):
-    """Raised if a key of a file is unknown or missing, or if its value is invalid.
-
-    Attributes
-    ----------
-    keys : list of str
-        The key, then the tables that contain it, innermost first.
-    """
-
-    def __init__(self, text: str, keys: list[str]):
-        super().__init__(text)
-        self.keys = keys
 
 
 class Strict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -134,36 +100,72 @@ def loads(text: str) -> dict:
         If the text is not TOML, is nested too deep, or has a number that is not finite or a
         string with unprintable characters.
     """
+    plain = STRING_OR_COMMENT.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     try:
-        _check_keys(text)
+        _check_plain(plain)
         content = tomllib.loads(text, parse_float=finite)
         _check_strings(content)
     except RecursionError:
         raise msgspec.ValidationError(_TOO_DEEP) from None
+    except NotFiniteError as error:
+        found = re.search(rf"(?<![\w.]){re.escape(error.text)}(?!\w)", plain)
+        raise _wrong_number(plain, found, str(error)) from None
     except tomllib.TOMLDecodeError as error:
-        reason = f"wrong TOML syntax: {error}"
-        if str(error).endswith("(at end of document)"):
-            raise msgspec.ValidationError(f"{reason}; restore the rest of the file") from None
-        raise msgspec.ValidationError(f"{reason}; correct this line") from None
-    except ValueError as error:
-        raise msgspec.ValidationError(_with_line(text, str(error))) from None
+        line = getattr(error, "lineno", None)  # from Python 3.14 on
+        raise WrongTomlError(
+            f"wrong TOML syntax: {error}; correct this place, or restore the rest of the file",
+            f"line {line}" if line else "",
+        ) from None
     return content
 
 
-def _with_line(text: str, reason: str) -> str:
-    """Return the reason why a value is invalid, with its line in the file and what to do."""
-    if "digit" in reason:  # Python's sentence names a function of Python
-        reason, wrong = "a number has too many digits", r"\d{1000}"
-    elif found := re.match(r"'(.*?)' is not", reason):
-        wrong = rf"(?<![\w.]){re.escape(found[1])}(?!\w)"
-    else:
-        return reason
-    plain = STRING_OR_COMMENT.sub(lambda match: re.sub(r"[^\n]", " ", match[0]), text)
-    if place := re.search(wrong, plain):
-        key = _KEY_BEFORE.search(plain[: place.start()])
-        of = f" ({key[1]})" if key else ""
-        reason = f"line {text.count(chr(10), 0, place.start()) + 1}{of}: {reason}"
-    return f"{reason}; write a number"
+def _check_plain(plain: str) -> None:
+    """Check what would make the parser slow, in a text whose strings and comments are blank."""
+    if any(part.count(".") >= _KEY_PARTS_MAX for part in _BETWEEN_KEYS.split(plain)):
+        raise msgspec.ValidationError(_TOO_DEEP)
+    if found := _TOO_LONG.search(plain):
+        raise _wrong_number(plain, found, "a number has too many digits")
+
+
+def _wrong_number(plain: str, found: re.Match[str] | None, reason: str) -> WrongTomlError:
+    """Return the error for an invalid number, with its line and its key if it was found."""
+    if found is None:
+        return WrongTomlError(f"{reason}; write a number")
+    before = plain[: found.start()]
+    key = _KEY_BEFORE.search(before)
+    line = f"line {before.count(chr(10)) + 1}"
+    return WrongTomlError(f"{line}{f' ({key[1]})' if key else ''}: {reason}; write a number", line)
+
+
+class NotFiniteError(ValueError):
+    """Raised for a number that is not finite, or is too large for a float."""
+
+    def __init__(self, text: str):
+        super().__init__(f"'{text}' is not a finite number")
+        self.text = text
+
+
+def finite(text: str) -> float:
+    """Return the number in a text; raise NotFiniteError if it is not finite."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise NotFiniteError(text)
+    return value
+
+
+def _check_strings(content: object, is_typed: bool = False) -> None:
+    if isinstance(content, dict):
+        for key, value in content.items():
+            _check_strings(key)
+            _check_strings(value, is_typed or key in _TYPED)
+    elif isinstance(content, list):
+        for one in content:
+            _check_strings(one, is_typed)
+    elif (
+        isinstance(content, str)
+        and not (content.translate(_KEYS_OF_TEXT) if is_typed else content).isprintable()
+    ):
+        raise msgspec.ValidationError(f"{content!r} has unprintable characters: remove them")
 
 
 def comments(text: str) -> list[str]:
@@ -234,135 +236,4 @@ def checked(text: str, kind: type[_Kind], what: str, path: str | Path) -> _Kind:
         return convert(loads(text), kind)
     except msgspec.ValidationError as error:
         kinds.check(path, text, f"a {what} file")
-        place = ".".join(reversed(getattr(error, "keys", [])))
-        raise FileError(f"{what} file {path}: {error}", path, place) from None
-
-
-def convert(content: dict, kind: type[_Kind]) -> _Kind:
-    """Convert the parsed content of a TOML file to a struct.
-
-    Parameters
-    ----------
-    content : dict
-        Content of the file, as `loads` returns it.
-    kind : type
-        Subclass of `msgspec.Struct` that describes the file.
-
-    Returns
-    -------
-    msgspec.Struct
-        Instance of `kind`.
-
-    Raises
-    ------
-    WrongKeyError
-        If a key is unknown or missing, or a value is invalid. For an unknown key the text suggests
-        keys that exist.
-    """
-    try:
-        return msgspec.convert(content, kind)
-    except msgspec.ValidationError as error:
-        raise _wrong_key(str(error), kind) from None
-
-
-def _wrong_key(message: str, kind: type) -> WrongKeyError:
-    """Return the error for a message of msgspec about content of the type `kind`."""
-    found = _AT.fullmatch(message)
-    message, path = (found[1], found[2]) if found else (message, "")
-    place = _place(path)
-    table = "" if " of " in place else "table "
-    inside = f" in {table}{place}" if place else ""
-    keys = [name for name, _ in reversed(_STEP.findall(path)) if name]
-    if wrong := _KEY.fullmatch(message):
-        keys.insert(0, wrong[2])
-        if wrong[1] == "missing required":
-            return WrongKeyError(f"the key '{wrong[2]}' is missing{inside}: add it", keys)
-        hint = did_you_mean(wrong[2], _known(kind, path))
-        return WrongKeyError(f"unknown key '{wrong[2]}'{inside}: {hint}", keys)
-    if wrong := _VALUE.fullmatch(message):
-        hint = did_you_mean(wrong[1], _known(kind, path))
-        return WrongKeyError(f"{place} cannot be '{wrong[1]}': {hint}", keys)
-    if wrong := _TYPE.fullmatch(message):
-        return WrongKeyError(f"{place or 'the file'} must be {_allowed(wrong)}", keys)
-    return WrongKeyError(f"{message}{f' ({place})' if place else ''}", keys)
-
-
-def _allowed(wrong: re.Match) -> str:
-    types = [_WORDS.get(one, one) for one in wrong["types"].split(" | ") if one != "null"]
-    allowed = " or ".join(types)
-    if wrong["limit"]:
-        allowed += f" of {_LIMITS[wrong['sign']]}{wrong['limit']}"
-    if wrong["length"]:
-        allowed += f" of {_LIMITS[wrong['least']]}{wrong['length']} entries"
-    got = wrong["got"]
-    return f"{allowed}, not {_GOT.get(got, got)}" if got else allowed
-
-
-def _place(path: str) -> str:
-    """Return a path of msgspec in words: ``.leak[0][1]`` is ``entry 2 of entry 1 of leak``."""
-    place = ""
-    for names, index in _PLACE_STEP.findall(path):
-        if names:
-            place = f"{names[1:]} in {place}" if place else names[1:]
-        else:
-            number = f"entry {int(index) + 1}" if index != "..." else "an entry"
-            place = f"{number} of {place}"
-    return place
-
-
-def _known(kind: type, path: str) -> list[str]:
-    """Return the keys or values that the type `kind` allows at a path such as ``.key[0].tap``."""
-    found = _alternatives(inspect.type_info(kind))
-    for name, _ in _STEP.findall(path):
-        found = [one for outer in found for one in _inside(outer, name)]
-    names = []
-    for one in found:
-        if isinstance(one, inspect.StructType):
-            names += [one.tag_field] if one.tag_field else []
-            names += [field.encode_name for field in one.fields]
-        elif isinstance(one, inspect.LiteralType):
-            names += map(str, one.values)
-    return list(dict.fromkeys(names))
-
-
-def _inside(outer: inspect.Type, name: str) -> list[inspect.Type]:
-    if isinstance(outer, inspect.StructType):
-        if name == outer.tag_field:
-            return [inspect.LiteralType((outer.tag,))]
-        (inner,) = [field.type for field in outer.fields if field.encode_name == name] or [None]
-    else:
-        inner = getattr(outer, "item_type", getattr(outer, "value_type", None))
-    return _alternatives(inner)
-
-
-def _alternatives(one: inspect.Type | None) -> list[inspect.Type]:
-    return list(getattr(one, "types", [one]))
-
-
-def _check_keys(text: str) -> None:
-    plain = STRING_OR_COMMENT.sub("", text)
-    if any(part.count(".") >= _KEY_PARTS_MAX for part in _BETWEEN_KEYS.split(plain)):
-        raise ValueError(_TOO_DEEP)
-
-
-def finite(text: str) -> float:
-    """Return the number in a text; raise ValueError if it is not a finite number."""
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"'{text}' is not a finite number")
-    return value
-
-
-def _check_strings(content: object, is_typed: bool = False) -> None:
-    if isinstance(content, dict):
-        for key, value in content.items():
-            _check_strings(key)
-            _check_strings(value, is_typed or key in _TYPED)
-    elif isinstance(content, list):
-        for one in content:
-            _check_strings(one, is_typed)
-    elif (
-        isinstance(content, str)
-        and not (content.translate(_KEYS_OF_TEXT) if is_typed else content).isprintable()
-    ):
-        raise ValueError(f"{content!r} has unprintable characters: remove them")
+        raise FileError(f"{what} file {path}: {error}", path, getattr(error, "place", "")) from None

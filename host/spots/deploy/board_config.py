@@ -6,7 +6,7 @@ import msgspec
 
 from spots_device.sensor.exposure import LED_MAX_MA, LED_MIN_MA
 
-from ..common import toml
+from ..common import schema, toml
 
 _Number = Annotated[int, msgspec.Meta(ge=0, le=63)]  # no chip of the supported runtimes has more
 _Name = Annotated[str, msgspec.Meta(min_length=1)]
@@ -48,7 +48,7 @@ def check(values: dict, runtime: str) -> None:
     msgspec.ValidationError
         If a key is unknown or missing, or a board could not use its value.
     """
-    config = toml.convert(values, _Config)
+    config = schema.convert(values, _Config)
     pins = {name: pin for name in _PINS if (pin := getattr(config, name)) is not None}
     for name, pin in pins.items():
         same = next(other for other in pins if pins[other] == pin)

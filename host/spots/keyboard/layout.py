@@ -16,7 +16,7 @@ import msgspec
 from spots_device.keys import layout as lines_of
 from spots_device.keys.layout import FULL, LIMITS
 
-from ..common import kinds, toml
+from ..common import kinds, schema, toml
 from ..errors import FileError, SpotsError
 from ..outputs.usages import (
     CONSUMER,
@@ -260,11 +260,12 @@ def compiled(path: Path, text: str) -> KeyLayout:
     try:
         content = toml.loads(text)
         _check_words(path, text, content)
-        file = toml.convert(content, _File)
+        file = schema.convert(content, _File)
     except msgspec.ValidationError as error:
         kinds.check(path, text, "a layout file")
-        line = _line_of_key(text, getattr(error, "keys", []))
-        raise FileError(f"layout {path}{line}: {error}", path, line[2:]) from None
+        line = _line_of_key(text, getattr(error, "keys", [])[::-1])
+        place = line[2:] or getattr(error, "place", "")
+        raise FileError(f"layout {path}{line}: {error}", path, place) from None
     return _Compiler(path, text, file).layout()
 
 

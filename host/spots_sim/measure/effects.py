@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from spots.cli import arguments
-from spots.common import toml
+from spots.common import schema, toml
 from spots.errors import SettingError, SpotsError
 
 from ..person.by_hand import calibrate_by_hand
@@ -92,8 +92,8 @@ def with_keys(sensor: SensorFile, keys: dict[str, object]) -> SensorFile:
             table = table.setdefault(one, {})
         table[key] = value
     try:
-        return toml.convert(content, SensorFile)
-    except toml.WrongKeyError as error:
+        return schema.convert(content, SensorFile)
+    except schema.WrongKeyError as error:
         raise SettingError(str(error)) from None
 
 
