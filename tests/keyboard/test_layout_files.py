@@ -131,7 +131,7 @@ MISTAKES = {
     'keys = [{macro = ["key_repeat"]}]': "line 4.*'key_repeat' is no key: a macro has keys, text",
     'keys = [{tap = "A", macro = ["B"]}]': "line 4.*key 1: use one of tap, text and macro",
     'keys = ["macro x"]': r"line 4.*\[macro\] has no 'x': add it",
-    'keys = ["A"]\n[macro]\nx = []': "an entry of macro must be a list of at least 1",
+    'keys = ["A"]\n[macro]\nx = []': "macro.x must be a list of at least 1 entry, not 0",
     'keys = ["toggle b"]': "line 4.*no layer is called 'b'; valid names are a",
     'keys = [{tap = "A", hodl = "B"}]': "line 4.*hodl",
     "keys = []": "line 4.*keys",
