@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.environments import create
+from support.environments import create, extend
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -25,8 +25,16 @@ def environment(once, shared_folder):
     def environment(*extras):
         (wheel,) = once("wheel", _build_wheel).glob("*.whl")
         folder = shared_folder / "-".join(("environment", *extras))
+
+        def make(done):
+            if extras:
+                extend(folder, environment(), wheel, extras)
+            else:
+                create(folder, wheel)
+            done.touch()
+
         # pip writes the path of the folder into scripts, so the folder cannot be renamed.
-        once(f"{folder.name}-done", lambda done: (create(folder, wheel, extras), done.touch()))
+        once(f"{folder.name}-done", make)
         return folder
 
     return environment

@@ -28,6 +28,7 @@ def required(wheel, extras):
         if (name, *sorted(one.extras)) not in seen:
             seen.add((name, *sorted(one.extras)))
             found[name] = importlib.metadata.distribution(name)
+            assert one.specifier.contains(found[name].version, prereleases=True), one
             wanted += _active(found[name], one.extras)
     return found
 
@@ -42,22 +43,49 @@ def _active(distribution, extras):
     ]
 
 
-def create(folder: Path, wheel: Path, extras) -> None:
-    """Create an environment in `folder`, in which pip installs the wheel with its `extras`.
+def create(folder: Path, wheel: Path) -> None:
+    """Create an environment in `folder`, in which pip installs the wheel without extras.
 
     The packages that the wheel requires are links to those of this environment. pip refuses to
     install the wheel if one of them is missing.
     """
-    venv.create(folder, symlinks=True)
-    (site,) = folder.glob("lib/python*/site-packages")
-    for distribution in required(wheel, extras).values():
-        for file in distribution.files:
-            if ".." not in file.parts and "__pycache__" not in file.parts:
-                (site / file).parent.mkdir(parents=True, exist_ok=True)
-                (site / file).symlink_to(distribution.locate_file(file))
+    _links(folder, required(wheel, ()))
     pip = [sys.executable, "-m", "pip", "--python", str(folder), "--disable-pip-version-check"]
-    wanted = f"{wheel}[{','.join(extras)}]" if extras else str(wheel)
-    subprocess.run([*pip, "install", "--quiet", "--no-index", wanted], check=True)
+    subprocess.run([*pip, "install", "--quiet", "--no-index", str(wheel)], check=True)
+
+
+def extend(folder: Path, bare: Path, wheel: Path, extras) -> None:
+    """Create an environment like `bare`, which `create` made, with the packages of `extras`.
+
+    The wheel's own files are links, too, because pip needs a second of processor time.
+    """
+    _links(folder, required(wheel, extras))
+    name = wheel.name.partition("-")[0]
+    (installed,) = importlib.metadata.distributions(name=name, path=[str(_site(bare))])
+    _link(_site(folder), installed)
+    for program in (bare / "bin").iterdir():
+        ours = folder / "bin" / program.name
+        if not ours.exists():  # a script names the path of its environment
+            ours.write_text(program.read_text().replace(str(bare), str(folder)))
+            ours.chmod(0o755)
+
+
+def _site(folder: Path) -> Path:
+    return next(folder.glob("lib/python*/site-packages"))
+
+
+def _links(folder: Path, distributions: dict) -> None:
+    venv.create(folder, symlinks=True)
+    for distribution in distributions.values():
+        _link(_site(folder), distribution)
+
+
+def _link(site: Path, distribution) -> None:
+    """Link to all files of a distribution, with the compiled modules, which are valid there."""
+    for file in distribution.files:
+        if ".." not in file.parts and distribution.locate_file(file).exists():
+            (site / file).parent.mkdir(parents=True, exist_ok=True)
+            (site / file).symlink_to(distribution.locate_file(file))
 
 
 def variables(folder: Path) -> dict[str, str]:
