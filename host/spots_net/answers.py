@@ -33,8 +33,8 @@ _REQUEST_BYTES_MAX = 64  # an empty message, perhaps padded
 class Answers:
     """The services ``/NODE/hello``, ``/NODE/get`` and ``/NODE/sync``, of the type std_srvs/Trigger.
 
-    A response has ``success``, and as ``message`` the board's reply, which is a JSON object, or an
-    error.
+    A response has ``success``, and as ``message`` a JSON object: the board's reply, or ``error``
+    with a sentence, and ``why`` with its code if it has one.
 
     All waiting queries for the same command get the same reply, which is at most a second old.
 
@@ -84,10 +84,12 @@ class Answers:
     def _give(self, command: str, asked: list[tuple[zenoh.Query, Attachment]]) -> bool:
         """Answer the queries `asked` for `command`; return False if the reply is an error."""
         try:
-            success, text = True, encode(self._reply(command)).decode()
+            success, content = True, self._reply(command)
         except SpotsError as refusal:
-            success, text = False, str(refusal)
-        reply = packed(store().types[REPLY](success, text))
+            success, content = False, {"re": command, "error": str(refusal)}
+            if why := getattr(refusal, "why", ""):
+                content["why"] = why
+        reply = packed(store().types[REPLY](success, encode(content).decode()))
         now_ns = time.time_ns()
         for query, request in asked:
             mark = request._replace(time_ns=now_ns).packed()

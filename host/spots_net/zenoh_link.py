@@ -242,8 +242,10 @@ def _content(command: str, data: bytes) -> dict:
         If the response is invalid; the parser raises exceptions of several kinds.
     """
     response = store().deserialize_cdr(data, REPLY)
+    content = decoded(response.message.encode())
     if response.success:
-        return decoded(response.message.encode())
-    if len(response.message) > _ERROR_BYTES_MAX:
+        return content
+    error, why = content["error"], content.get("why", "")
+    if len(error) > _ERROR_BYTES_MAX:
         raise ValueError("the error is too long")
-    return {"re": command, "error": response.message}
+    return {"re": command, "error": error, "why": why}

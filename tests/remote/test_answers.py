@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 from support.net import REQUEST
 
-from spots.errors import SpotsError
+from spots.errors import NoReplyError
 from spots.link.link import Link
 from spots_net.answers import Answers
 from spots_net.ros2.types import REPLY, store
@@ -53,7 +53,7 @@ def answers_of(clock):
 def test_a_board_that_does_not_answer_is_asked_a_tenth_of_the_time(clock, answers_of):
     def command(line, timeout_s):
         clock.s += timeout_s
-        raise SpotsError("no reply")
+        raise NoReplyError("no reply")
 
     answers, declared = answers_of(command)
     said = []
@@ -69,7 +69,7 @@ def test_a_board_that_does_not_answer_is_asked_a_tenth_of_the_time(clock, answer
         answers.give()
         busy_s += clock.s - began_s
         clock.s += 0.01
-    assert (said[0].success, said[0].message) == (False, "no reply")
+    assert (said[0].success, said[0].message) == (False, '{"re":"hello","error":"no reply"}')
     assert busy_s < 0.15 * clock.s
 
 

@@ -85,7 +85,7 @@ def test_a_response_that_is_no_message_is_no_answer(net, data, monkeypatch):
 def test_an_error_of_a_foreign_service_is_one_sentence(net, error, monkeypatch):
     monkeypatch.setattr(reconnect_module, "HELLO_TIMEOUT_S", 0.5)
     with session(net.hub) as hostile, Announced(hostile, "x") as announced:
-        announced.replies("hello", error, success=False)
+        announced.replies("hello", json.dumps({"error": error}), success=False)
         with pytest.raises(SpotsError) as told:
             spots.open("zenoh:x")
     assert len(str(told.value)) < 1000

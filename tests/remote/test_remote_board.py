@@ -25,6 +25,7 @@ from support.net import (
     topic_key,
     wait_until,
 )
+from support.refusals import refusal
 
 import spots
 from spots import Board, Key, Spectrum, SpotsError, Touch
@@ -126,6 +127,24 @@ def test_a_hello_to_a_second_strip_is_refused_as_a_command(net):
         pytest.raises(BoardError, match="only for sensor 0"),
     ):
         board.command("hello sensor=1")
+
+
+class Refusing(StandIn):
+    busy = False
+
+    def _reply(self, name, *words):
+        if name == "get" and self.busy:
+            return {"re": name, "error": "an earlier command still runs", "why": "busy"}
+        return super()._reply(name, *words)
+
+
+def test_a_refusal_has_its_code_on_another_machine(net):
+    link = stand_in(kind=Refusing)
+    with publishing(net.hub, link), spots.open("zenoh:a1") as board:
+        link.busy = True
+        with refusal(BoardError, why="busy") as refused:
+            board.command("get")
+        assert "an earlier command still runs" in str(refused.value)
 
 
 def test_streaming_is_what_the_reader_says(net):
