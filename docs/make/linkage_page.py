@@ -154,12 +154,11 @@ lengths and mounting to 40 places ([below](#fitted-lengths)), is nearly as accur
 number includes all errors of a real mechanism, such as bearings and bending bars. The simulated
 mechanism has only backlash and wrong lengths.
 
-Ideal strips are those of the sensor file `default`; imperfect strips are those of `real`, which
-[typing and controller](applications.md) describes, and strips made at home are those of `first`.
-All LEDs have warmed up. A re-zero (`spots rezero --joint`) corrects the calibration of an imperfect
-strip at three angles of the joint. Without a re-zero, many readings do not fit the calibration. An
-encoder normally ignores these readings; for this table it used them. A kinematic calibration also
-corrects the strips' errors, until the strips change further.
+The strips are those of [typing and controller](applications.md), with warm LEDs. A re-zero
+(`spots rezero --joint`) corrects the calibration of an imperfect strip at three angles of the
+joint. Without it, many readings do not fit the calibration: encoders normally ignore these, but
+used them for this table. A kinematic calibration also corrects the strips' errors, until the strips
+change further.
 
 ![Deviation over the workspace, before and after calibration](../pictures/linkage/deviation.png)
 """

@@ -34,7 +34,7 @@ _JITTER_UM, _JITTER_FORCE = 50.0, 0.05  # largest offset; the force as a share o
 _JOINT_ANGLES = 31
 _JOINT_MOST_DEG = 180.0
 _THRESHOLD_STEP_MN = 2.0
-_REST_S = 1.0
+_LIFT_S = 0.5  # between two places, so that the board measures the light that sticks
 # Number of readings or presses of each kind; reduced if a reading takes long.
 _AT_REST = 40
 _JITTERED = 80
@@ -232,6 +232,7 @@ def _position(rig: Rig, rng, run: Run, places=PLACES) -> None:
     columns = {name: [] for name in names}
     snr = []
     for place_um in x_um:
+        rig.lift(_LIFT_S)
         rest, samples = rig.readings(place_um, FORCE_MN, _fewer(rig, _AT_REST))
         columns["resolution"].append(np.std([r.position_um for r in rest], ddof=1))
         if rig.average == 1:
@@ -354,8 +355,7 @@ def _threshold_mN(rig: Rig) -> float:
             low = middle
         else:
             high = middle
-    # A press below the threshold is taken for light without a press, and subtracted until a lift.
-    rig.lift(_REST_S)
+    rig.settle()  # the board may have taken a press below the threshold for light without a press
     return round(high, 1)
 
 
@@ -367,12 +367,11 @@ def _accuracy_um(rig: Rig, rng) -> np.ndarray:
     """
     x_um = PLACES * rig.stage.length_um
     count = _fewer(rig, _ACCURACY)
-    errors = np.array(
-        [
-            [r.position_um - at for at, _, r, _ in _jittered(rig, rng, place_um, count)]
-            for place_um in x_um
-        ]
-    )
+    rows = []
+    for place_um in x_um:
+        rig.lift(_LIFT_S)
+        rows.append([r.position_um - at for at, _, r, _ in _jittered(rig, rng, place_um, count)])
+    errors = np.array(rows)
     return np.array([x_um, errors.mean(axis=1), np.abs(errors).mean(axis=1)])
 
 

@@ -68,6 +68,7 @@ class Rig:
         self._shift = None
         try:
             self.stage.expose(exposure_us)
+            self._rest = rest.line(self.stage.reader.rest)
             self.along = {0: self.stage.along()}
             self._pressed = self.stage.pressed()
             self.noise = Noise.of(self.along[0], self._pressed)
@@ -133,7 +134,7 @@ class Rig:
     def _use(self) -> None:
         check_light(self.along[0], self._pressed)
         fitted = fit(self.along, self._pressed, self.noise, self.conditions)
-        self.use((*fitted, *rest.line(self.stage.reader.rest), *self._silicone))
+        self.use((*fitted, *self._rest, *self._silicone))
 
     def use(self, lines) -> None:
         """Use another calibration of this strip: `lines`, a sequence of str."""
@@ -155,8 +156,8 @@ class Rig:
         self.stage.release()
         self.board.command("dark", timeout_s=_DARK_TIMEOUT_S)
         missing = _WINDOWS - min(_WINDOWS, _REQUEST_US // (_WINDOW_SAMPLES * exposure_us))
-        for _ in self.board.frames(missing * 1.2e-6 * max(_DARK_EVERY_US, 100 * exposure_us)):
-            pass
+        for _ in range(missing):
+            self.settle()
         return self.board.command("get")["dark"]
 
     def readings(self, position_um: float, force_mN: float, count: int):
@@ -186,6 +187,10 @@ class Rig:
         self.stage.release()
         for _ in self.board.frames(seconds):
             pass
+
+    def settle(self) -> None:
+        """Lift the indenter, and wait until the board has measured the light without a press."""
+        self.lift(1.2e-6 * max(_DARK_EVERY_US, 100 * self.conditions.exposure_us))
 
     def turned(self, angle_deg: float, direction: int, count: int):
         """Turn the joint whose indenter presses the strip; return readings as `readings` does.
