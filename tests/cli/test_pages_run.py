@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from textwrap import dedent
 
 import pytest
 from make import build_site
@@ -45,7 +46,7 @@ def blocks(kind):
         if page not in ELSEWHERE:
             for block in BLOCK.finditer(build_site.source(page).read_text(encoding="utf-8")):
                 if block["kind"] == kind and not block["why"]:
-                    yield page, block["text"]
+                    yield page, dedent(block["text"])
 
 
 def commands():
@@ -113,8 +114,9 @@ PROGRAMS = dict.fromkeys(page for page, _ in blocks("python"))
 def test_the_programs_of_a_page_run_one_after_the_other(page, tmp_path):
     shutil.copy(RUN, tmp_path)
     program = "\n".join([ON_VIRTUAL, *(text for one, text in blocks("python") if one == page)])
+    (tmp_path / "program.py").write_text(program, encoding="utf-8")
     run = subprocess.run(
-        [sys.executable, "-c", program],
+        [sys.executable, "program.py"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
