@@ -7,6 +7,7 @@ import re
 from support.documents import ROOT
 
 from spots_web import board_feed
+from spots_web.editors import KINDS
 
 EXTEND = ROOT / "docs" / "extend"
 MESSAGES = (EXTEND / "web-messages.md").read_text(encoding="utf-8")
@@ -32,6 +33,6 @@ def test_each_field_of_a_board_is_named():
 
 def test_each_request_has_a_row():
     rows = {*re.findall(r"`POST /(\w+)`", REQUESTS)}
-    orders = {name for text in SOURCES for name in re.findall(r'\borders\["(\w+)"\]', text)}
-    assert orders == rows - {"controller", "gestures"}
-    assert {"controller", "gestures"} <= rows
+    server = (ROOT / "host/spots_web/serve.py").read_text(encoding="utf-8")
+    taken = {*re.findall(r'\["(\w+)"\] = [A-Z]', server)}
+    assert rows == taken | {*KINDS}
