@@ -11,12 +11,18 @@ import pytest
 from make import build_site
 from support.site import Html, prose, words
 
+import spots.errors
+import spots_linkage
+import spots_sim
+from spots.errors import SpotsError
+
 KINDS = {"tutorial", "how-to", "reference", "explanation", "evidence", "old"}
 PAGES = build_site.pages()
 FINISHED = [page for page, kind in PAGES.items() if kind != "old"]
 HOW_TO_MAX = 1000
 PARAGRAPH_MAX = 80
 CELL_MAX = 25
+GENERATED = re.compile(r"^::: (\S+)$", re.MULTILINE)
 FOREIGN = re.compile(r"(https?:)?//")
 
 
@@ -35,6 +41,11 @@ def html_name(page):
     return page.removesuffix(".md") + ".html"
 
 
+def generated(page):
+    """Return the names in Python whose docstrings a page shows in the site."""
+    return GENERATED.findall(build_site.source(page).read_text(encoding="utf-8"))
+
+
 def test_each_page_is_in_the_navigation_one_time():
     docs = build_site.DOCS
     of_docs = {path.relative_to(docs).as_posix() for path in docs.rglob("*.md")}
@@ -45,6 +56,27 @@ def test_each_page_is_in_the_navigation_one_time():
 @pytest.mark.board
 def test_each_page_is_built(built):
     assert {html_name(page) for page in (*PAGES, "index.md")} == {*built} - {"404.html"}
+
+
+def test_each_exported_name_is_on_one_page_of_the_reference():
+    named = sorted(name for page in PAGES for name in generated(page))
+    assert named == sorted({*named})
+    packages = spots, spots_sim, spots_linkage
+    exported = {f"{one.__name__}.{name}" for one in packages for name in one.__all__}
+    found = vars(spots.errors).values()
+    errors = {one for one in found if isinstance(one, type) and issubclass(one, SpotsError)}
+    exported |= {f"spots.errors.{one.__name__}" for one in errors - {SpotsError}}
+    assert exported <= {*named}
+
+
+@pytest.mark.board
+@pytest.mark.parametrize("page", [page for page in PAGES if generated(page)])
+def test_a_page_of_the_reference_names_what_the_site_adds(page, built):
+    text = build_site.source(page).read_text(encoding="utf-8")
+    for name in generated(page):
+        before = text.partition(f"::: {name}\n")[0]
+        assert re.search(rf"`(\w+\.)*{name.rpartition('.')[2]}(\(.*?\))?`", before), name
+        assert name in built[html_name(page)].ids
 
 
 @pytest.mark.board
@@ -92,7 +124,10 @@ def test_a_broken_link_stops_the_build(tmp_path, monkeypatch):
 def test_the_site_shows_what_github_shows(page, built):
     # A list without a blank line before it, or with less than four spaces, is none in the site.
     shown = prose(build_site.source(page).read_text(encoding="utf-8"))
-    assert built[html_name(page)].counts == shown.counts
+    counts = built[html_name(page)].counts
+    if not generated(page):
+        assert counts == shown.counts
+    assert all(counts[name] >= shown.counts[name] for name in counts)
 
 
 @pytest.mark.parametrize("page", FINISHED)

@@ -114,7 +114,15 @@ class KeyEngine:
         return True
 
     def scroll(self, number: int, parts: int) -> None:
-        """Ignore a wheel: only a board is a mouse."""
+        """Ignore a wheel: only a board is a mouse.
+
+        Parameters
+        ----------
+        number : int
+            Direction, see `spots_device.keys.layout.WHEEL`.
+        parts : int
+            How far to scroll, in 120ths of a notch.
+        """
 
     def stuck(self) -> None:
         self.rests += 1

@@ -114,7 +114,7 @@ class Board(AbstractContextManager["Board"]):
 
     @property
     def info(self) -> Hello:
-        """The board's reply to ``hello``, with the changes of ``set``, ``auto`` and of uploads."""
+        """The board's reply to ``hello``, updated by ``set``, ``auto`` and calibrations."""
         return self._channel.info
 
     @property
@@ -580,9 +580,9 @@ class Board(AbstractContextManager["Board"]):
         Returns
         -------
         dict
-            ``clock``, the map of the board's clock to the host's, see docs/program/recordings.md;
-            ``restarts``; ``sequence``, the number of the next frame; ``begun``, the bytes of an
-            incomplete frame.
+            ``clock``, the map of the board's clock to the host's, see
+            docs/program/recording-format.md; ``restarts``; ``sequence``, the number of the next
+            frame; ``begun``, the bytes of an incomplete frame.
         """
         decoder = self._channel.decoder
         return {

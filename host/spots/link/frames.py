@@ -303,7 +303,7 @@ class Text(NamedTuple):
 
 
 class Note(NamedTuple):
-    """An entry that a recorder adds between the frames of a board; see docs/program/recordings.md.
+    """An entry that a recorder adds between frames; see docs/program/recording-format.md.
 
     Attributes
     ----------

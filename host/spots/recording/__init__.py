@@ -1,1 +1,1 @@
-"""Records the bytes of a link, and reads recordings; see docs/program/recordings.md."""
+"""Records the bytes of a link, and reads recordings; see docs/program/recording-format.md."""

@@ -1,4 +1,4 @@
-"""The header of a recording: describes the board and the clocks; see docs/program/recordings.md."""
+"""The header of a recording: board and clocks; see docs/program/recording-format.md."""
 
 import json
 from collections.abc import Iterable

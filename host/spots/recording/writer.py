@@ -26,7 +26,7 @@ ARRIVAL_STEP_S = 0.005
 class Writer(AbstractContextManager):
     """Writes the frames of a link to files, and notes about time and clocks between the frames.
 
-    The format is in docs/program/recordings.md.
+    The format is in docs/program/recording-format.md.
 
     Parameters
     ----------
